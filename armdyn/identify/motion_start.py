@@ -101,8 +101,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
     """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
-    base = np.array([not column.parameter.effect for column in problem.columns])
-    return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
+    return free if window >= SETTLED_WINDOW else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)

@@ -267,13 +267,12 @@ class Study:
         values = transferred(at.values, self.problem, everything)
         free = transferred_mask(at.free, self.problem, everything)
         present = everything.of([n for c in self.present for n in c.names])
-        base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
         own = [a for c in self.present for a in c.apart() if np.all(everything.fitted[everything.of(a.names)])]
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
-        always = (base | (present & everything.fitted)) & (free | everything.per_run)
+        always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
         found = Summed(around, always, atoms, own, sparse)
         found.tried = self.tried
         return found
@@ -320,11 +319,10 @@ class Study:
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""
-        values = near.values.copy()
-        wanted = self.problem.of([name for c in effects for name in c.names])
-        every = self.problem.of([name for c in (*self.candidates, *self.present) for name in c.names])
-        fixed = self.problem.of([name for c in self.present for name in c.names]) & ~self.problem.fitted
-        free = (self.problem.fitted & ~every) | (wanted & ~fixed)
-        values[every & ~wanted] = self.problem.null[every & ~wanted]
+        problem = self.problem
+        wanted = problem.of([name for c in effects for name in c.names])
+        fixed = problem.of(self._present_names) & ~problem.fitted
+        free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
+        values = np.where(problem.is_effect & ~wanted, problem.null, near.values)
         known_slopes = near.values if near.problem is self.problem else values
         return determined(self.problem, free, known_slopes) | (free & self.first().free), values
