@@ -24,7 +24,6 @@ from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.missing_force import between
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Search, search
 from armdyn.identify.study import Study
@@ -161,7 +160,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         runs=tuple(run.name for run in study.runs),
         held_out=tuple(run.name for run in study.held_out),
         still=all(block.predicted.std() < block.noise for block in start.fit.blocks),
-        missing_force=between(start.fit, last.fit if len(found.steps) > 1 else None, law=True),
+        missing_force=found.missing_force(law=True),
     )
 
 

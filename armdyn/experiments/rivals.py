@@ -9,13 +9,12 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, Motion
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import merged
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
 from armdyn.run import Run

@@ -1,6 +1,6 @@
 """One effect that could be added, on one joint or several."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -58,3 +58,12 @@ class Candidate:
         """What is left of it when these parameters are in the model already; without parts where nothing is."""
         left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parts)
         return Candidate(self.effect, tuple(part for part in left if part[1]))
+
+
+def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates on one joint each as one candidate for each effect, in the order in which they come."""
+    found: dict[str, Candidate] = {}
+    for c in candidates:
+        known = found.get(c.effect)
+        found[c.effect] = c if known is None else Candidate(c.effect, (*known.parts, *c.parts))
+    return tuple(found.values())

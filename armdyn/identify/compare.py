@@ -14,7 +14,7 @@ from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem, by_channel, chi2_of, samples_of
-from armdyn.identify.score import ResidualTests, residual_tests
+from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     channel_table,
@@ -201,7 +201,7 @@ class Comparison(Shown):
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()
-    found = comparison(study, fit, residual_tests(fit, study.scores(fit, study.present)))
+    found = comparison(study, fit, study.tests(fit, study.present))
     return replace(found, correction=_correction(study))
 
 

@@ -12,7 +12,7 @@ from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.force_law import opening
-from armdyn.identify.missing_force import ForceCurve, between
+from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.sample_evidence import NOISY
 from armdyn.identify.score import LARGEST_Z
@@ -114,7 +114,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         if verdict is Verdict.EFFECT_MISSING
         else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
     )
-    forces = between(start.fit, last.fit if len(found.steps) > 1 else None)
+    forces = found.missing_force()
     law = opening(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,

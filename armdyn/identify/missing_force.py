@@ -125,8 +125,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     free = transferred_mask(fit.free, fit.problem, problem)
     swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
     if fit.settled is None:
-        effects = np.array([bool(column.parameter.effect) for column in problem.columns])
-        motion = AroundMotion(problem, len(problem.runs), effects, [values])
+        motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
     else:
         free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)

@@ -10,13 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import (
-    NEAR_NOISE,
-    determined,
-    duration,
-    first_part,
-)
-from armdyn.identify.least_squares import Descent
+from armdyn.identify.fit import NEAR_NOISE, determined, duration, first_part
 from armdyn.identify.problem import Problem
 
 DESCENDED = 8
@@ -94,21 +88,20 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     return rivals[0].initial_values
 
 
-def stretched(cut: Problem, free: np.ndarray, window: float, values: np.ndarray, *, tolerance: float = 0.02) -> Descent:
-    """A few steps on a stretch of `window` s; effects are fitted where it is long, or not explained without them."""
-    first = free_in_window(cut, free, window)
-    found = cut.fit(first, values, most_steps=8, tolerance=tolerance)
-    if np.array_equal(first, free) or 2.0 * found.at.cost < NEAR_NOISE * cut.samples:
-        return found
-    # Friction that takes half of the first swing's energy is told by it; without it the swing's start is bent instead.
-    other = cut.fit(free, values, most_steps=8, tolerance=tolerance)
-    return other if other.at.cost < found.at.cost else found
+def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray) -> np.ndarray:
+    """(P,) a few steps on a stretch of `window` s; effects are fitted where it is long, or not told without them."""
+    held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
+    found = held.fit(first, values, most_steps=8)
+    if not np.array_equal(first, free) and 2.0 * found.at.cost >= NEAR_NOISE * cut.samples:
+        # Friction that takes half of the first swing's energy is told by it; else the swing's start is bent instead.
+        other = held.fit(free, values, most_steps=8)
+        found = other if other.at.cost < found.at.cost else found
+    return found.values
 
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
     """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
-    base = np.array([not column.parameter.effect for column in problem.columns])
-    return free if window >= SETTLED_WINDOW else free & (problem.per_run | base)
+    return free if window >= SETTLED_WINDOW else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +109,7 @@ class _Rival:
     """One of several starts: where it stood after the first stretch, where it stands now, its cost over all of them.
 
     Attributes:
-        begun: (P,).
+        initial_values: (P,).
         now: (P,).
         cost: sum over the stretches of the cost's logarithm.
     """
@@ -129,10 +122,6 @@ class _Rival:
 def _cut(problem: Problem, window: float) -> Problem:
     """The first part of every run."""
     return Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise)
-
-
-def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray) -> np.ndarray:
-    return stretched(cut.with_weak_priors(values), free, window, values).values
 
 
 def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved: np.ndarray) -> np.ndarray:

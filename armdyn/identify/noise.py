@@ -1,6 +1,6 @@
 """How noisy a channel is, whether what is left is white, and how to whiten what is not."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,13 +71,13 @@ def quiet_noise(channel: Channel, noise: float) -> float:
     return max(min(noise, seen), FAINTEST * noise)
 
 
-def autocorrelation(residual: np.ndarray, lags: int) -> np.ndarray:
-    """(lags,) sample autocorrelation at lags 1, 2, ..."""
-    centred = residual - residual.mean()
-    total = float(centred @ centred)
-    if total == 0.0:
-        return np.zeros(lags)
-    return np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / total
+def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
+    """(lags + 1,) sums over stretches (n,) of the products of samples that are 0, 1, ... apart."""
+    products = np.zeros(lags + 1)
+    for residual in residuals:
+        for k in range(min(lags + 1, len(residual))):
+            products[k] += float(residual[k:] @ residual[: len(residual) - k])
+    return products
 
 
 def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = None) -> float:
@@ -109,7 +109,8 @@ def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
     lags = min(lags, n // 5)
     if lags < 1:
         return 1.0
-    rho = autocorrelation(residual, lags)
+    products = lagged_products([residual - residual.mean()], lags)
+    rho = products[1:] / products[0] if products[0] > 0.0 else np.zeros(lags)
     q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     return float(chdtrc(lags, q))
 
@@ -132,10 +133,7 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.nd
 
     Yule-Walker's estimate is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
     """
-    products = np.zeros(order + 1)
-    for residual in residuals:
-        for k in range(min(order + 1, len(residual))):
-            products[k] += float(residual[k:] @ residual[: len(residual) - k])
+    products = lagged_products(residuals, order)
     if products[0] <= 0.0:
         return np.zeros(order)
     index = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))

@@ -173,7 +173,6 @@ class Tables:
         self._begin, self._rounds = begin, ROUNDS if begin is None else 1
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
-        self.is_effect = np.array([bool(c.parameter.effect) for c in problem.columns])
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
@@ -235,7 +234,7 @@ class Tables:
         value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
         change = np.zeros(len(self.values))
         change[c], change[gone] = d, away
-        own = c[self.is_effect[c]]
+        own = c[p.is_effect[c]]
         sizes = (self.values + change - p.null)[own] / p.typical[own]
         spread = float(np.sum(np.log1p(sizes**2)))
         predicted = 0.0
@@ -245,7 +244,7 @@ class Tables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((pulled > PULLED) & ends & self.is_effect[c])
+        inside = not np.any((pulled > PULLED) & ends & p.is_effect[c])
         occam = float(self._freedom(H, c)) + spread
         return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 

@@ -72,10 +72,9 @@ class AroundMotion:
         values = options[0]
         self.problem, self.measured = problem, shows_motion(problem)
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
-        effects = np.array([bool(c.parameter.effect) for c in problem.columns])
         self.of_starts = problem.of(model.start_names)
-        self.box = GreyBox(problem, swings, training, effects & ~present)
-        wanted = problem.fitted & ~self.of_starts & (~effects | present)
+        self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
+        wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
         self._settled = {self.base.tobytes(): (self.base, self.point)}

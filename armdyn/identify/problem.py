@@ -148,6 +148,7 @@ class Problem:
         self.typical = np.array([p.typical for p in parameters])
         self.null = np.array([p.null for p in parameters])
         self.fitted = np.array([p.fitted for p in parameters], dtype=bool)
+        self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}

@@ -17,8 +17,7 @@ from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.missing_force import ForceCurve, between
-from armdyn.identify.score import residual_tests
+from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
@@ -53,7 +52,6 @@ class Repair(Shown):
         sentence: for a person.
         model: with the effects and their fitted values.
         path: the model as given first.
-        before: the model as given, against the runs.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
         links: those of an arm that effects change, in kg, m and kg m^2.
@@ -66,7 +64,6 @@ class Repair(Shown):
     sentence: str
     model: Model
     path: tuple[RepairStep, ...]
-    before: Comparison
     after: Comparison
     unknown: Unknown | None
     links: tuple["LinkChange", ...] = ()
@@ -83,7 +80,7 @@ class Repair(Shown):
         """
         steps = step_table(self.path, self.after.scale, judges, summaries or {})
         falling = Section("The error falling", fall_sentence(self.path, self.after.scale), tables=[steps])
-        fits = {"as given": self.before.fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
+        fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
         compared = self.after.document()
         links = [link_section(self.links)] if self.links else []
         return replace(
@@ -118,7 +115,7 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
     """Add these effects, one after the other, whether or not the runs ask for them."""
     effects, now = study.present, study.first()
-    steps = [Step((), (), effects, now, residual_tests(now, study.scores(now, effects)))]
+    steps = [Step((), (), effects, now, study.tests(now, effects))]
     for effect in wanted:
         found = next((c for c in study.candidates if c.effect == effect.name), None)
         if found is None:
@@ -128,12 +125,12 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         candidate = found.on(effect.joints) if effect.joints else found
         effects = (*effects, candidate)
         now = study.fit_with(effects, now)
-        steps.append(Step((candidate,), (), effects, now, residual_tests(now, study.scores(now, effects))))
+        steps.append(Step((candidate,), (), effects, now, study.tests(now, effects)))
     return _concluded(study, Search(tuple(steps)), searched=False)
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
-    start, last = found.steps[0], found.last
+    last = found.last
     unknown = characterise(last.fit) if last.tests.fails else None
     verdict = _verdict(study, found, unknown)
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
@@ -148,14 +145,13 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         warnings=[link.warning for link in links if link.warning],
     )
     repaired = len(path) > 1
-    forces = between(start.fit, last.fit if repaired else None)
+    forces = found.missing_force()
     law = opening(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
     return Repair(
         verdict=verdict,
         sentence=law + repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
         model=fitted_model(study, last),
         path=path,
-        before=comparison(study, start.fit, start.tests, process_error=False),
         after=after,
         unknown=unknown,
         links=links,
@@ -167,14 +163,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
 
 def fitted_model(study: Study, step: Step) -> Model:
     """The model with a step's effects and fitted values; what belongs to one run returns to its start."""
-    model = study.model
-    for candidate in study.present:
-        if candidate not in step.effects:
-            model = model.without_effect(candidate.effect)
-    for candidate in step.effects:
-        if candidate not in study.present:
-            effect = study.effects[candidate.effect]
-            model = model.with_effect(effect.on(*candidate.joints) if candidate.joints else effect)
+    model = study.model_with(step.effects)
     described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:
         name = column.parameter.name

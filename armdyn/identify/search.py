@@ -11,7 +11,7 @@ from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.least_squares import GROSS
-from armdyn.identify.score import residual_tests
+from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.story import whole_story
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect, suspects
@@ -49,6 +49,10 @@ class Search:
         """Effects that these runs cannot tell from those that it ended with."""
         return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
 
+    def missing_force(self, *, law: bool = False) -> tuple[ForceCurve, ...]:
+        """What the model as given cannot explain and, where something was added, what is left; see `between`."""
+        return between(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
+
     def ties(self, step: Step) -> tuple[Candidate, ...]:
         """Effects that these runs cannot tell from what a step added; none where that is gone at the end."""
         ended = {name for effect in self.last.effects for name in effect.names}
@@ -66,7 +70,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     say("fitting the model as it is")
     first = study.first()
     appraiser: Appraiser
-    given = Step((), (), study.present, first, residual_tests(first, study.scores(first, study.present)))
+    given = Step((), (), study.present, first, study.tests(first, study.present))
     if study.model.linear:
         appraiser, steps = whole_story(study, given, say)
     else:

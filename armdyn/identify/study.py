@@ -10,7 +10,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
 from armdyn.identify.least_squares import Outcome
@@ -19,7 +19,7 @@ from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, sho
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of, transferred, transferred_mask
 from armdyn.identify.sample_evidence import noisy
-from armdyn.identify.score import Score, scores
+from armdyn.identify.score import ResidualTests, Score, residual_tests, scores
 from armdyn.identify.summed import Summed
 from armdyn.identify.sums import sums
 from armdyn.model import Model
@@ -36,8 +36,6 @@ MOST_TOLD = 5
 """Times of glitches that are listed."""
 CHANCE, SURELY = 0.5, 3.0
 """Standard deviations of a mean square: the smallest error that is compared, and up to which it may be noise alone."""
-LONG = 4000
-"""Samples beyond which it pays to derive a formulation of its own for a fit."""
 
 
 class Study:
@@ -117,15 +115,11 @@ class Study:
     def _first(self) -> Fit:
         if self.motion is not None:
             return self._fit_around(self.present, OTHERS)
-        # Effects that may be missing take part in nothing here, so that a formulation without them is enough.
-        alone = Problem(self.model, self.runs, self.noise)
-        free = determined(alone, alone.fitted, alone.start())
-        found = fit(alone, free, alone.start())
-        again = determined(alone, alone.fitted, found.values)
-        found = found if np.array_equal(again, free) else fit(alone, again, found.values)
-        mask = transferred_mask(found.free, alone, self.problem)
-        values = transferred(found.values, alone, self.problem)
-        return Fit(self.problem, mask, values, tuple(self.problem.blocks(values, mask)), found.outcome)
+        wanted = self.problem.fitted & self.problem.of(self.model.names)
+        free = determined(self.problem, wanted, self.problem.start())
+        found = fit(self.problem, free, self.problem.start())
+        again = determined(self.problem, wanted, found.values)
+        return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
     def first(self) -> Fit:
         """The fit of the model as given."""
@@ -242,20 +236,25 @@ class Study:
                 break
         return found
 
-    def without_unused_effects(self, found: Fit) -> Fit:
-        """The same fit in a formulation with only those effects that it fitted: faster, where much is computed."""
+    def model_with(self, effects: Collection[Candidate]) -> Model:
+        """The model with exactly these effects."""
         model = self.model
-        for candidate in self.candidates:
-            free = {n for n in candidate.names if np.any(found.free & self.problem.of([n]))}
-            joints = tuple(j for j in candidate.joints if j in {self.problem.model.parameters[n].joint for n in free})
-            if free:
+        for candidate in self.present:
+            if candidate not in effects:
+                model = model.without_effect(candidate.effect)
+        for candidate in effects:
+            if candidate not in self.present:
                 effect = self.effects[candidate.effect]
-                model = model.with_effect(effect.on(*joints) if joints else effect)
-        problem = Problem(model, self.runs, self.noise)
-        values = transferred(found.values, self.problem, problem)
-        place = {c.name: i for i, c in enumerate(self.problem.columns)}
-        free_there = np.array([found.free[place[c.name]] for c in problem.columns], dtype=bool)
-        return Fit(problem, free_there, values, found.blocks, found.outcome)
+                model = model.with_effect(effect.on(*candidate.joints) if candidate.joints else effect)
+        return model
+
+    def without_unused_effects(self, found: Fit) -> Fit:
+        """The same fit of a model with only those effects that it fitted, beside those that the model has."""
+        fitted = {column.parameter.name for column, fits in zip(self.problem.columns, found.free, strict=True) if fits}
+        used = merged([a for c in self.candidates for a in c.apart() if not fitted.isdisjoint(a.names)])
+        problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise)
+        free = transferred_mask(found.free, self.problem, problem)
+        return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def appraiser(self, at: Fit, sparse: bool = False) -> Summed:
         """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`. The last one is kept."""
@@ -268,13 +267,12 @@ class Study:
         values = transferred(at.values, self.problem, everything)
         free = transferred_mask(at.free, self.problem, everything)
         present = everything.of([n for c in self.present for n in c.names])
-        base = everything.fitted & ~everything.of([n for c in (*self.candidates, *self.present) for n in c.names])
         own = [a for c in self.present for a in c.apart() if np.all(everything.fitted[everything.of(a.names)])]
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
-        always = (base | (present & everything.fitted)) & (free | everything.per_run)
+        always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
         found = Summed(around, always, atoms, own, sparse)
         found.tried = self.tried
         return found
@@ -293,13 +291,17 @@ class Study:
         left = (c.without(taken) for c in (*self.candidates, *self.present))
         return scores(at, [c for c in left if c.names])
 
+    def tests(self, at: Fit, effects: Sequence[Candidate]) -> ResidualTests:
+        """How what a fit with these effects leaves compares with the noise."""
+        return residual_tests(at, self.scores(at, effects))
+
     def held_out_blocks(self, found: Fit) -> list[Block]:
         """Residuals of held-out runs; where none are given, of every training run predicted from the others."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
-            quick, others = self._quick(found), self.held_out
-            self._held_out[found] = held_out_blocks(quick, others, starts) if others else blocks_in_turn(quick)
+            others = self.held_out
+            self._held_out[found] = held_out_blocks(found, others, starts) if others else blocks_in_turn(found)
         return self._held_out[found]
 
     @property
@@ -312,20 +314,15 @@ class Study:
     def exam_blocks(self, found: Fit) -> list[Block]:
         """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
         if found not in self._exam:
-            self._exam[found] = held_out_blocks(self._quick(found), self.exam) if self.exam else []
+            self._exam[found] = held_out_blocks(found, self.exam)
         return self._exam[found]
-
-    def _quick(self, found: Fit) -> Fit:
-        """The fit in a formulation that predicts many samples fast."""
-        return self.without_unused_effects(found) if found.samples > LONG and found.problem is self.problem else found
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What is free with these effects, and values near a fit; other effects are at their null values."""
-        values = near.values.copy()
-        wanted = self.problem.of([name for c in effects for name in c.names])
-        every = self.problem.of([name for c in (*self.candidates, *self.present) for name in c.names])
-        fixed = self.problem.of([name for c in self.present for name in c.names]) & ~self.problem.fitted
-        free = (self.problem.fitted & ~every) | (wanted & ~fixed)
-        values[every & ~wanted] = self.problem.null[every & ~wanted]
+        problem = self.problem
+        wanted = problem.of([name for c in effects for name in c.names])
+        fixed = problem.of(self._present_names) & ~problem.fitted
+        free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
+        values = np.where(problem.is_effect & ~wanted, problem.null, near.values)
         known_slopes = near.values if near.problem is self.problem else values
         return determined(self.problem, free, known_slopes) | (free & self.first().free), values

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.choose import backward_elimination
 from armdyn.parameter import Parameter
 
@@ -32,15 +32,6 @@ class OrderedStep:
     added: Candidate
     appraisal: Appraisal
     tied: tuple[Candidate, ...]
-
-
-def merged(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates on one joint each as one candidate for each effect, in the order in which they come."""
-    found: dict[str, Candidate] = {}
-    for c in candidates:
-        known = found.get(c.effect)
-        found[c.effect] = c if known is None else Candidate(c.effect, (*known.parts, *c.parts))
-    return tuple(found.values())
 
 
 def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[OrderedStep]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit
-from armdyn.identify.score import ResidualTests, residual_tests
+from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import merged, ordered_steps
+from armdyn.identify.suspects import ordered_steps
 
 Progress = Callable[[str], None]
 
@@ -73,7 +73,7 @@ class Leg:
             effects = self._with(effects, rise.added)
             say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
             fit = self.fit if rise is way[-1] else self._fitted(effects, rise.appraisal)
-            tests = residual_tests(fit, study.scores(fit, effects))
+            tests = study.tests(fit, effects)
             found.append(Step((rise.added,), rise.tied, effects, fit, tests))
         return found
 

@@ -9,7 +9,7 @@ import numpy as np
 from armdyn.channels import FloatArray
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.localise import Place, localise
@@ -18,7 +18,6 @@ from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import linear_fit
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
-from armdyn.identify.suspects import merged
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
 

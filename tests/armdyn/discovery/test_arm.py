@@ -11,10 +11,10 @@ from armdyn.discovery.discover import concluded, discover
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.user import available
+from armdyn.identify.candidate import merged
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Search
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import merged
 from armdyn.identify.way import Step
 
 from ...hidden_effects.laws import URDF, world

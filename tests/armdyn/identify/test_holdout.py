@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hidden_effects.arm import generate
 from hidden_effects.pendulum import Setup, record, weighed
 
+from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
@@ -70,3 +72,9 @@ def test_no_exam_run_no_exam_error():
     study = study_of(recordings())
     assert study.exam_blocks(study.first()) == []
     assert np.all([c.exam_rmse is None for c in compare(study).channels.values()])
+
+
+def test_an_arm_without_unknowns_is_predicted_in_turn():
+    model = arm_model(robot="baxter")
+    study = Study(model, [generate((), 1.0, 0, recording=k) for k in range(2)], [], [])
+    assert len(study.held_out_blocks(study.first())) == 2 * len(model.predicted_channels(study.runs[0]))

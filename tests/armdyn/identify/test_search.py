@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.experiments.rivals import tied_sets
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.search import Search
-from armdyn.identify.suspects import merged
 from armdyn.identify.way import Step
 
 

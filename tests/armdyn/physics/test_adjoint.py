@@ -2,10 +2,19 @@ import numpy as np
 import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import effect
 from armdyn.experiments.gripper import motion_series
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
 
+
+@effect(summary="", source="")
+def oil(string, k=quantity("N m s/(rad K)", typical=1e-5), warm=column("extra.temperature", "K", usual=290.0)):
+    return string.with_torque(-k * string.rate * warm)
+
+
+EFFECTS = {**CATALOGUE, "oil": oil}
 SERIES = motion_series(3.0)
 BASIS = SERIES.at(np.linspace(0.0, 3.0, 151))
 COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
@@ -18,7 +27,7 @@ def motion(coefficients):
 
 def predicted(effects, coefficients, noise):
     """A hypothesis with effects at their typical sizes, in an experiment with one motion."""
-    model = pendulum_model(0.368, 0.08, [CATALOGUE[name] for name in effects])
+    model = pendulum_model(0.368, 0.08, [EFFECTS[name] for name in effects])
     model = model.with_values({n: p.typical for n, p in model.parameters.items() if p.effect})
     free = ("length", "mass")
     experiment = Experiment("motion", "", motion(coefficients), noise)
@@ -26,7 +35,7 @@ def predicted(effects, coefficients, noise):
 
 
 # Plain equations; the sensor's lag and delay; a gripper that trails; what yields, with its jerk and impulse; further
-# states.
+# states; a column of recordings, alone and behind what yields and trails.
 @pytest.mark.parametrize(
     "effects",
     [
@@ -36,6 +45,8 @@ def predicted(effects, coefficients, noise):
         ("string_elasticity", "sensor_lag"),
         ("gripper_compliance", "gripper_lag"),
         ("out_of_plane_swing", "wind"),
+        ("oil",),
+        ("oil", "gripper_compliance", "gripper_lag"),
     ],
 )
 def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
