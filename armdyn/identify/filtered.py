@@ -26,6 +26,9 @@ MANY = 36
 MOST_PAIRED = 3
 """Effects of a set to which two more are added at once: what one imitates, two may be."""
 
+KEPT = 4
+"""Settled sets whose tables are kept, the last ones: two that are compared in turn, and what they came from."""
+
 
 class Filtered(Appraiser):
     """Appraises sets by their evidence at the noise that suits each best.
@@ -46,6 +49,7 @@ class Filtered(Appraiser):
         self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
         self._always = self._motion.base
         self._tables: dict[frozenset[Candidate], tuple[Point, Tables]] = {}
+        self._settled = set[frozenset[Candidate]]()
         self._verified: dict[frozenset[Candidate], tuple[Point, Appraisal]] = {}
         self.settle(())
 
@@ -53,11 +57,16 @@ class Filtered(Appraiser):
         """A set at its own motion and noise; other sets are appraised from there until another one is settled."""
         self._at = frozenset(effects)
         point = self._motion.settled(self._free(self._at))
-        if self._at not in self._tables or self._tables[self._at][0] is not point:
+        kept = self._tables.pop(self._at, None)
+        if kept is None or kept[0] is not point:
             box = self._motion.box
-            self._tables[self._at] = point, box.tables(box.around(point), point, everywhere)
+            kept = point, box.tables(box.around(point), point, everywhere)
+        self._tables[self._at] = kept
+        if len(self._tables) > KEPT:
+            del self._tables[next(iter(self._tables))]
         # What was appraised from elsewhere is looked at anew; what was settled stays.
-        self._known = {key: one for key, one in self._known.items() if key in self._tables and key != self._at}
+        self._settled.add(self._at)
+        self._known = {key: one for key, one in self._known.items() if key in self._settled and key != self._at}
         return self.of(self._at)
 
     def _verify(self, effects: tuple[Candidate, ...]) -> Appraisal:

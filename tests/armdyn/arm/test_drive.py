@@ -37,6 +37,15 @@ def test_short_recordings_show_together_what_none_shows_alone():
     assert max(cutoffs) <= 0.55 * robot.worlds[0].drive.smoothing
 
 
+def test_a_joint_that_turns_round_too_often_to_tell_has_the_low_pass_of_the_others():
+    robot, _, _, found = drives_of(40)
+    drive, creeping = robot.worlds[0].drive, found["tau.panda_joint2"]
+    assert len(found) == 7
+    assert {one.cutoff for one in found.values()} == {creeping.cutoff}
+    assert creeping.cutoff < 1.2 * drive.smoothing
+    assert creeping.noise / drive.noise[1] == pytest.approx(1.0, rel=0.5)
+
+
 @pytest.mark.parametrize("seed", [1, 9, 12])
 def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
     robot, _, _, found = drives_of(seed)
