@@ -134,8 +134,9 @@ class Appraiser(ABC):
     def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:
         """Of the sets with one effect of `left` more, the one that a reader should be told first."""
 
-    def settle(self, effects: Iterable[Candidate]) -> Appraisal:
-        """The appraisal of a set where it is surest; others are appraised from there."""
+    def settle(self, effects: Iterable[Candidate], like: Iterable[Candidate] = ()) -> Appraisal:
+        """The appraisal of a set where it is surest, also near a set that it is `like`; others are appraised from there."""
+        del like
         return self.of(effects)
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:

@@ -53,10 +53,13 @@ class Filtered(Appraiser):
         self._verified: dict[frozenset[Candidate], tuple[Point, Appraisal]] = {}
         self.settle(())
 
-    def settle(self, effects: Iterable[Candidate]) -> Appraisal:
-        """A set at its own motion and noise; other sets are appraised from there until another one is settled."""
+    def settle(self, effects: Iterable[Candidate], like: Iterable[Candidate] = ()) -> Appraisal:
+        """A set at its own motion and noise; other sets are appraised from there until another one is settled.
+
+        Where it is `like` another set, also from where that stands: the better one counts.
+        """
         self._at = frozenset(effects)
-        point = self._motion.settled(self._free(self._at))
+        point = self._motion.settled(self._free(self._at), self._free(like) if like else None)
         kept = self._tables.pop(self._at, None)
         if kept is None or kept[0] is not point:
             box = self._motion.box

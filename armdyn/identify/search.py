@@ -75,9 +75,18 @@ def search(study: Study, progress: Progress | None = None) -> Search:
         appraiser, steps = whole_story(study, given, say)
     else:
         appraiser, whole = _by_evidence(study, first, say)
-        steps = without_little(study, [given, *Leg(study, appraiser, whole, study.present, first).steps(say)])
+        steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
+
+
+def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say: Progress) -> list[Step]:
+    """The way to a set without what lowers the error by little; what ties with what is told without that, too."""
+    way = [given, *Leg(study, appraiser, whole, given.effects, given.fit).steps(say)]
+    told = without_little(study, way)
+    if len(told) == len(way):
+        return way
+    return _way(study, given, appraiser, appraiser.of(appraiser.within(told[-1].effects)), say)
 
 
 def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, Appraisal]:

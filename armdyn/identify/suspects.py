@@ -84,8 +84,7 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
 
 def _ties(appraiser: Appraiser, whole: Appraisal, other: Appraisal) -> bool:
     """Whether a set that promises as much as another does as well where it is surest."""
-    settled = appraiser.settle(other.effects)
-    standing = appraiser.standing(settled)
+    standing = appraiser.standing(appraiser.settle(other.effects, whole.effects))
     appraiser.settle(whole.effects)
     return appraiser.standing(whole) - standing < TIE
 
