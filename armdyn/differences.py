@@ -38,7 +38,7 @@ def normalised_differences(
 
 
 def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3) -> float:
-    """Standard deviation of white noise on smooth samples, from the median of their differences: glitches change little.
+    """Standard deviation of white noise on smooth samples, also with glitches: from the median of their differences.
 
     Args:
         time: (n,) s.

@@ -13,13 +13,9 @@ from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.story import whole_story
-from armdyn.identify.study import Study
+from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.suspects import Suspect, suspects
 from armdyn.identify.way import Leg, Progress, Step
-
-LITTLE = 0.125
-"""Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
-public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
 
 COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""

@@ -215,10 +215,14 @@ def main_period(channel: Channel) -> float:
 
 
 def end_of_motion(channel: Channel, swing: float) -> float:
-    """When an oscillation of a channel, of period `swing` s, has come to rest, s: its amplitude stays below `RESTING` of the largest one.
+    """When an oscillation has come to rest, s: its amplitude stays below `RESTING` of the largest one.
 
     The median of the squares in every half period tells the amplitude, also beside glitches, less what noise adds: the
     samples of a noisy sensor go on to be large for ever.
+
+    Args:
+        channel: of the oscillation.
+        swing: period, s.
     """
     time = channel.time - channel.time[0]
     rest = np.median(channel.value[-max(8, len(channel) // 20) :])
