@@ -146,10 +146,11 @@ class Filtered(Appraiser):
         if gap > MOSTLY * (self.standing(whole) - self.standing(without)):
             return False
         study = self._study
-        whole_set, *others = ((*study.present, *one.effects) for one in (whole, other, without))
-        if study.is_at_noise(study.quick_fit(whole_set)):
+        found = study.fit_with((*study.present, *whole.effects), None)
+        if study.is_at_noise(found):
             return False
-        least, left, most = (study.left(one) for one in (whole_set, *others))
+        least = study.squared_error(found)
+        left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
         return left * (1.0 - LITTLE) < least and left - least < LITTLE * (most - least)
 
     def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
