@@ -224,12 +224,12 @@ def end_of_motion(channel: Channel, swing: float) -> float:
         channel: of the oscillation.
         swing: period, s.
     """
-    time = channel.time - channel.time[0]
+    left = channel.time[-1] - channel.time
     rest = np.median(channel.value[-max(8, len(channel) // 20) :])
-    part = (time // (0.5 * swing)).astype(int)
+    part = (left // (0.5 * swing)).astype(int)  # the last one is whole: near a turning point a motion seems at rest
     begins = np.flatnonzero(np.diff(part, prepend=-1))
     squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
-    count = np.diff(begins, append=len(time))
+    count = np.diff(begins, append=len(left))
     noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + SURELY / np.sqrt(count))
     moving = np.flatnonzero(squares > noise + RESTING**2 * squares.max())
     last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
