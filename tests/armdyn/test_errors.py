@@ -4,9 +4,9 @@ import pickle
 
 import pytest
 
+from armdyn.channels import SampleError
 from armdyn.errors import InputError, UnknownNameError
 from ik.errors import UnreachableError
-from pipeline.imports.foreign import ImportProblemsError
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ from pipeline.imports.foreign import ImportProblemsError
     [
         InputError("a sentence"),
         UnknownNameError("effect", "linear_drog", ["linear_drag", "quadratic_drag"]),
-        ImportProblemsError("run.csv", ["one", "another"]),
+        SampleError(3, "1e+09 rad is beyond 10000 rad"),
         UnreachableError("no way"),
     ],
     ids=lambda error: type(error).__name__,

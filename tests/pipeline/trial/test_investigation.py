@@ -80,7 +80,13 @@ def test_an_experiment_that_is_stopped_ends_the_investigation():
     robot = urdf.load("baxter")
     ending = Ending(False, "the string went slack", True)
     stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
-    found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot))
+    table = ik.default_table(robot)
+
+    def investigated(most):
+        settings = ProtocolSettings(investigate=most)
+        return investigate(settings, lambda *_: (stopped, ending), robot, table, lambda _: None)
+
+    found = investigated(4)
     assert found.stop is Stop.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
@@ -89,7 +95,7 @@ def test_an_experiment_that_is_stopped_ends_the_investigation():
     assert trial.interrupted == 15
     assert ending_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
-        investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)
+        investigated(0)
 
 
 def test_a_motion_at_another_rate_than_the_robots_is_refused():
