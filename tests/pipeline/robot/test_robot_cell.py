@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from simulated_truth import load_truth
 
 from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
@@ -86,7 +87,7 @@ def test_reading_is_the_force_with_what_each_effect_makes_of_it(given, expected)
 def test_direction_of_the_swinging_string_reaches_the_cell(still_pendulum, name):
     robot = still_pendulum(0.4, {name: 0.5})
     robot.advance(0.5)
-    load = robot.load_truth()
+    load = load_truth(robot)
     robot.advance(0.001)
     share = np.cos(load.swing_angle) if name == "vertical_sensing_axis" else 1 + np.sin(load.swing_angle)
     assert robot.load_cell()[-1].force == pytest.approx(load.tension * (1 + share) / 2, abs=1e-6)

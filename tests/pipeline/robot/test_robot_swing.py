@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from simulated_truth import load_truth
 
 from pipeline.robot.settings import CellSettings, PlantSettings
 
@@ -32,16 +33,16 @@ def test_tension_of_a_free_swing_equals_the_pendulum_formula(still_pendulum):
     plant = still_pendulum(0.5)
     for _ in range(300):
         plant.advance(0.01)
-        load = plant.load_truth()
+        load = load_truth(plant)
         expected = 0.08 * (9.81 * np.cos(load.swing_angle) + 0.368 * load.swing_rate**2)
         assert load.tension == pytest.approx(expected, abs=3e-3)
 
 
 def test_at_rest_the_load_hangs_at_the_given_length_and_the_tension_equals_its_weight(plant, baxter):
     robot = plant(settings=PlantSettings(length=0.4), seed=2)
-    before = robot.load_truth()
+    before = load_truth(robot)
     robot.advance(1.0)
-    after = robot.load_truth()
+    after = load_truth(robot)
     assert before.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
     assert after.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
     np.testing.assert_allclose(before.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
