@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 
-import urdf
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.run import read_run
 from pipeline.ros.record import record_run
@@ -16,11 +15,6 @@ from pipeline.ros.states import where_is
 from pipeline.ros.topics import read_topics, settings_file
 
 TOPICS = read_topics(settings_file("baxter"))
-
-
-@pytest.fixture(scope="module")
-def baxter():
-    return urdf.load("baxter")
 
 
 @pytest.fixture
