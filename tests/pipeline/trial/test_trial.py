@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import read_run
 from pipeline.box import Box
 from pipeline.nodes.task import TaskSettings
@@ -107,15 +106,3 @@ def test_an_infeasible_plan_never_moves_the_arm():
     assert result.stopped
     assert trial.experiment.task.started is None
     assert np.abs(trial.experiment.channel("reference.x").value).max() == 0.0
-
-
-@pytest.mark.parametrize("guess", [0.0, -0.3, 10.0, float("nan")])
-def test_impossible_guesses_are_refused_in_one_line(guess):
-    with pytest.raises(InputError, match="length guess") as caught:
-        TrialSettings(length_guess=guess)
-    assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_hidden_effect_is_answered_with_the_closest():
-    with pytest.raises(UnknownNameError, match="did you mean 'quadratic_drag'"):
-        run_trial(TrialSettings(hidden={"quadratic_drg": None}))
