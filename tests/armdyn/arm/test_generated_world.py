@@ -62,7 +62,7 @@ def test_what_others_do_as_well_does_not_show() -> None:
     assert showing([world], [Hidden("rotor_inertia", JOINT, rotor=1e-5)]) == ()
 
 
-@pytest.mark.parametrize(("rate", "count"), [(100.0, 1), (500.0, 6), (100.0, 6)])
+@pytest.mark.parametrize(("rate", "count"), [(100.0, 1), (500.0, 6), pytest.param(100.0, 6, marks=pytest.mark.slow)])
 def test_a_creeping_wrist_behind_a_low_pass_is_told_whole(rate: float, count: int) -> None:
     # A gain and a friction that grows with the load hide each other; a fading friction hides behind an asymmetric one.
     robot = generate(2, story=True)

@@ -19,13 +19,10 @@ from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 
-EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
-
-
 HIDDEN = {"quadratic_drag": 0.02}
 
 
-DRAG = find("quadratic_drag", EFFECTS)
+DRAG = CATALOGUE["quadratic_drag"]
 
 
 def recordings(seed=7, **settings):
@@ -35,7 +32,7 @@ def recordings(seed=7, **settings):
 
 
 def study_of(runs, held_out=(), exam=()):
-    return Study(pendulum_model(0.35, 0.1), runs, held_out, EFFECTS, exam)
+    return Study(pendulum_model(0.35, 0.1), runs, held_out, [DRAG], exam)
 
 
 def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
