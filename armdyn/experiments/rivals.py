@@ -37,13 +37,11 @@ class Rivals:
         hypotheses: the best one so far first.
         noise: by channel, standard deviation of one sample of as many as are independent.
         last: the run whose experiment could be repeated in another way.
-        left_out: names of rivals beyond the most plausible ones.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     noise: dict[str, float]
     last: Run
-    left_out: tuple[str, ...] = ()
 
 
 def require_gripper(study: Study) -> None:
@@ -80,7 +78,7 @@ def undecided(
     require_gripper(study)
     if names is not None:
         return "", "", named(study, names)
-    found = diagnose(study, say or (lambda _: None))
+    found = diagnose(study, say)
     rivals = of_diagnosis(study, found) or weakest(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:
@@ -208,8 +206,7 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
     ]
     least = min(h.misfit for h in hypotheses)
     hypotheses = sorted((replace(h, misfit=h.misfit - least) for h in hypotheses), key=lambda h: h.misfit)
-    left_out = tuple(h.name for h in hypotheses[most:])
-    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1], left_out)
+    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1])
 
 
 def _effective_noise(best: Fit) -> dict[str, float]:

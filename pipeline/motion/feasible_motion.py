@@ -14,7 +14,7 @@ from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, Moti
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
 from ik import LineTable, default_table
 from pipeline.box import Box
-from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, box_and_table, check_line
+from pipeline.motion.feasibility import CheckSettings, Swing, box_and_table, check_line
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineTrajectory
 
@@ -31,13 +31,11 @@ class FeasibleMotion:
     Attributes:
         motion: of the gripper.
         trajectory: the same along the arm's line.
-        check: the report of the whole arm.
         factor: by which the designed motion was changed.
     """
 
     motion: Motion
     trajectory: LineTrajectory
-    check: FeasibilityReport
     factor: float
 
 
@@ -69,9 +67,8 @@ def fit_to_arm(
         if not all(_clear_of(box, scaled, swing) for swing in swings):
             continue
         trajectory = LineTrajectory(scaled.time, s, v, a)
-        check = check_line(table, robot, trajectory, settings, swings[0])
-        if check.feasible:
-            return FeasibleMotion(scaled, trajectory, check, factor)
+        if check_line(table, robot, trajectory, settings, swings[0]).feasible:
+            return FeasibleMotion(scaled, trajectory, factor)
     return None
 
 

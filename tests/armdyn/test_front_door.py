@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import armdyn
+from armdyn.channels import SampleError
 from armdyn.errors import InputError, UnknownNameError
 from ik.errors import UnreachableError
-from pipeline.imports.foreign import ImportProblemsError
 
 
 def test_the_import_alone_loads_no_library():
@@ -101,7 +101,7 @@ def test_a_model_is_fitted_from_paths_given_as_text(tmp_path):
     [
         InputError("a sentence"),
         UnknownNameError("effect", "linear_drog", ["linear_drag", "quadratic_drag"]),
-        ImportProblemsError("run.csv", ["one", "another"]),
+        SampleError(3, "1e+09 rad is beyond 10000 rad"),
         UnreachableError("no way"),
     ],
     ids=lambda error: type(error).__name__,

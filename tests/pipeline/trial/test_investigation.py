@@ -77,7 +77,12 @@ def test_drag_is_a_question_and_the_load_may_sway():
 def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table):
     ending = Ending(False, "the string went slack", True)
     stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
-    found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), baxter, table)
+
+    def investigated(most):
+        settings = ProtocolSettings(investigate=most)
+        return investigate(settings, lambda *_: (stopped, ending), baxter, table, lambda _: None)
+
+    found = investigated(4)
     assert found.stop is Stop.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
@@ -86,7 +91,7 @@ def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table):
     assert trial.interrupted == 15
     assert ending_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
-        investigate(ProtocolSettings(), lambda *_: (stopped, ending), baxter, table, most=0)
+        investigated(0)
 
 
 def test_a_motion_at_another_rate_than_the_robots_is_refused():
