@@ -17,16 +17,6 @@ Vector = npt.NDArray[np.float64]
 
 
 @pytest.fixture(scope="session")
-def baxter() -> urdf.Robot:
-    return urdf.load("baxter")
-
-
-@pytest.fixture(scope="session")
-def table(baxter: urdf.Robot) -> ik.LineTable:
-    return ik.default_table(baxter)
-
-
-@pytest.fixture(scope="session")
 def q_start(table: ik.LineTable) -> Vector:
     return table.posture(0.0).q
 
