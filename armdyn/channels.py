@@ -21,29 +21,27 @@ class ChannelKind:
 
     Attributes:
         units: SI units it may have inside; joints turn or slide, so theirs have two.
-        meaning: for a person.
         measured: True where a model predicts it.
     """
 
     units: tuple[str, ...]
-    meaning: str
     measured: bool = False
 
 
 PENDULUM_CHANNELS = {
-    "gripper_x": ChannelKind(("m",), "position of the string's upper end along the line, + = robot's left"),
-    "gripper_v": ChannelKind(("m/s",), "its velocity"),
-    "gripper_a": ChannelKind(("m/s^2",), "its acceleration"),
-    "gripper_z": ChannelKind(("m",), "its height"),
-    "load_force": ChannelKind(("N",), "load cell, string tension", measured=True),
-    "swing_angle": ChannelKind(("rad",), "0 hanging; the load is at gripper_x - l sin(angle)", measured=True),
-    "swing_rate": ChannelKind(("rad/s",), "rate of the swing angle", measured=True),
+    "gripper_x": ChannelKind(("m",)),  # of the string's upper end along the line, + = robot's left
+    "gripper_v": ChannelKind(("m/s",)),
+    "gripper_a": ChannelKind(("m/s^2",)),
+    "gripper_z": ChannelKind(("m",)),
+    "load_force": ChannelKind(("N",), measured=True),
+    "swing_angle": ChannelKind(("rad",), measured=True),  # 0 hanging; the load is at gripper_x - l sin(angle)
+    "swing_rate": ChannelKind(("rad/s",), measured=True),
 }
 JOINT_CHANNELS = {
-    "q": ChannelKind(("rad", "m"), "joint position"),
-    "v": ChannelKind(("rad/s", "m/s"), "joint velocity"),
-    "a": ChannelKind(("rad/s^2", "m/s^2"), "joint acceleration"),
-    "tau": ChannelKind(("N m", "N"), "joint torque or force", measured=True),
+    "q": ChannelKind(("rad", "m")),
+    "v": ChannelKind(("rad/s", "m/s")),
+    "a": ChannelKind(("rad/s^2", "m/s^2")),
+    "tau": ChannelKind(("N m", "N"), measured=True),
 }
 
 LARGEST = {
@@ -93,7 +91,7 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
             raise InputError(f"{where} '{shown(name)}': write a further quantity as {FURTHER_FORM}")
         raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {FURTHER_FORM}")
     if is_further(name):
-        return ChannelKind(("1",), "a further quantity, which a law may depend on")
+        return ChannelKind(("1",))
     return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
 
 

@@ -17,3 +17,10 @@ def called(*arguments):
         with pytest.raises(SystemExit) as stop:
             main()
     return stop.value.code, out.getvalue(), err.getvalue()
+
+
+def refused(*arguments):
+    """The one line that a command says of bad input."""
+    status, out, err = called(*arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1), (status, out, err)
+    return err

@@ -2,9 +2,12 @@
 
 import time
 
+import command
 import pytest
-from command import called
 from hypothesis import settings
+
+import ik
+import urdf
 
 # How long an example takes says how busy the machine is, not whether the code is right.
 settings.register_profile("armdyn", deadline=None)
@@ -15,7 +18,24 @@ settings.load_profile("armdyn")
 def armdyn(monkeypatch, tmp_path):
     """Run a command in this process and a folder of its own: exit status, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
-    return called
+    return command.called
+
+
+@pytest.fixture
+def refused(armdyn):
+    """The same for bad input, which is status 2 and nothing but one line: that line."""
+    del armdyn
+    return command.refused
+
+
+@pytest.fixture(scope="session")
+def baxter() -> urdf.Robot:
+    return urdf.load("baxter")
+
+
+@pytest.fixture(scope="session")
+def table(baxter: urdf.Robot) -> ik.LineTable:
+    return ik.default_table(baxter)
 
 
 @pytest.fixture

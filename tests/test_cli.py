@@ -1,5 +1,3 @@
-import json
-
 from pipeline.console.screen import to_screen
 
 
@@ -15,12 +13,6 @@ def test_brackets_reach_the_terminal(armdyn, capsys):
     assert "[m]" in out
     to_screen().print("friction [swing_rate > 0], q [m], parameter.torque[bold]")
     assert capsys.readouterr().out == "friction [swing_rate > 0], q [m], parameter.torque[bold]\n"
-
-
-def test_json_on_standard_output_is_alone_there(armdyn):
-    status, out, _ = armdyn("trial", "--no-estimation", "--length-guess", "0.368", "--json", "-")
-    assert status == 0
-    assert json.loads(out)["schema"] == "armdyn.trial/1"
 
 
 def test_a_missed_box_is_status_one(armdyn):

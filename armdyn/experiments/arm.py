@@ -71,8 +71,8 @@ class ArmProblem(MotionProblem):
     limits: MotionLimits
     postures: Postures
     cuts: tuple[np.ndarray, np.ndarray] | None = None
-    steps: tuple[int, ...] = STEPS
-    starts: int = STARTS
+
+    steps, starts = STEPS, STARTS
 
     @cached_property
     def grid(self) -> Basis:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, Motion
+from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate, merged
@@ -16,7 +16,7 @@ from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Run
 
 LIKELY = 2.0
@@ -37,13 +37,11 @@ class Rivals:
         hypotheses: the best one so far first.
         noise: by channel, standard deviation of one sample of as many as are independent.
         last: the run whose experiment could be repeated in another way.
-        left_out: names of rivals beyond the most plausible ones.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     noise: dict[str, float]
     last: Run
-    left_out: tuple[str, ...] = ()
 
 
 def require_gripper(study: Study) -> None:
@@ -80,7 +78,7 @@ def undecided(
     require_gripper(study)
     if names is not None:
         return "", "", named(study, names)
-    found = diagnose(study, say or (lambda _: None))
+    found = diagnose(study, say)
     rivals = of_diagnosis(study, found) or weakest(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:
@@ -208,8 +206,7 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
     ]
     least = min(h.misfit for h in hypotheses)
     hypotheses = sorted((replace(h, misfit=h.misfit - least) for h in hypotheses), key=lambda h: h.misfit)
-    left_out = tuple(h.name for h in hypotheses[most:])
-    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1], left_out)
+    return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1])
 
 
 def _effective_noise(best: Fit) -> dict[str, float]:
@@ -268,9 +265,8 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     return float(np.clip(p.null + side * min(p.typical, LIKELY * std), p.lower, p.upper))
 
 
-def last_motion(run: Run, seconds: float) -> Motion:
+def last_motion(run: Run, seconds: float) -> GripperPath:
     """The gripper's motion in a run, or its first part."""
     path = run_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
-    along = np.vstack([path.x, path.v, path.a])[:, :count]
-    return Motion(path.dt * np.arange(count), along)
+    return GripperPath(0.0, path.dt, *path.along[:, :count])

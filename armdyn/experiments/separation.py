@@ -73,13 +73,11 @@ class Outlook:
     """What is expected of an experiment.
 
     Attributes:
-        names: of the hypotheses.
         rises: (h, h) rise of chi2 by the experiment if the first is true and the second is refitted; 0 on the diagonal.
         right: (h,) probability that each hypothesis, if true, is the only one left.
         belief: (h,) before the experiment.
     """
 
-    names: tuple[str, ...]
     rises: np.ndarray
     right: np.ndarray
     belief: np.ndarray
@@ -87,7 +85,7 @@ class Outlook:
     @property
     def separation(self) -> float:
         """Standard deviations between the two hypotheses that are hardest to tell apart."""
-        apart = self.rises[~np.eye(len(self.names), dtype=bool)]
+        apart = self.rises[~np.eye(len(self.rises), dtype=bool)]
         return float(np.sqrt(max(apart.min(), 0.0))) if len(apart) else 0.0
 
     @property
@@ -132,7 +130,7 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > MARGIN
         right[i] = float(np.mean(wins))
-    return Outlook(tuple(h.name for h in hypotheses), rises, right, beliefs(hypotheses))
+    return Outlook(rises, right, beliefs(hypotheses))
 
 
 class _Around:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from armdyn.document import Document, NextStep
+from armdyn.document import NextStep
 from pipeline.console.inputs import Inputs, checked
 from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
@@ -18,15 +18,11 @@ def compare(
 ) -> None:
     """Fit what is free, and say how well the model does and where it fails."""
     from pipeline.answers import comparison_answer
+    from pipeline.report.repair import comparison_report
 
     with inputs.begin(report, json_file, choosing=False) as (given, say):
         say("fitting")
         found = given.compare()
-
-    def page() -> Document:
-        from pipeline.report.repair import comparison_report
-
-        return comparison_report(given.study, found)
 
     document = found.document()
     if not found.explained:
@@ -36,5 +32,5 @@ def compare(
         lambda: {**comparison_answer(given.study, found), **checked(given)},
         json_file,
         report,
-        page,
+        lambda: comparison_report(given.study, found),
     )

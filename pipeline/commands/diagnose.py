@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from armdyn.document import Document, NextStep
+from armdyn.document import NextStep
 from pipeline.console.inputs import Inputs, checked
 from pipeline.console.options import JsonOption, ReportOption
 from pipeline.console.repaired import REPAIRED
@@ -18,14 +18,10 @@ def diagnose(
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
     from pipeline.answers import diagnosis_answer
+    from pipeline.report.repair import diagnosis_report
 
     with inputs.begin(report, json_file) as (given, say):
         found = given.diagnose(say)
-
-    def page() -> Document:
-        from pipeline.report.repair import diagnosis_report
-
-        return diagnosis_report(given.study, found)
 
     steps = []
     moved = all("gripper_x" in run.channels for run in given.study.runs)
@@ -39,5 +35,5 @@ def diagnose(
         lambda: {**diagnosis_answer(given.study, found), **checked(given)},
         json_file,
         report,
-        page,
+        lambda: diagnosis_report(given.study, found),
     )

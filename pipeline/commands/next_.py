@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.inputs import UnexaminedInputs
-from pipeline.console.options import JsonOption, ReportOption
+from pipeline.console.options import JsonOption, ReportOption, names_in
 from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
@@ -44,8 +44,7 @@ def next_(
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
     with inputs.begin(report, json_file, output) as (given, say):
-        named = [name.strip() for name in (rivals or "").split(",") if name.strip()]
-        verdict, sentence, found = undecided(given.study, named if rivals is not None else None, say)
+        verdict, sentence, found = undecided(given.study, names_in(rivals), say)
         made, offer = None, None
         if found is not None:
             made, offer = plan_experiment(found, seconds, limits, seed, say)

@@ -25,5 +25,5 @@ def table(
         result = run_table(seeds, first_seed, lambda done, total: show(f"{done} of {total} trials", done / total))
     report = out / "report.html"
     out.mkdir(parents=True, exist_ok=True)
-    document = table_report(result, f"{seeds} seeds per guess")
+    document = table_report(result)
     finish(document, result.as_json, json_file, report, lambda: document)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armdyn.document import Document, NextStep
+from armdyn.document import NextStep
 from pipeline.console.inputs import Inputs, checked
 from pipeline.console.screen import finish
 
@@ -24,23 +24,19 @@ def conclude_repair(
     """Write the repaired model, its report and its answer, and print how the error fell."""
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries, repair_answer
+    from pipeline.report.repair import repair_report
 
     steps = next_steps(given.study.model, output, inputs.effects)
     history = (*given.known.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
     write_model_file(output, ModelFile(found.model, given.known.file.description, history))
 
-    def page() -> Document:
-        from pipeline.report.repair import repair_report
-
-        return repair_report(given.study, found, steps)
-
     finish(
         replace(found.document(given.study.judges), next_steps=steps),
         lambda: {**repair_answer(found), **checked(given)},
         json_file,
         report,
-        page,
+        lambda: repair_report(given.study, found, steps),
         [f"written to {output}{over}"],
     )
 

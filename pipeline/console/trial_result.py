@@ -8,6 +8,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.screen import Say, save_report, spinner, to_screen, write_answer, write_json
+from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
@@ -184,6 +185,5 @@ def _timing(statistics: "LinkStatistics") -> list[str]:
 def _nodes(done: "RealTrial") -> dict[str, Any]:
     """Computing time per node, and the cycles that it missed."""
     return {
-        name: {"steps": t.steps, "mean": t.mean, "longest": t.longest, "late": t.overruns, "skipped": t.skipped}
-        for name, t in done.result.timing.items()
+        name: fields(t, "steps mean longest late= skipped", late=t.overruns) for name, t in done.result.timing.items()
     }

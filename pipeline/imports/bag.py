@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
+from armdyn.channels import MIN_SAMPLES
 from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
-from pipeline.imports.foreign import MIN_SAMPLES, Column, Foreign, Reader
+from pipeline.imports.foreign import Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from urdf.bounds import LARGEST_BAG, MIB, MOST_COLUMNS, MOST_ROWS, shown
 

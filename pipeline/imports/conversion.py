@@ -6,13 +6,14 @@ from datetime import UTC, datetime
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import MIN_SAMPLES, Channel, FloatArray, channel_kind, channel_unit, check_joint_units
+from armdyn.channels import MIN_SAMPLES, Channel, Conversion, FloatArray, channel_kind, channel_unit, check_joint_units
 from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
-from pipeline.imports.foreign import Column, Foreign, ImportProblemsError
+from pipeline.imports.foreign import Column, Foreign
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.words import fits
+from urdf.table_file import join_problems
 
 YEARS = 2000, 2100
 """Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
@@ -30,7 +31,7 @@ def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()
         elsewhere: columns that other recordings have which are imported with it; this one may lack them.
 
     Raises:
-        ImportProblemsError: lists everything that is wrong.
+        InputError: lists everything that is wrong.
     """
     problems: list[str] = []
     notes = list(foreign.notes)
@@ -55,7 +56,7 @@ def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()
     with collect(problems):
         check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
-        raise ImportProblemsError(foreign.name, problems)
+        raise InputError(f"{foreign.name}: {join_problems(problems)}")
     first = min(channel.time[0] for channel in channels.values())
     channels = {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()}
     return Run(
@@ -72,7 +73,8 @@ def _date(stamp: float) -> datetime | None:
 
 def _channel(column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None) -> Channel:
     """The channel that a column becomes, with the time of its table, or with its own where that is None."""
-    unit, value = _in_si(column, entry)
+    to_si = _conversion(entry, entry.unit or column.unit)
+    value = to_si(column.value)
     if table is not None:
         time, value = table[0], value[table[1]]
     elif column.time is not None:
@@ -83,17 +85,16 @@ def _channel(column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None
     if present.sum() < MIN_SAMPLES:
         raise InputError(f"holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
-    return Channel(time[present] - late, value[present], unit)
+    return Channel(time[present] - late, value[present], to_si.unit)
 
 
-def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
-    """SI unit and (n,) values of a column as the channel that it becomes.
+def _conversion(entry: Entry, unit: str) -> Conversion:
+    """From values in `unit` to those of the channel that they become.
 
     Raises:
-        InputError: a unit is missing or of another kind, or a gear stands where none can be.
+        InputError: the unit is missing or of another kind, or a gear stands where none can be.
     """
     quantity = entry.channel.partition(".")[0]
-    unit = entry.unit or column.unit
     zero = 0.0
     if not unit:
         units = " or ".join(channel_kind(entry.channel).units)
@@ -114,7 +115,7 @@ def _in_si(column: Column, entry: Entry) -> tuple[str, FloatArray]:
         raise InputError(f"{entry.channel} has no gear")
     factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
     offset = parse_quantity(entry.offset, si).value if entry.offset else 0.0
-    return si, column.value * factor + (zero + offset)
+    return Conversion(si, factor, zero + offset)
 
 
 def _table_time(foreign: Foreign, mapping: ColumnMap, notes: list[str]) -> tuple[FloatArray, Rows]:

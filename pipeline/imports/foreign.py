@@ -4,13 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from armdyn.channels import FloatArray, name_and_unit
-from armdyn.errors import InputError
-from urdf.table_file import join_problems
-
-MIN_SAMPLES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +46,6 @@ class Foreign:
         return all(column.time is None for column in self.columns.values())
 
 
-class ImportProblemsError(InputError):
-    """Everything that keeps a recording from being imported, told at once.
-
-    Args:
-        where: the file.
-        problems: a sentence each.
-    """
-
-    def __init__(self, where: str, problems: list[str]) -> None:
-        self.problems = tuple(problems)
-        super().__init__(f"{where}: {join_problems(problems)}")
-
-
 def split_label(label: str) -> tuple[str, str]:
     """Name and unit of a column's header: ``q [deg]``, ``q (deg)`` and ``q``; ``q[0]`` is the name of an entry."""
     name, unit = name_and_unit(label)
@@ -72,18 +53,6 @@ def split_label(label: str) -> tuple[str, str]:
         name, _, rest = label.strip().rpartition("(")
         name, unit = name.strip(), rest[:-1].strip()
     return (label.strip(), "") if unit.isdigit() else (name, unit)
-
-
-def as_numbers(values: object) -> FloatArray | None:
-    """Numbers as floats, dates and durations in s from the first; None for what is neither."""
-    array = np.asarray(values)
-    if array.dtype.kind in "mM":
-        if not array.size:
-            return np.zeros(0)
-        return np.asarray((array - array[0]) / np.timedelta64(1, "ns") * 1e-9, dtype=float)
-    if array.dtype.kind in "biuf":
-        return array.astype(float)
-    return None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
 from pipeline.imports.words import IDLE, Label, words_of
 from urdf import Robot
 from urdf.infer import gripper_joints
@@ -26,17 +28,11 @@ IN_AMPERE = "UR's drivers publish currents as efforts"
 
 @dataclass(frozen=True)
 class Range:
-    """What a joint may do: slides or turns; positions in rad or m, effort in N m or N."""
+    """What a joint may do: slides or turns; how far it is from zero at most in rad or m, effort in N m or N."""
 
     slides: bool
-    lower: float
-    upper: float
+    reach: float
     effort: float
-
-    @property
-    def reach(self) -> float:
-        """Farthest from zero."""
-        return max(abs(self.lower), abs(self.upper))
 
 
 @dataclass(frozen=True)
@@ -68,10 +64,8 @@ class Joints:
         mimics = {str(j.get("name")) for j in root.findall("joint") if j.find("mimic") is not None}
         arm = robot.joint_names
         slides = [joint.shortname().startswith("JointModelP") for joint in list(robot.model.joints)[1:]]
-        ranges = {
-            name: Range(slides[i], float(limits.lower[i]), float(limits.upper[i]), float(limits.effort[i]))
-            for i, name in enumerate(arm)
-        }
+        reach, effort = np.maximum(np.abs(limits.lower), np.abs(limits.upper)).tolist(), limits.effort.tolist()
+        ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, effort, strict=True)}
         others = tuple(name for name in moving if name not in {*arm, *grippers, *mimics})
         return cls(arm, others, tuple(grippers), ranges)
 

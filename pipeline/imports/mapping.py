@@ -25,8 +25,8 @@ from armdyn.quoting import one_line, toml_string
 from armdyn.run import Run
 from armdyn.sidecar import Sidecar, sidecar_of
 from armdyn.toml_file import read_toml
-from pipeline.imports.foreign import Foreign, ImportProblemsError
-from urdf.table_file import Check, TableFileError, read_as
+from pipeline.imports.foreign import Foreign
+from urdf.table_file import Check, TableFileError, join_problems, read_as
 
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
@@ -117,7 +117,7 @@ def read_map(path: Path) -> ColumnMap:
     with collect(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
-        raise ImportProblemsError(str(path), problems)
+        raise InputError(f"{path}: {join_problems(problems)}")
     return ColumnMap(entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar)
 
 

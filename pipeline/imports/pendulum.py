@@ -20,7 +20,7 @@ CHANNELS = {
     ("q", "height"): "gripper_z", ("force", "load"): "load_force",
 }  # fmt: skip
 """By quantity and part of a pendulum."""
-PARTS = Joints(ranges={part: Range(True, -np.inf, np.inf, np.inf) for part in ("gripper", "height")})
+PARTS = Joints(ranges={part: Range(True, np.inf, np.inf) for part in ("gripper", "height")})
 """What slides; how far is not known."""
 
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armdyn.arrays import seconds
 from armdyn.bytes_in import read_bytes
 from armdyn.delimited import header_of, parse_delimited, read_text, separator_of
 from armdyn.errors import InputError
-from pipeline.imports.foreign import Column, Foreign, Reader, as_numbers, split_label
+from pipeline.imports.foreign import Column, Foreign, Reader, split_label
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
@@ -93,11 +94,6 @@ def read_parquet(path: Path) -> Foreign:
     Raises:
         InputError: pyarrow is not installed, or the file cannot be read.
     """
-    return Foreign(path.stem, *parquet_columns(path))
-
-
-def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """Columns of a Parquet file by name, and notes on what was left out."""
     try:
         from pyarrow import ArrowException, parquet
     except ImportError as error:
@@ -121,7 +117,7 @@ def parquet_columns(path: Path) -> tuple[dict[str, Column], tuple[str, ...]]:
             notes.append(f"'{name}' holds no numbers: left out")
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
         columns |= {part: Column(value, "s" if is_date else unit) for part, value in found.items()}
-    return columns, tuple(notes)
+    return Foreign(path.stem, columns, tuple(notes))
 
 
 def _check_parquet(file: Any, path: Path) -> None:
@@ -154,8 +150,8 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
         count = width.pop()
         table = np.array([row if row is not None else [np.nan] * count for row in rows], dtype=float)
         return {f"{name}/{i}": table[:, i] for i in range(count)}
-    numbers = as_numbers(values.to_numpy())
-    return {} if numbers is None else {name: numbers}
+    array = values.to_numpy()
+    return {name: seconds(array, "s")} if array.dtype.kind in "mMbiuf" else {}
 
 
 def _is_number(cell: str) -> bool:
@@ -188,8 +184,8 @@ def read_lerobot(path: Path) -> list[Foreign]:
     rate = info.get("fps")
     found = []
     for file in files:
-        columns, notes = parquet_columns(file)
-        named = {_named(label, names): column for label, column in columns.items()}
+        table = read_parquet(file)
+        named = {_named(label, names): column for label, column in table.columns.items()}
         if "timestamp" not in named and rate is not None and "frame_index" in named:
             named["timestamp"] = Column(named["frame_index"].value / rate, "s")
         episodes = named["episode_index"].value if "episode_index" in named else None
@@ -203,7 +199,7 @@ def read_lerobot(path: Path) -> list[Foreign]:
                 if label.rpartition("_")[2] != "index"
             }
             name = file.stem if episode is None else f"{path.name}_episode_{int(episode):06d}"
-            found.append(Foreign(name, of_episode, notes))
+            found.append(Foreign(name, of_episode, table.notes))
     return found
 
 

@@ -68,7 +68,8 @@ class Monitor:
 
 def calibration_table(fit: CalibrationFit) -> RenderableType:
     """The plateaus and what they give."""
-    table = Table("weight", "force [N]", "counts", "residual [mN]", "noise [counts]", "left out")
+    # The backslash keeps a unit from being taken for a style.
+    table = Table("weight", r"force \[N]", "counts", r"residual \[mN]", r"noise \[counts]", "left out")
     for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
         table.add_row(
             plateau.weight.text,

@@ -70,13 +70,11 @@ class Expectation:
 
     Attributes:
         coefficients: (nj, size) of the motion's series [rad or m].
-        criterion: value of the goal's criterion.
         std: (W,) standard deviations of the wanted unknowns, in their units.
         separations: by hidden case of the goal, the smallest rise of chi2 after the rival is refitted.
     """
 
     coefficients: Array
-    criterion: float
     std: Array
     separations: tuple[float, ...]
 
@@ -190,7 +188,7 @@ def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.hidden)
-    return Expectation(x, goal.criterion(information)[0], std, separations)
+    return Expectation(x, std, separations)
 
 
 def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:

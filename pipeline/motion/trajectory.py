@@ -55,11 +55,6 @@ class LineTrajectory:
         freeze_samples(self, "s", "v", "a")
 
     @property
-    def start(self) -> LineState:
-        """First state."""
-        return self[0]
-
-    @property
     def end(self) -> LineState:
         """Last state."""
         return self[-1]

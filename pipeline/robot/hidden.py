@@ -246,11 +246,9 @@ def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
     values = dict.fromkeys(HIDDEN_EFFECTS, 0.0)
     for name, value in hidden.items():
         if ".py:" in name:
-            law = read_own_law(name)
-            size = law.size
-            _OWN[name] = HiddenEffect(
-                size.unit, size.typical, law.summary, size.lower, size.upper, Stage.OWN, law.added
-            )
+            law, added = read_own_law(name)
+            size = next(iter(law.quantities.values()))
+            _OWN[name] = HiddenEffect(size.unit, size.typical, law.summary, size.lower, size.upper, Stage.OWN, added)
         elif name not in HIDDEN_EFFECTS:
             raise UnknownNameError("hidden effect", name, HIDDEN_EFFECTS)
         effect = HIDDEN_EFFECTS.get(name) or _OWN[name]

@@ -1,7 +1,7 @@
 """A law of a user's own in the simulated robot: an effect of their file, ``FILE.py:NAME``, on string or load."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import NamedTuple
 
 import casadi as ca
@@ -10,7 +10,6 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.parameter import Quantity
 from armdyn.pendulum.physics import Load, String
 from pipeline.robot.protocol import Vector
 
@@ -48,23 +47,10 @@ class Added(NamedTuple):
     dry: float
 
 
-@dataclass(frozen=True)
-class OwnLaw:
-    """A law of a user's file.
+def read_own_law(name: str) -> tuple[Effect, Callable[[float, Swing], Added]]:
+    """The effect that ``FILE.py:NAME`` names, and what it adds.
 
-    Attributes:
-        size: its first parameter; the others are at their null values.
-        summary: one sentence.
-        added: what it adds, from the value of the first parameter and the swing.
-    """
-
-    size: Quantity
-    summary: str
-    added: Callable[[float, Swing], Added]
-
-
-def read_own_law(name: str) -> OwnLaw:
-    """The law that ``FILE.py:NAME`` names.
+    That follows from the value of its first parameter and from the swing; other parameters are at their null values.
 
     Raises:
         InputError: the file cannot be used or has no such effect, or that changes something else than forces on string
@@ -81,7 +67,7 @@ def read_own_law(name: str) -> OwnLaw:
             f"hidden effect '{name}' acts on '{effect.acts_on}': the simulated robot takes one with a parameter, "
             "on string or load"
         )
-    return OwnLaw(next(iter(effect.quantities.values())), effect.summary, _compiled(name, effect))
+    return effect, _compiled(name, effect)
 
 
 def _compiled(name: str, effect: Effect) -> Callable[[float, Swing], Added]:

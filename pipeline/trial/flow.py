@@ -30,7 +30,6 @@ class Trial(Generic[R]):
     """A trial that has run.
 
     Attributes:
-        settings: what it was given.
         subtitle: what was run, for the report.
         experiment: the protocol, with everything that was planned and measured.
         result: what it came to.
@@ -38,18 +37,17 @@ class Trial(Generic[R]):
         history: the true motion, of a simulated robot; None where nobody knows it.
     """
 
-    settings: ProtocolSettings
     subtitle: str
     experiment: Experiment
     result: TrialResult
     robot: R
     history: "Callable[[], History] | None" = None
 
-    def report(self, command: str = "") -> "Document":
+    def report(self) -> "Document":
         """The report; of a simulated trial with the true motion of the load."""
         from pipeline.trial.report import report_of
 
-        return report_of(self.experiment, self.result, self.subtitle, command, executed=self._executed())
+        return report_of(self.experiment, self.result, self.subtitle, self._executed())
 
     def swing_history(self) -> "History | None":
         """What really happened from the swing on; None where there was none, or nobody knows it."""
@@ -103,7 +101,7 @@ def perform(
 
         found, of = None, settings
         if settings.investigate:
-            found = investigate(settings, swing, rig.arm, rig.table, settings.investigate, tell)
+            found = investigate(settings, swing, rig.arm, rig.table, tell)
             of = settings_after(settings, found)
             if found.ending is None:
                 rig.wait_until_calm()

@@ -31,8 +31,6 @@ from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import REST, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
-MOST = 4
-"""Experiments, where the user names no number."""
 SECONDS = 8.0
 """Of a designed motion."""
 LIMITS = GripperLimits(swing=0.5)
@@ -147,25 +145,22 @@ def investigate(
     swing: Swing,
     arm: urdf.Robot,
     table: LineTable,
-    most: int = MOST,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], None],
 ) -> Investigation:
     """Swing, diagnose, design, and again.
 
     Args:
-        settings: of the trial that follows.
+        settings: of the trial that follows; `investigate` is how many experiments there are at most.
         swing: makes one experiment.
         arm: that moves.
         table: of its line.
-        most: experiments, at most.
         say: told what is going on.
 
     Raises:
         InputError: there is not one experiment to make.
     """
-    if most < 1:
-        raise InputError(f"--investigate {most}: allow at least one experiment")
-    tell = say or (lambda _: None)
+    if settings.investigate < 1:
+        raise InputError(f"--investigate {settings.investigate}: allow at least one experiment")
     model = model_in_question(settings)
     stages: list[Stage] = []
     questions: dict[tuple[str, ...], None] = {}
@@ -180,7 +175,7 @@ def investigate(
         if ending.stopped:
             return Investigation(tuple(stages), Stop.INTERRUPTED, None, ending, place, experiment.interrupted)
         run = experiment.recording(f"experiment {number}")
-        tell(f"thinking over {number} experiment{'s' if number > 1 else ''}")
+        say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
         study = Study(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
         found = diagnose(study)
@@ -194,10 +189,10 @@ def investigate(
         belief, gap = _believed(study, list(questions))
         stages.append(Stage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
-        if stop is None and number >= most:
+        if stop is None and number >= settings.investigate:
             stop = Stop.SPENT
         if stop is None and rivals is not None:
-            tell("designing the next motion")
+            say("designing the next motion")
             proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)

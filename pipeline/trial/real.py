@@ -110,7 +110,7 @@ def run_real(
         )  # fmt: skip
         experiment, result = perform(rig, c, out, progress)
         subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
-        return Trial(c, subtitle, experiment, result, robot)
+        return Trial(subtitle, experiment, result, robot)
 
 
 def rehearse(

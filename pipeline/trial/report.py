@@ -21,16 +21,13 @@ from pipeline.trial.experiment import Experiment
 from pipeline.trial.result import TrialResult
 
 
-def report_of(
-    experiment: Experiment, result: TrialResult, subtitle: str, command: str = "", executed: SwingTrace | None = None
-) -> Document:
+def report_of(experiment: Experiment, result: TrialResult, subtitle: str, executed: SwingTrace | None) -> Document:
     """The report of a trial that has run; what a stopped trial did not come to is left out.
 
     Args:
         experiment: that has run.
         result: what it came to.
         subtitle: what was run.
-        command: how to run it again.
         executed: the swing as it was; None where nobody saw it.
     """
     sections: list[Section] = []
@@ -75,7 +72,6 @@ def report_of(
         subtitle=subtitle,
         key_figures=figures,
         notes=_notes(experiment, result),
-        command=command,
         next_steps=_next_steps(result),
     )
 

@@ -16,6 +16,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
 from armdyn.units import Known
 from pipeline.answers_motion import investigation_answer
+from pipeline.fields import fields
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing
 from pipeline.record import Recorder
@@ -26,12 +27,10 @@ from pipeline.trial.settings import ProtocolSettings
 
 
 @dataclass(frozen=True)
-class TrialResult:
-    """The outcome of one trial.
+class TrialResult(Ending):
+    """The outcome of one trial: how it ended, and its numbers.
 
     Attributes:
-        success: whether the load came to rest in the box.
-        message: a sentence for a person.
         length_guess: at the start [m].
         length_true: [m]; None where nobody knows it.
         length_estimate: used for the plan [m].
@@ -45,7 +44,6 @@ class TrialResult:
         model: with the last estimate.
         timing: of the nodes.
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
-        stopped: whether the trial was ended for safety, or by the user.
         recording: the MCAP file, None where nothing was kept.
         signal: number of the signal that ended it; None where none did.
         missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
@@ -53,8 +51,6 @@ class TrialResult:
         notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
     """
 
-    success: bool
-    message: str
     length_guess: float
     length_true: float | None
     length_estimate: float
@@ -67,7 +63,6 @@ class TrialResult:
     model: PendulumModel
     timing: dict[str, Timing]
     cycle_seconds: float
-    stopped: bool
     recording: Path | None
     signal: int | None = None
     missed_cycles: int = 0
@@ -89,15 +84,9 @@ class TrialResult:
         updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
-            "success": self.success,
-            "message": self.message,
-            "length_guess": self.length_guess,
-            "length_true": self.length_true,
-            "length_estimate": self.length_estimate,
-            "length_std": self.length_std,
+            **fields(self, "success message length_guess length_true length_estimate length_std"),
             "estimates": [[e.time, e.value, e.std] for e in self.estimates],
-            "peak": dict(self.peak),
-            "minimum_tension": self.minimum_tension,
+            **fields(self, "peak minimum_tension"),
             "feasible": bool(self.feasible),
             "planning": {
                 "iterations": len(solution.iterations) if solution else 0, "cost": solution.cost if solution else None,
@@ -107,11 +96,8 @@ class TrialResult:
                 "estimator_update": sum(updates) / len(updates) if updates else 0.0,
                 "planning": solution.seconds if solution else 0.0,
             },
-            "parameters": {
-                name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in self.model.parameters.items()
-            },
-            "recording": str(self.recording) if self.recording else None,
-            "missed_cycles": self.missed_cycles,
+            "parameters": {name: fields(p, "value std unit") for name, p in self.model.parameters.items()},
+            **fields(self, "recording missed_cycles"),
             **({"notes": list(self.notes)} if self.notes else {}),
             **({"investigation": investigation_answer(self.investigation)} if self.investigation else {}),
         }  # fmt: skip
@@ -138,8 +124,7 @@ def result_of(
     cycle = experiment.scheduler.timing[experiment.drive.name]
     late = (f"the loop was late: {cycle.skipped} of {cycle.skipped + cycle.steps} cycles were missed",)
     return TrialResult(
-        success=ending.success,
-        message=ending.message,
+        **vars(ending),
         length_guess=experiment.settings.length_guess,
         length_true=length_true,
         length_estimate=experiment.estimator.model.value("length"),
@@ -152,7 +137,6 @@ def result_of(
         model=experiment.estimator.model,
         timing=experiment.scheduler.timing,
         cycle_seconds=float(np.mean(cycles)) if cycles else 0.0,
-        stopped=ending.stopped,
         recording=recording,
         signal=experiment.interrupted,
         missed_cycles=cycle.skipped,

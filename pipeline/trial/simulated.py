@@ -56,7 +56,7 @@ def simulate(
         f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.length:g} m, seed {c.seed}, "
         f"hidden: {hidden or 'nothing'}"
     )
-    return Trial(c, subtitle, experiment, result, robot, robot.history)
+    return Trial(subtitle, experiment, result, robot, robot.history)
 
 
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:

@@ -1,3 +1,4 @@
+import pickle
 import subprocess
 import sys
 
@@ -5,6 +6,9 @@ import numpy as np
 import pytest
 
 import armdyn
+from armdyn.channels import SampleError
+from armdyn.errors import InputError, UnknownNameError
+from ik.errors import UnreachableError
 
 
 def test_the_import_alone_loads_no_library():
@@ -90,3 +94,20 @@ def test_a_model_is_fitted_from_paths_given_as_text(tmp_path):
     fitted = armdyn.fit(model, [path])
     assert abs(fitted.value("length") - 9.81 / 25.0) < 2e-3
     assert armdyn.compare(fitted, [armdyn.read_run(path)]).channels["swing_angle"].noise_std < 2e-4
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InputError("a sentence"),
+        UnknownNameError("effect", "linear_drog", ["linear_drag", "quadratic_drag"]),
+        SampleError(3, "1e+09 rad is beyond 10000 rad"),
+        UnreachableError("no way"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_an_error_comes_whole_out_of_another_process(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert str(again) == str(error)
+    assert vars(again) == vars(error)

@@ -70,11 +70,6 @@ def test_no_limit_guards_nothing(name, bad) -> None:
 
 
 @pytest.fixture(scope="module")
-def baxter() -> urdf.Robot:
-    return urdf.load("baxter")
-
-
-@pytest.fixture(scope="module")
 def saved(baxter, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("table") / "baxter.npz"
     ik.default_table(baxter).save(path)

@@ -12,11 +12,6 @@ import urdf
 ROBOTS = ("baxter", "ur5", "panda", "talos_arm")
 
 
-@pytest.fixture(scope="session")
-def baxter() -> urdf.Robot:
-    return urdf.load("baxter")
-
-
 @pytest.fixture(scope="session", params=ROBOTS)
 def robot(request) -> urdf.Robot:
     """Each known arm in turn."""

@@ -28,7 +28,7 @@ if __name__ == "__main__":
 
 @linux
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_workers_end_with_a_parent_that_is_killed_whatever_they_compute(tmp_path, method, number):
     (tmp_path / "parent.py").write_text(CODE)
     with marked(sys.executable, "parent.py", method, cwd=tmp_path) as (parent, mark):

@@ -70,13 +70,6 @@ def test_build_writes_a_table_that_show_reads(run, tmp_path) -> None:
     assert json.loads((tmp_path / "new.json").read_text())["robot"] == "baxter"
 
 
-def test_report_is_one_page_with_every_joint(run, saved, tmp_path, baxter) -> None:
-    assert run("show", saved, "--report", tmp_path / "ik.html").exit_code == 0
-    page = (tmp_path / "ik.html").read_text()
-    assert all(name in page for name in baxter.joint_names)
-    assert "Torque at rest" in page
-
-
 def test_bad_files_are_bad_input(run, saved, tmp_path) -> None:
     saved.write_bytes(b"not a table")
     assert isinstance(run("show", saved).exception, ik.StaleTableError)

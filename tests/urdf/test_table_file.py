@@ -1,11 +1,18 @@
 """A table is what a dataclass declares, or every entry that is not is told."""
 
+import math
+import re
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import Annotated
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
+from urdf import bounds
 from urdf.table_file import Check, TableFileError, parse_table, read_as
 
 
@@ -72,3 +79,53 @@ def test_of_many_problems_the_first_are_told_and_the_others_counted():
     told = str(TableFileError(*(f"entry 'p{i}' is missing" for i in range(46))))
     assert told.startswith("46 problems: (1) entry 'p0' is missing; (2)")
     assert told.endswith("(12) entry 'p11' is missing; and 34 more")
+
+
+SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
+
+
+ROW = re.compile(r"^\| (?P<value>\S+)(?: (?P<unit>MiB|s))? \| .* \| `(?P<name>[A-Z_]+)` \|$", re.MULTILINE)
+
+
+def test_the_documentation_shows_every_limit_as_it_is():
+    shown = {row["name"]: float(row["value"]) * (bounds.MIB if row["unit"] == "MiB" else 1.0)
+             for row in ROW.finditer(SAFETY.read_text(encoding="utf-8"))}  # fmt: skip
+    limits = {name: float(value) for name, value in vars(bounds).items() if name.isupper() and not name.startswith("_")}
+    for name in ("MIB", "LARGEST_INTEGER"):  # no limits of ours
+        del limits[name]
+    assert shown == limits
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+@example(5e-324)
+@example(-0.0)
+def test_every_number_as_python_writes_it_is_read_to_the_last_digit(value):
+    assert bounds.number(repr(value)) == value
+    assert bounds.number(f" {value:.20g}\t") == float(f"{value:.20g}")
+
+
+@pytest.mark.parametrize("text", ["1_000", "٣", "nan", "inf", "-inf", "1e999", "1e", "0x10", "", " ", ".", "--1", "1 2",
+                                  "1,5", "1.2.3", "１", "1\n", "9" * 1001, "1e5f", "infinity", "\x001"])  # fmt: skip
+def test_what_is_no_number_to_a_person_is_refused(text):
+    with pytest.raises(ValueError, match="number") as refused:
+        bounds.number(text)
+    assert len(str(refused.value)) < 120
+
+
+@given(st.text())
+def test_any_text_is_a_finite_number_or_refused(text):
+    with suppress(ValueError):
+        assert math.isfinite(bounds.number(text))
+
+
+@pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
+def test_numbers_of_a_table_are_decimal_digits(text):
+    with pytest.raises(TableFileError, match="is not a number"):
+        parse_table(f"mass = {text}\n")
+    assert parse_table(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
+
+
+def test_a_number_of_a_table_that_is_too_large_is_not_infinite():
+    with pytest.raises(TableFileError, match="'1e999' is too large"):
+        parse_table("rmse = 1e999\n")
+    assert parse_table("rmse = inf\n")["rmse"] == float("inf")

@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden_effects.dominant import FIELDS, Hidden, Lump
-from hidden_effects.generated_arm import showing
+from hidden_effects.generated_arm import generate, showing
 from hidden_effects.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
 
 JOINT = "panda_joint4"
+
+
 HIDDEN = {
     "joint_viscous_friction": Hidden("joint_viscous_friction", JOINT, viscous=2.0),
     "joint_coulomb_friction": Hidden("joint_coulomb_friction", JOINT, coulomb=2.0),
@@ -56,3 +60,13 @@ def test_what_others_do_as_well_does_not_show() -> None:
     assert len(showing([world], [asymmetric, offset])) == 1
     assert showing([world], [asymmetric, HIDDEN["payload"]]) == (asymmetric, HIDDEN["payload"])
     assert showing([world], [Hidden("rotor_inertia", JOINT, rotor=1e-5)]) == ()
+
+
+@pytest.mark.parametrize(("rate", "count"), [(100.0, 1), (500.0, 6), pytest.param(100.0, 6, marks=pytest.mark.slow)])
+def test_a_creeping_wrist_behind_a_low_pass_is_told_whole(rate: float, count: int) -> None:
+    # A gain and a friction that grows with the load hide each other; a fading friction hides behind an asymmetric one.
+    robot = generate(2, story=True)
+    catalogue = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+    mended = repair(Study(arm_model(robot.name), robot.cut(rate, 12.0, count).runs(), (), catalogue))
+    found = {(effect.effect, joint) for effect in mended.steps[-1].effects for joint in effect.joints}
+    assert found == {(hidden.effect, hidden.joint) for hidden in robot.truth}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
@@ -22,7 +23,11 @@ from ...hidden_effects.laws import URDF, world
 from ..physics.test_definition import oscillator
 
 USUAL = 290.0
+
+
 TEMPERATURE = Channel(np.linspace(0.0, 2.0, 41), USUAL + 5.0 * np.linspace(0.0, 2.0, 41), "K")
+
+
 """Rises by 5 K a second."""
 
 
@@ -173,3 +178,45 @@ def test_a_wrong_declaration_is_one_line(tmp_path, declared, said):
     with pytest.raises(InputError, match=said) as found:
         load_effects(path)
     assert "\n" not in str(found.value)
+
+
+def test_an_effect_on_joints_is_made_once():
+    spring = CATALOGUE["gravity_spring"]
+    elbow = spring.on("elbow")
+    assert elbow is spring.on("elbow")
+    assert elbow is not spring
+    assert elbow.on() is spring.on() is spring
+    assert elbow.on("elbow", "wrist") is spring.on("elbow", "wrist")
+
+
+def test_two_models_alike_share_what_was_derived():
+    one, other = (pendulum_model(0.4, 0.08).with_effect(CATALOGUE["linear_drag"]) for _ in range(2))
+    assert one.system is other.system
+
+
+EXAMPLE = Path(__file__).parents[3] / "examples/my_effects.py"
+
+
+def test_the_documented_example_simulates_and_has_derivatives():
+    (magnet,) = load_effects(EXAMPLE)
+    model = pendulum_model(0.368, 0.08, [magnet]).with_values({"initial_angle": 0.2})
+    t = np.arange(0.0, 1.0, 0.01)
+    run = Run("a.csv", {"load_force": Channel(t, 0 * t, "N")})
+    prediction = model.predict(run, model.theta())
+    column = prediction.sensitivities[:, model.names.index("magnet.strength")]
+    assert np.max(np.abs(column)) > 0.1
+
+
+def test_name_and_stage_are_those_of_the_function_where_they_are_not_given():
+    @effect(summary="a spring across the hinge", source="Hooke 1678")
+    def hinge_spring(string, stiffness=quantity("N m/rad", typical=0.01)):
+        return string.with_torque(-stiffness * string.angle)
+
+    @effect("slow", "sensor", summary="", source="")
+    def named_otherwise(it, time=quantity("s", typical=0.01)):
+        return it.with_lag(time)
+
+    assert (hinge_spring.name, hinge_spring.acts_on) == ("hinge_spring", "string")
+    assert (named_otherwise.name, named_otherwise.acts_on) == ("slow", "sensor")
+    names = pendulum_model(0.3, 0.1, [hinge_spring, named_otherwise]).names
+    assert names[-2:] == ("hinge_spring.stiffness", "slow.time")

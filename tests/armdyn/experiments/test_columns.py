@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from derivatives import assert_jacobian
 from hidden_effects import arm as hidden_arm
 
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states
-from armdyn.experiments.series import AxisMotion
+from armdyn.experiments.criteria import Conditioned, Determined, Hidden, Separated
+from armdyn.experiments.series import LONGEST_PERIOD, AxisMotion, Series
 
 
 def extended(model, effects):
@@ -79,3 +81,112 @@ def test_a_delay_is_refused_in_one_line(shoulder, effects):
     with pytest.raises(InputError, match="depends on what was before") as caught:
         extended(shoulder, effects("torque_delay")).at(random_states(shoulder.arm, 2))
     assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def coefficients():
+    return lambda series: np.random.default_rng(3).standard_normal((2, series.size))
+
+
+@pytest.mark.parametrize("seconds", [2.0, 7.3, 20.0, 50.0])
+def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds, coefficients):
+    series = Series(seconds)
+    ends = series.motion(coefficients(series), np.array([0.0, seconds]))
+    inside = series.motion(coefficients(series), np.linspace(0.0, seconds, 200))
+    assert np.abs(ends.v).max() < 1e-9 * np.abs(inside.v).max()
+    assert np.abs(ends.a).max() < 1e-9 * np.abs(inside.a).max()
+    assert ends.q[0] == pytest.approx(ends.q[1])
+
+
+def test_velocity_and_acceleration_are_the_derivatives_of_position(coefficients):
+    series = Series(20.0)
+    time, h = np.linspace(0.5, 19.0, 60), 1e-4
+    x = coefficients(series)
+    before, here, after = (series.motion(x, time + k * h) for k in (-1, 0, 1))
+    assert here.v == pytest.approx((after.q - before.q) / (2 * h), abs=1e-5)
+    assert here.a == pytest.approx((after.v - before.v) / (2 * h), abs=1e-4)
+
+
+def test_a_long_motion_repeats_a_period(coefficients):
+    series = Series(50.0)
+    assert series.period <= LONGEST_PERIOD
+    time = np.linspace(0.0, 5.0, 20)
+    x = coefficients(series)
+    assert series.motion(x, time + series.period).q == pytest.approx(series.motion(x, time).q)
+
+
+def test_few_harmonics_hold_no_higher_frequency(coefficients):
+    series = Series(20.0)
+    x = coefficients(series) @ series.low(5)
+    samples = series.motion(x, series.period * np.arange(256) / 256).q
+    power = np.abs(np.fft.rfft(samples, axis=0)) ** 2
+    assert power[6:].max() < 1e-18 * power.max()
+    ends = series.motion(x, np.zeros(1))
+    assert np.abs([ends.v, ends.a]).max() < 1e-9
+
+
+P = 7
+
+
+RNG = np.random.default_rng(0)
+
+
+ROWS = RNG.standard_normal((30, P)) * np.linspace(1.0, 4.0, P)
+
+
+PRIOR = np.array([10.0, 10.0, 2.0, np.inf, 10.0, 1.0, 10.0])
+
+
+HIDDEN = (
+    Hidden("a", "j", "b", np.array([0, 1]), np.array([2, 3, 6]), np.eye(2)),
+    Hidden("b", "j", "a", np.array([2, 3]), np.array([0, 1, 6]), np.array([[0.6], [0.8]])),
+)
+
+
+CRITERIA = {
+    "determined": Determined(np.array([0, 3, 5]), PRIOR),
+    "separated": Separated(HIDDEN, PRIOR),
+    "conditioned": Conditioned(np.array([0, 1, 3, 4]), np.linspace(0.5, 2.0, P)),
+}
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_derivatives_are_exact(name):
+    criterion = CRITERIA[name]
+    _, slopes = criterion(ROWS.T @ ROWS)
+    assert slopes == pytest.approx(slopes.T)
+
+    def of_rows(flat):
+        X = flat.reshape(ROWS.shape)
+        return np.array([criterion(X.T @ X)[0]])
+
+    assert_jacobian(of_rows, ROWS.ravel(), (2.0 * ROWS @ slopes).ravel()[None], 1e-3, 1e-5)
+
+
+def test_determined_is_the_mean_logarithm_of_the_standard_deviations_of_a_fit():
+    """Of one unknown alone: that of the least-squares problem with the priors as further rows."""
+    wanted, prior = 4, np.full(P, 3.0)
+    whole = np.vstack([ROWS, np.diag(1.0 / prior)])
+    variance = np.linalg.inv(whole.T @ whole)[wanted, wanted]
+    value, _ = Determined(np.array([wanted]), prior)(ROWS.T @ ROWS)
+    assert value == pytest.approx(0.5 * np.log(variance))
+
+
+def test_a_separation_is_what_a_refit_of_the_rival_leaves():
+    """Brute force: the hidden change as data, the rival and the nuisance fitted to it with their priors."""
+    case = HIDDEN[0]
+    left = case.left(ROWS.T @ ROWS, PRIOR)
+    for change in (np.array([1.0, 0.0]), np.array([-0.3, 2.0])):
+        X = np.vstack([ROWS[:, case.fitted], np.diag(1.0 / PRIOR[case.fitted])])
+        data = np.concatenate([ROWS[:, case.own] @ change, np.zeros(len(case.fitted))])
+        refit, *_ = np.linalg.lstsq(X, data, rcond=None)
+        assert float(np.sum((data - X @ refit) ** 2)) == pytest.approx(change @ left @ change)
+    angles = np.linspace(0.0, np.pi, 400)
+    smallest = min(d @ left @ d for d in np.column_stack([np.cos(angles), np.sin(angles)]))
+    assert case.separation(ROWS.T @ ROWS, PRIOR) == pytest.approx(smallest, rel=1e-3)
+
+
+def test_conditioned_is_the_condition_number_of_the_regression():
+    case = CRITERIA["conditioned"]
+    X = ROWS[:, case.independent] / case.typical[case.independent]
+    assert case(ROWS.T @ ROWS)[0] == pytest.approx(np.log(np.linalg.cond(X)))

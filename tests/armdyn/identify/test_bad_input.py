@@ -18,19 +18,6 @@ def changed(old, new, count=1):
     return GOOD.replace(old, new, count)
 
 
-BAD_RUNS = {
-    "unknown unit": (changed("[N]", "[banana]"), "banana"),
-    "wrong dimension": (changed("load_force [N]", "load_force [kg]"), "another kind"),
-    "no time": (changed("time [s]", "swing_angle [rad]"), "time"),
-    "nothing to predict": (changed("load_force [N]", "gripper_v [m/s]"), "nothing to compare"),
-    "time goes back": ("".join([*LINES[:5], LINES[3], *LINES[5:]]), "time does not increase"),
-    "all missing": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",nan\n" for line in LINES[1:]), "no number"),
-    "constant": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",0.8\n" for line in LINES[1:]), "throughout"),
-    "two samples": ("".join(LINES[:3]), "samples"),
-    "huge values": (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",1e9\n" for line in LINES[1:]), "beyond"),
-    "cut off": (GOOD[:-12], "cut off"),
-}
-
 BROKEN = """
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
@@ -50,22 +37,29 @@ def place(tmp_path):
     return tmp_path
 
 
-def refused(result, expected, place, before):
-    status, out, err = result
-    assert status == 2, err
-    assert err.strip().count("\n") == 0
-    assert expected in err
-    assert sorted(p.name for p in place.iterdir()) == before
-    assert out == ""
+@pytest.fixture
+def nothing_written(refused, place):
+    """The one line of bad input to a command that leaves the folder as it was."""
+
+    def said(*arguments):
+        before = sorted(p.name for p in place.iterdir())
+        line = refused(*arguments)
+        assert sorted(p.name for p in place.iterdir()) == before
+        return line
+
+    return said
 
 
-@pytest.mark.parametrize("case", BAD_RUNS)
-def test_a_bad_recording_is_refused(armdyn, place, case):
-    text, expected = BAD_RUNS[case]
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (changed("load_force [N]", "gripper_v [m/s]"), "nothing to compare"),
+        (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",0.8\n" for line in LINES[1:]), "throughout"),
+    ],
+)
+def test_a_bad_recording_is_refused(nothing_written, place, text, expected):
     (place / "bad.csv").write_text(text)
-    before = sorted(p.name for p in place.iterdir())
-    result = armdyn("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-")
-    refused(result, expected, place, before)
+    assert expected in nothing_written("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-")
 
 
 @pytest.mark.parametrize(
@@ -81,10 +75,9 @@ def test_a_bad_recording_is_refused(armdyn, place, case):
         ("effects = []\n", "there is no base"),
     ],
 )
-def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
+def test_a_bad_model_file_is_refused(nothing_written, place, model, expected):
     (place / "m.toml").write_text(model)
-    before = sorted(p.name for p in place.iterdir())
-    refused(armdyn("compare", "m.toml", "good.csv"), expected, place, before)
+    assert expected in nothing_written("compare", "m.toml", "good.csv")
 
 
 @pytest.mark.parametrize(
@@ -93,7 +86,6 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
         (("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"), "held-out run"),
         (("diagnose", "m.toml", "."), "is a directory"),
         (("diagnose", "m.toml", "absent.csv"), "no such file"),
-        (("add", "m.toml", "linear_dragg", "good.csv"), "did you mean 'linear_drag'"),
         (("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"), "no directory"),
         (("repair", "m.toml", "good.csv", "--output", "good.csv"), "is an input"),
         (("compare", "m.toml", "good.csv", "--report", "m.toml"), "is an input"),
@@ -108,14 +100,12 @@ def test_a_bad_model_file_is_refused(armdyn, place, model, expected):
         (("new", "pendulum", "good.csv"), "no model file"),
         (("new", "pendulum", "n.toml", "--set", "mass=80"), "has no unit"),
         (("new", "pendulum", "n.toml", "--set", "masss=80 g"), "did you mean 'mass'"),
-        (("new", "arm", "n.toml"), "one of --urdf"),
         (("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"), "right_s7"),
         (("effects", "--effects", "absent.py"), "no such file"),
     ],
 )
-def test_bad_arguments_are_refused(armdyn, place, arguments, expected):
-    before = sorted(p.name for p in place.iterdir())
-    refused(armdyn(*arguments), expected, place, before)
+def test_bad_arguments_are_refused(nothing_written, arguments, expected):
+    assert expected in nothing_written(*arguments)
 
 
 def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, place):

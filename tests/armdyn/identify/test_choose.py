@@ -1,13 +1,17 @@
 """What a search puts first, where the model's own error is left."""
 
+from types import SimpleNamespace
 from types import SimpleNamespace as Plain
 
 import numpy as np
 import pytest
 
+from armdyn.experiments.rivals import tied_sets
+from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.choose import best_set
-from armdyn.identify.search import without_little
+from armdyn.identify.search import Search, without_little
 from armdyn.identify.summed import Summed
+from armdyn.identify.way import Step
 
 
 class Set(Plain):
@@ -17,6 +21,8 @@ class Set(Plain):
 
 
 LIMITED = Plain(complete=False)
+
+
 NOTHING = Plain(overall=1.0)
 
 
@@ -80,3 +86,27 @@ def test_the_way_ends_where_each_further_value_lowers_the_error_by_little(left, 
     ]
     study = Plain(asked=asked, squared_error=lambda fit: fit.left, is_at_noise=lambda fit: fit.left < 0.2)
     assert without_little(study, steps) == steps[:kept]
+
+
+def on(effect, *joints):
+    return Candidate.of(effect, {joint: (f"{effect}.size[{joint}]",) for joint in joints})
+
+
+@pytest.fixture
+def found():
+    """Dry friction on a shoulder and then on an elbow, each with a rival; what came between is gone at the end."""
+    dry = on("dry", "shoulder"), on("dry", "elbow")
+    ends = [(), (dry[0],), (dry[0], on("offset", "elbow")), merged(dry)]
+    added = [(), (dry[0],), (on("offset", "elbow"),), (dry[1],)]
+    ties = [(), (on("viscous", "shoulder"),), (on("drift", "elbow"),), (on("viscous", "elbow"), on("dry", "shoulder"))]
+    return Search(tuple(Step(a, t, e, None, None) for a, t, e in zip(added, ties, ends, strict=True)))
+
+
+def test_ties_of_joints_that_came_one_after_the_other_are_kept(found):
+    assert set(found.tied) == {on("viscous", "shoulder"), on("viscous", "elbow")}
+
+
+def test_a_rival_takes_the_place_of_what_it_is_tied_with_on_its_joint_only(found):
+    chosen, *rivals = tied_sets(SimpleNamespace(search=found))
+    assert chosen == (on("dry", "shoulder", "elbow"),)
+    assert rivals == [(on("dry", "elbow"), on("viscous", "shoulder")), (on("dry", "shoulder"), on("viscous", "elbow"))]

@@ -118,12 +118,6 @@ def test_two_frictions_that_imitate_a_third_are_found():
     assert found.verdict is Verdict.EXPLAINED
 
 
-def test_a_rub_on_one_side_is_in_no_catalogue():
-    found = diagnose(study_of(recordings(hidden={"one_sided_rub": 4e-3})))
-    assert found.verdict is Verdict.UNKNOWN_EFFECT
-    assert "nothing in the catalogue explains it" in found.sentence
-
-
 def test_a_set_of_which_one_effect_is_wrong_is_promised_the_right_exchange():
     study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
     by_name = {c.effect: c for c in study.candidates}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.arm import generate
+from hidden_effects.arm import generate, true_parameters
 from hidden_effects.pendulum import Setup, record, weighed
 
 from armdyn.arm.model import arm_model
@@ -12,14 +12,17 @@ from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.holdout import HoldoutKind
+from armdyn.identify.noise import variance_inflation
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
+from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 
-EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
 HIDDEN = {"quadratic_drag": 0.02}
-DRAG = find("quadratic_drag", EFFECTS)
+
+
+DRAG = CATALOGUE["quadratic_drag"]
 
 
 def recordings(seed=7, **settings):
@@ -29,7 +32,7 @@ def recordings(seed=7, **settings):
 
 
 def study_of(runs, held_out=(), exam=()):
-    return Study(pendulum_model(0.35, 0.1), runs, held_out, EFFECTS, exam)
+    return Study(pendulum_model(0.35, 0.1), runs, held_out, [DRAG], exam)
 
 
 def test_the_exam_error_falls_with_the_right_effect_and_everything_else_stays():
@@ -78,3 +81,42 @@ def test_an_arm_without_unknowns_is_predicted_in_turn():
     model = arm_model(robot="baxter")
     study = Study(model, [generate((), 1.0, 0, recording=k) for k in range(2)], [], [])
     assert len(study.held_out_blocks(study.first())) == 2 * len(model.predicted_channels(study.runs[0]))
+
+
+def errors(hidden, extra, seed):
+    """Errors of the fitted values over standard deviations: those of least squares in whitened noise, and ours."""
+    runs = [generate((hidden, *extra), 1.0, seed, recording=k) for k in range(2)]
+    study = Study(arm_model(robot="baxter").with_effect(find(hidden)), runs, [], [])
+    fit = study.first()
+    true = true_parameters(hidden, 1.0)
+    wrong = np.array([fit.values[i] - true[fit.problem.columns[i].name] for i in np.flatnonzero(fit.free)])
+    known = uncertainty(study, fit)
+    covariances = whitened_covariance(fit), known.covariance
+    return known, *(np.abs(wrong) / np.sqrt(np.diag(c)[fit.free]) for c in covariances)
+
+
+def test_noise_alone_changes_no_interval():
+    known, whitened, ours = errors("rotor_inertia", (), 0)
+    assert known.widened == 1.0
+    np.testing.assert_array_equal(whitened, ours)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_model_error_that_the_catalogue_lacks_is_counted_in(seed):
+    # The measured coverage is in docs/repair.md.
+    known, whitened, ours = errors("rotor_inertia", ("backlash_spring",), seed)
+    assert known.widened > 10.0
+    assert np.mean(whitened < 3.0) < 0.5
+    assert np.mean(ours < 3.0) > 0.8
+
+
+def test_a_mean_of_correlated_errors_is_as_uncertain_as_the_inflation_says():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((2000, 600))
+    for k in range(1, noise.shape[1]):
+        noise[:, k] += 0.7 * noise[:, k - 1]
+    means = noise.mean(axis=1)
+    factors = [variance_inflation([row]) for row in noise[:200]]
+    assert np.mean(factors) / 600 == pytest.approx(np.var(means), rel=0.2)
+    assert variance_inflation([rng.standard_normal(5000)]) == pytest.approx(1.0, abs=0.2)
+    assert variance_inflation([np.zeros(50)]) == 0.0

@@ -10,13 +10,11 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.force_law import SQUARE, STEP, VISCOUS, law
 from armdyn.identify.missing_force import INDEPENDENT, Unexplained, between, curves, pooled
-from armdyn.identify.repair import add, repair
+from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
-from pipeline.answers import comparison_answer, diagnosis_answer, repair_answer
 
 FRICTION, JOINT, SEED = 1.2, "right_e1", 5
-KEYS = {"run", "joint", "unit", "against", "x", "as_given", "std", "repaired"}
 OUTSIDE = 3.5
 """Standard errors that none of a few hundred points should reach by chance alone."""
 
@@ -196,28 +194,6 @@ def test_what_an_effect_explains_is_its_law_without_the_noise(study):
     moving = np.abs(curve.x) > 0.2
     given, drawn = (np.abs(y - FRICTION * np.sign(curve.x))[moving].max() for y in (curve.as_given, curve.law))
     assert drawn < 0.02 < given
-
-
-def test_the_answers_hold_it_as_the_contract_says(study, repaired):
-    answers = [
-        (comparison_answer(study, compare(study)), False),
-        (diagnosis_answer(study, diagnose(study)), True),
-        (repair_answer(repaired), True),
-        (repair_answer(add(study, [CATALOGUE["joint_coulomb_friction"]])), True),
-    ]
-    for answer, mended in answers:
-        entries = answer["missing_force"]
-        assert {entry["joint"] for entry in entries} == set(JOINTS)
-        assert {entry["run"] for entry in entries} == {run.name for run in study.runs}
-        assert {entry["against"] for entry in entries} == {"speed", "position", "acceleration", "load", "time"}
-        for entry in entries:
-            assert set(entry) == KEYS
-            assert entry["unit"] == "N m"
-            assert 8 <= len(entry["x"]) <= 64
-            assert len(entry["x"]) == len(entry["as_given"]) == len(entry["std"])
-            assert (entry["repaired"] is not None) == mended
-            if mended:
-                assert len(entry["repaired"]) == len(entry["x"])
 
 
 def test_a_data_frame_holds_every_point(study, repaired):

@@ -168,11 +168,9 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
 
 
 @pytest.mark.usefixtures("lab")
-def test_another_batch_in_the_same_folder_is_refused(armdyn):
+def test_another_batch_in_the_same_folder_is_refused(refused):
     with own_folder(Path("out"), Path("out")):
-        status, _, err = armdyn(*BATCH)
-    assert status == 2
-    assert "another batch writes to out: wait for it" in err
+        assert "another batch writes to out: wait for it" in refused(*BATCH)
 
 
 def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted(lab):

@@ -33,29 +33,6 @@ def answer(armdyn, *arguments):
     return json.loads(out)
 
 
-def test_two_rivals_get_a_motion_that_check_finds_feasible(armdyn, files):
-    found = answer(
-        armdyn, files / "model.toml", files / "pivot_viscous_friction.csv", "--rivals",
-        "pivot_viscous_friction,linear_drag", "--seconds", 5, "--output", "motion.csv", "--report", "next.html",
-    )  # fmt: skip
-    assert found["schema"] == "armdyn.next/1"
-    assert set(found["rivals"]) == {"pivot_viscous_friction", "linear_drag"}
-    motion = next(e for e in found["experiments"] if e["kind"] == "motion")
-    assert motion["output"] == "motion.csv"
-    assert motion["separation"] > 3.0
-    assert motion["peak"]["a"] <= 2.0
-    assert motion["peak"]["x"] <= 0.15
-    kinds = [e["kind"] for e in found["experiments"]]
-    assert {"mass", "length", "angle_sensor", "measure", "rest"} <= set(kinds)
-    assert "turn" not in kinds  # nothing here belongs to the room
-    probabilities = [e["probability"] for e in found["experiments"]]
-    assert probabilities == sorted(probabilities, reverse=True)
-    assert "Which experiment" in Path("next.html").read_text()
-    status, out, _ = armdyn("check", "motion.csv", "--json", "-")
-    assert status == 0
-    assert json.loads(out)["feasible"]
-
-
 def test_limits_of_ones_own_rig_are_kept_and_no_other_robot_is_asked(armdyn, files):
     """0.3 m to the side is more than Baxter's line has on that side, and 1 m/s^2 less than it may."""
     limits = ("--travel", 0.3, "--speed", 0.5, "--acceleration", 1.0, "--swing", 0.4)

@@ -1,6 +1,7 @@
 """Whatever a joint is called, a file made of it says that name and does nothing else."""
 
 import ast
+import json
 import subprocess
 import tempfile
 import tomllib
@@ -12,15 +13,18 @@ from xml.sax.saxutils import quoteattr
 import mujoco
 import numpy as np
 import pytest
+from hidden_effects.arm import generate
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from armdyn.arm.model import arm_model
 from armdyn.codegen import compiler
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.model_file import ModelFile, model_text, write_model_file
+from armdyn.identify.study import Study
+from armdyn.model_file import ModelFile, base_pendulum, model_text, read_model_file, write_model_file
 from armdyn.quoting import c_comment, identifier, one_line, python_docstring, toml_string
 from pipeline.exports.functions import c_text, functions_of, python_text
+from pipeline.exports.left_out import left_out
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.urdf_file import urdf_text
 
@@ -28,13 +32,21 @@ URDF = """<robot name="toy"><link name="base"/><link name="l"><inertial><mass va
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name={name} type="revolute"><parent link="base"/><child link="l"/><axis xyz="1 0 0"/>
 <limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
+
+
 ATTACKS = (
     '*/ int evil(void) { return 1; } /*', '"""\nimport os\n"""', '"""; import os; """', "\\", '\\"""', "a\\", "*\\/",
     "*??/", "/*", "//", "#include <evil.h>", "</script><script>evil()</script>", "<img src=x onerror=evil()>",
     "']; evil() #", '"\n[evil]\n', "${evil}", "{evil}", "%n", "é😀", "]]>", "-->", "& ", "a[b]", "x" * 200,
 )  # fmt: skip
+
+
 LETTERS = "".join(ATTACKS) + "\x00\x1b\x7f\r\t\u2028\u202e\ud800"
+
+
 names = st.text(LETTERS, min_size=1, max_size=40) | st.sampled_from(ATTACKS)
+
+
 shown = (st.sampled_from(ATTACKS) | names).filter(lambda name: name.isprintable() and name.strip() and len(name) <= 200)
 
 
@@ -137,3 +149,69 @@ def test_a_report_of_any_joint_name_holds_no_element_of_it(name, tmp_path, armdy
     found = Elements((tmp_path / "a.html").read_text(encoding="utf-8"))
     assert not found.tags & {"img", "iframe", "object", "embed", "link", "base"}
     assert not {attribute for attribute in found.attributes if attribute.startswith("on")}
+
+
+OFFSET = "torque_offset"
+
+
+def repaired(file, offset):
+    """A model file with an offset and a spring, as a repair leaves it."""
+    model = arm_model(robot="ur5").with_effect(CATALOGUE["joint_spring"]).with_effect(CATALOGUE[OFFSET])
+    joint = f"tau.{model.joints[1]}"
+    history = (
+        {"added": "joint_spring", "rmse": {joint: 1.0}, "contribution": {joint: 9.0}, "as_given_rmse": {joint: 10.0}},
+        {"added": OFFSET, "rmse": {joint: 0.1}, "contribution": {joint: offset}},
+    )
+    write_model_file(file, ModelFile(model, {"robot": "ur5", "joints": list(model.joints)}, history))
+    return joint
+
+
+@pytest.mark.parametrize(("offset", "status"), [(0.4, 0), (0.6, 1)])
+def test_more_than_a_twentieth_of_what_the_repair_removed_is_not_left_out_without_asking(
+    tmp_path, armdyn, offset, status
+):
+    exported, answer = tmp_path / "m.xml", tmp_path / "a.json"
+    joint = repaired(tmp_path / "m.toml", offset)
+    asked = ("export", str(tmp_path / "m.toml"), "--output", str(exported))
+    assert armdyn(*asked, "--json", str(answer))[0] == status
+    assert exported.exists() is (status == 0)
+    said = json.loads(answer.read_text())
+    assert said["error"] == {joint: offset}
+    assert said["share_of_removed_error"] == pytest.approx(offset / 10.0, rel=1e-2)
+    again, out, _ = armdyn(*asked, "--force")
+    assert again == 0
+    assert exported.exists()
+    assert f"{offset:g} N m on {joint[4:]}" in out
+
+
+def test_a_file_that_holds_everything_leaves_nothing_out(tmp_path):
+    repaired(tmp_path / "m.toml", 5.0)
+    file = read_model_file(tmp_path / "m.toml")
+    assert left_out(file, {"joint_spring", OFFSET}) is None
+    assert left_out(file, {OFFSET}).total == pytest.approx(9.0)
+
+
+def test_what_an_offset_does_is_the_offset():
+    baxter = arm_model(
+        robot="baxter", joints=["right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2"]
+    )
+    study = Study(baxter.with_effect(CATALOGUE[OFFSET]), [generate(OFFSET, 1.0, 3)], [], [])
+    fit = study.first()
+    for channel, value in fit.contribution([OFFSET]).items():
+        offset = fit.values[list(fit.problem.of([f"{OFFSET}.torque[{channel[4:]}]"])).index(True)]
+        assert value == pytest.approx(abs(offset), rel=1e-6)
+        assert np.isfinite(value)
+
+
+def test_a_pendulums_functions_owe_nothing_to_its_sensors(tmp_path, armdyn):
+    model = base_pendulum().with_effect(CATALOGUE["sensor_bias"])
+    entry = {
+        "added": "sensor_bias",
+        "rmse": {},
+        "contribution": {"load_force": 1.0},
+        "as_given_rmse": {"load_force": 1.0},
+    }
+    write_model_file(tmp_path / "p.toml", ModelFile(model, {}, (entry,)))
+    status, out, _ = armdyn("export", "p.toml", "--output", "p.py")
+    assert status == 0
+    assert "sensor_bias" in out

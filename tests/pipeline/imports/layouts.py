@@ -24,10 +24,7 @@ PER = {"q": "", "v": "/s", "a": "/s^2"}
 def robot(
     names: Sequence[str], others: Sequence[str] = (), grippers: Sequence[str] = (), slides: bool = False
 ) -> Joints:
-    ranges = {
-        name: Range(slides, -0.5 if slides else -6.3, 0.5 if slides else 6.3, EFFORTS[min(i, 6)])
-        for i, name in enumerate(names)
-    }
+    ranges = {name: Range(slides, 0.5 if slides else 6.3, EFFORTS[min(i, 6)]) for i, name in enumerate(names)}
     return Joints(tuple(names), tuple(others), tuple(grippers), ranges)
 
 

@@ -153,6 +153,62 @@ def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
     np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
 
 
+def write_json_mcap(path, *messages):
+    """Messages of (topic, s since 1970, content)."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="", library="a test")
+        channels = {topic: writer.register_channel(topic, "json", 0) for topic in dict.fromkeys(m[0] for m in messages)}
+        odd = writer.register_channel("/odd", "protobuf", 0)
+        writer.add_message(odd, 0, b"?", 0)
+        for topic, time, content in messages:
+            writer.add_message(channels[topic], round(1e9 * time), json.dumps(content).encode(), round(1e9 * time))
+        writer.finish()
+    return path
+
+
+def test_of_any_message_every_number_that_is_recorded_often_enough_is_a_column(tmp_path):
+    many = [
+        ("/a", START + 0.1 * i, {"x": [i, {"y": -i}], "on": i > 5, "image": [0] * 65, "says": "x"}) for i in range(10)
+    ]
+    again = [("/a", START + 0.5, {"x": [99, {"y": 99}], "on": True})]  # published twice
+    few = [("/few", START + i, {"x": 1.0}) for i in range(9)]
+    (foreign,) = read_foreign(write_json_mcap(tmp_path / "a.mcap", *many, *again, *few))
+    assert list(foreign.columns) == ["/a/x/0", "/a/x/1/y", "/a/on"]
+    np.testing.assert_array_equal(foreign.columns["/a/x/1/y"].value, -np.arange(10.0))
+    np.testing.assert_allclose(foreign.columns["/a/x/0"].time, START + 0.1 * np.arange(10))
+    np.testing.assert_array_equal(foreign.columns["/a/on"].value, np.arange(10) > 5)
+    assert foreign.notes == (
+        "messages of another encoding left out: /odd (protobuf)",
+        "fewer than 10 samples: /few/x: left out",
+    )
+
+
+@pytest.mark.parametrize("names", [("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"), ("a", "b", "c")])
+def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_measurement(names, tmp_path):
+    store, zero = get_typestore(Stores.ROS1_NOETIC), np.zeros(3)
+    kind = store.types["sensor_msgs/msg/JointState"]
+    with Writer1(tmp_path / "a.bag") as writer:
+        for topic, count in (("/short", 12), ("/long", 15)):
+            connection = writer.add_connection(topic, kind.__msgtype__, typestore=store)
+            for i in range(count):
+                stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)  # not stamped
+                header = store.types["std_msgs/msg/Header"](seq=i, stamp=stamp, frame_id="")
+                message = kind(header=header, name=list(names), position=zero + i, velocity=zero, effort=zero - 1)
+                raw = store.serialize_ros1(message, kind.__msgtype__)
+                writer.write(connection, round(1e9 * (START + 0.1 * i)), raw)
+    (foreign,) = read_foreign(tmp_path / "a.bag")
+    used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
+    assert used == {
+        f"{q}.{n}": f"/long/{field}/{n}" for field, q in (("position", "q"), ("effort", "tau")) for n in names
+    }
+    assert len(foreign.columns) == 12
+    np.testing.assert_allclose(foreign.columns[f"/long/position/{names[0]}"].time, START + 0.1 * np.arange(15))
+    assert sum("/long/position/" in note and "has more samples" in note for note in foreign.notes) == 3
+    assert any(note.startswith("nothing but zeros: /short/velocity/") and "2 more" in note for note in foreign.notes)
+    assert any("UR's drivers" in note for note in foreign.notes) == (names[0] != "a")
+
+
 def test_a_recording_of_armdyn_needs_no_import(tmp_path):
     recorder = Recorder(tmp_path / "a.mcap", {"load_force": "N"})
     for t in TIME:

@@ -52,13 +52,11 @@ def mapped(tmp_path, text):
     return read_map(path)
 
 
-def test_a_mapping_converts_degrees_signs_offsets_gears_and_currents(german, tmp_path, joints):
+def test_a_mapping_makes_a_run_of_a_spreadsheet_with_what_goes_beside_it(german, tmp_path, joints):
     (foreign,) = read_foreign(german)
     run = run_of(foreign, mapped(tmp_path, MAP))
-    q, v, tau = joints
-    np.testing.assert_allclose(run.channels["q.shoulder"].value, q[:, 0], atol=1e-7)
+    q, _, tau = joints
     np.testing.assert_allclose(run.channels["q.elbow"].value, np.pi / 2 - q[:, 1], atol=1e-7)
-    np.testing.assert_allclose(run.channels["v.shoulder"].value, v[:, 0] / 2, atol=1e-7)
     np.testing.assert_allclose(run.channels["tau.shoulder"].value, tau[:, 0], atol=1e-5)
     np.testing.assert_allclose(run.channels["q.shoulder"].time, TIME, atol=1e-6)
     assert run.known["mass"].value == pytest.approx(0.08)
@@ -127,41 +125,29 @@ def test_a_guess_finds_degrees_milliseconds_currents_and_the_robots_names(german
     assert run_of(foreign, again).joints == ("base_to_upper", "upper_to_lower")
 
 
-@pytest.mark.parametrize(
-    ("labels", "scale", "joint", "unit"),
-    [
-        (("actual_q_0", "actual_qd_0", "actual_current_0"), 1.0, "joint_0", "rad"),  # Universal Robots' RTDE
-        (("q0", "dq0", "tau_J0"), 1.0, "joint_0", "rad"),
-        (("joint_elbow/pos", "joint_elbow/vel", "joint_elbow/effort"), 180 / np.pi, "elbow", "deg"),
-        (("Joint 3 Position", "Joint 3 Velocity", "Joint 3 Torque"), 180 / np.pi, "joint_3", "deg"),
-    ],
-)
-def test_common_names_are_understood(labels, scale, joint, unit, tmp_path, joints):
-    q, v, tau = joints
-    table = np.column_stack([TIME, scale * q[:, 0], scale * v[:, 0], tau[:, 0]])
-    path = tmp_path / "a.csv"
-    np.savetxt(path, table, delimiter=",", header=",".join(["timestamp", *labels]), comments="")
-    (foreign,) = read_foreign(path)
-    found = guess_map([foreign])
-    assert (found.time, found.time_unit) == ("timestamp", "s")
-    entries = [found.entries[label] for label in labels]
-    assert [entry.channel for entry in entries] == [f"q.{joint}", f"v.{joint}", f"tau.{joint}"]
-    assert [entry.unit for entry in entries[:2]] == [unit, f"{unit}/s"]
-
-
-def test_a_parquet_file_of_channels_needs_no_mapping(tmp_path, joints):
+def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints):
     path = tmp_path / "a.parquet"
     stamps = np.datetime64("2026-01-01") + (TIME * 1e9).astype("timedelta64[ns]")
-    parquet.write_table(pyarrow.table({"time": stamps, "q.a [deg]": np.rad2deg(joints[0][:, 0])}), path)
+    lists = [list(row) if i != 7 else None for i, row in enumerate(joints[0])]
+    table = {"time": stamps, "q.a [deg]": np.rad2deg(joints[0][:, 0]), "both": lists, "says": ["x"] * len(TIME)}
+    parquet.write_table(pyarrow.table(table), path)
     (foreign,) = read_foreign(path)
+    assert list(foreign.columns) == ["time", "q.a", "both/0", "both/1"]
+    assert foreign.notes == ("'says' holds no numbers: left out",)
+    np.testing.assert_array_equal(
+        foreign.columns["both/1"].value, np.where(np.arange(300) == 7, np.nan, joints[0][:, 1])
+    )
     run = run_of(foreign, known_columns(foreign))
     np.testing.assert_allclose(run.channels["q.a"].value, joints[0][:, 0])
     np.testing.assert_allclose(run.channels["q.a"].time, TIME, atol=1e-9)
+    parquet.write_table(pyarrow.table(table)[:0], path)
+    with pytest.raises(InputError, match="holds no row"):
+        read_foreign(path)
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
-    """Positions in degrees under LeRobot's names, currents as a feature of its own; two episodes."""
+@pytest.mark.parametrize(("version", "stamped"), [(2, True), (3, True), (3, False)])
+def test_episodes_of_a_lerobot_data_set(version, stamped, tmp_path, joints):
+    """Positions in degrees under LeRobot's names, currents as a feature; two episodes, with stamps or frames."""
     names = ["shoulder_pan.pos", "elbow_flex.pos"]
     (tmp_path / "meta").mkdir()
     features = {
@@ -176,7 +162,7 @@ def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
             "observation.state": [list(row) for row in np.tile(np.rad2deg(q), (2, 1))],
             "observation.current": [list(row) for row in np.tile(tau, (2, 1))],
             "action": [list(row) for row in np.zeros((600, 2))],
-            "timestamp": np.tile(TIME, 2).astype(np.float32),
+            **({"timestamp": np.tile(TIME, 2).astype(np.float32)} if stamped else {}),
             "frame_index": np.tile(np.arange(300), 2),
             "episode_index": np.repeat([0, 1], 300),
             "task_index": np.zeros(600, int),
@@ -191,6 +177,7 @@ def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
             parquet.write_table(rows.slice(300 * i, 300), data / f"episode_{i:06d}.parquet")
     recordings = read_foreign(tmp_path)
     assert [r.name for r in recordings] == [f"{tmp_path.name}_episode_{i:06d}" for i in range(2)]
+    assert set(recordings[0].columns) == {"timestamp", *(f"{f}/{n}" for f in features for n in names)}
     found = guess_map(recordings)
     assert {name: entry.channel for name, entry in found.entries.items()} == {
         "observation.state/shoulder_pan.pos": "q.shoulder_pan",
@@ -213,6 +200,8 @@ def test_episodes_of_a_lerobot_data_set(version, tmp_path, joints):
         ("a,b\n1,2\n3\n", "row 3 has 1 cells where the header has 2"),
         ("1,2\n3,4\n", "first row holds numbers"),
         ("a,b\nx,y\n", "no column holds numbers"),
+        ("a,b\n1,2\n3,4..5\n5,6\n", "row 3, column 'b': '4..5' is no number that anything has"),
+        ("a,b\n1,2\n3,1e300\n", "row 3, column 'b'"),
     ],
 )
 def test_a_broken_table_says_what_is_wrong(text, says, tmp_path):
@@ -223,26 +212,25 @@ def test_a_broken_table_says_what_is_wrong(text, says, tmp_path):
     assert says in str(caught.value)
 
 
-def test_time_that_goes_back_is_refused_and_repeated_rows_are_left_out(tmp_path):
-    time = np.array([0.0, 0.1, 0.1, *np.arange(0.2, 2.0, 0.1)])
+def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):
+    rows = [f"{0.1 * i:.1f};{i},5;{'no signal' if i < 3 else i};elbow" for i in range(20)]
     path = tmp_path / "a.csv"
-    for stamps, says in ((time, "1 rows with the time of the row before"), (time[::-1], "goes back")):
-        np.savetxt(path, np.column_stack([stamps, np.sin(stamps)]), delimiter=",", header="time,load_force [N]",
-                   comments="")  # fmt: skip
-        (foreign,) = read_foreign(path)
-        if says.startswith("1"):
-            run = run_of(foreign, known_columns(foreign))
-            assert len(run.channels["load_force"]) == len(time) - 1
-            assert any(says in note for note in run.warnings)
-        else:
-            with pytest.raises(InputError, match=says):
-                run_of(foreign, known_columns(foreign))
+    path.write_text("\n".join(["t;pos (deg);pos (deg);name", *rows]))
+    (foreign,) = read_foreign(path)
+    assert list(foreign.columns) == ["t", "pos", "pos#3"]
+    assert foreign.columns["pos"].unit == "deg"
+    np.testing.assert_array_equal(foreign.columns["pos"].value, np.arange(20) + 0.5)
+    np.testing.assert_array_equal(foreign.columns["pos#3"].value, [*[np.nan] * 3, *range(3, 20)])
+    assert foreign.texts == {"name": "elbow"}
+    assert foreign.notes == (
+        "'pos#3': 3 cells are no numbers ('no signal', 'no signal', 'no signal'): taken as missing",
+        "'name' holds text, such as 'elbow': left out",
+    )
 
 
-def test_of_three_columns_that_are_alike_the_first_is_taken_and_somebody_is_asked(tmp_path, joints):
+def test_time_that_goes_back_is_refused(tmp_path):
     path = tmp_path / "a.csv"
-    table = np.column_stack([TIME, *(k * joints[0][:, 0] for k in (1, 2, 3))])
-    np.savetxt(path, table, delimiter=",", header="time,cart x [m],trolley x [m],carriage x [m]", comments="")
-    ((column, entry),) = guess_map(read_foreign(path)).entries.items()
-    assert (column, entry.channel) == ("cart x", "gripper_x")
-    assert "CHECK: or is it 'trolley x'?" in entry.why
+    path.write_text("time,load_force [N]\n" + "".join(f"{20 - i},{i}\n" for i in range(20)))
+    (foreign,) = read_foreign(path)
+    with pytest.raises(InputError, match="'time' goes back from 20 to 19 s in row 3"):
+        run_of(foreign, known_columns(foreign))

@@ -146,6 +146,22 @@ def test_the_calibration_is_recovered_within_its_stated_deviations(text, scale):
     assert np.mean([f.noise for f in fits]) == pytest.approx(NOISE * abs(scale), rel=0.02)
 
 
+@pytest.mark.parametrize("change", [lambda c: c + 5e4, lambda c: -3.0 * c, lambda c: 0.25 * c])
+def test_a_fit_of_other_counts_is_the_same_fit_in_other_counts_whatever_the_order_of_the_weights(change):
+    rng = np.random.default_rng(2)
+    weights = parse_weights("0 g, 50 g +/- 0.1 g, 100 g, 200 g", G)
+    counts = [NOISE * 20 * rng.standard_normal(200) + w.force / SCALE for w in weights]
+    one = fit_calibration([Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)], "test")
+    other = fit_calibration([Plateau.of(w, change(c)) for w, c in zip(weights[::-1], counts[::-1], strict=True)], "t")
+    zero, slope = change(0.0), change(1.0) - change(0.0)
+    assert other.offset == pytest.approx(zero + slope * one.offset, rel=1e-9)
+    assert other.offset_std == pytest.approx(abs(slope) * one.offset_std, rel=1e-6)
+    assert other.scale == pytest.approx(one.scale / slope, rel=1e-9)
+    assert other.scale_std == pytest.approx(one.scale_std / abs(slope), rel=1e-6)
+    assert other.noise == pytest.approx(one.noise, rel=1e-9)
+    assert other.residuals[::-1] == pytest.approx(one.residuals, rel=1e-6, abs=1e-12)
+
+
 def test_weights_that_are_not_well_known_widen_the_scale_as_they_should():
     weights = parse_weights("0 g, 100 g +/- 0.5 g, 200 g +/- 0.5 g", G)
     z = []
@@ -168,6 +184,24 @@ def test_slow_drift_and_correlated_noise_widen_the_mean():
         z.append((plateau.mean - OFFSET) / plateau.mean_std)
     assert np.mean(np.abs(z) < 3.0) > 0.95
     assert np.std(z) < 1.5
+
+
+@pytest.mark.parametrize(("wild", "refused"), [(20, False), (21, True)])
+def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_is_not(wild, refused):
+    rng = np.random.default_rng(1)
+    counts = OFFSET + NOISE * rng.permutation(np.linspace(-1.4826, 1.4826, 200))  # the median deviation is half of that
+    limit = 5.0 * 1.4826 * np.median(np.abs(counts - np.median(counts)))
+    counts[:wild] = OFFSET + 1.2 * limit
+    counts[100] = OFFSET - 0.9 * limit
+    if refused:
+        with pytest.raises(TaskFailedError, match="21 of 200 samples are far off"):
+            Plateau.of(Weight("x", 1.0), counts)
+    else:
+        plateau = Plateau.of(Weight("x", 1.0), counts)
+        assert (plateau.outliers, plateau.samples) == (20, 180)
+        assert plateau.mean == pytest.approx(counts[wild:].mean())
+        assert plateau.noise == pytest.approx(counts[wild:].std(ddof=1))
+        assert plateau.mean_std == pytest.approx(plateau.noise / np.sqrt(180))
 
 
 def test_a_few_wild_samples_change_nothing():

@@ -14,7 +14,7 @@ LIMITS = baxter_limits()
 
 def test_finish_ends_at_rest_over_the_box():
     move = finish_over_box(LineState(0.13, 0.26, 0.5), 0.46, LIMITS, DT)
-    assert move.start == (0.13, 0.26, 0.5)
+    assert move[0] == (0.13, 0.26, 0.5)
     assert move.end == (0.46, 0.0, 0.0)
 
 

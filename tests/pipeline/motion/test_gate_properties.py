@@ -32,7 +32,7 @@ asked = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(asked, min_size=1, max_size=30))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
     gate = StreamGate(("a", "b"), LIMITS)
@@ -87,7 +87,7 @@ def line_gate(request, robot, table):
     return LineGate(limits, table, Gate(robot.joint_names, robot.limits))
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(stream=references, start=st.floats(-0.3, 0.55))
 def test_no_stream_of_references_that_passes_breaks_a_limit_of_line_or_joints(line_gate, robot, table, stream, start):
     limits, last = line_gate.limits, LineState(start)

@@ -49,7 +49,7 @@ def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name):
     s = INFEASIBLE[name]
     motion = smooth_reference(s, speeds(s), DT, LIMITS)
     targets = [LineState(*map(float, row)) for row in zip(s, speeds(s), 0 * s, strict=True)]
-    smoother = LineSmoother(LIMITS, DT, motion.start)
+    smoother = LineSmoother(LIMITS, DT, motion[0])
     online = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
     assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
 
@@ -58,7 +58,7 @@ def test_start_and_end_are_kept():
     s = np.linspace(0.0, 0.25, TIME.size)
     start, end = LineState(0.02, 0.1, 0.5), LineState(0.3)
     motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
-    assert motion.start == pytest.approx(start, abs=1e-8)
+    assert motion[0] == pytest.approx(start, abs=1e-8)
     assert motion.end == pytest.approx(end, abs=1e-8)
 
 

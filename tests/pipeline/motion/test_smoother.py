@@ -202,7 +202,7 @@ def stays_within(limits: LineLimits, reference: list[LineState], at: float, ahea
 anything = given(limits=lines(), reference=references(), at=st.floats(0.0, 1.0), ahead=st.integers(0, 20))
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @anything
 def test_no_reference_makes_the_tool_exceed_a_limit(limits, reference, at, ahead):
     stays_within(limits, reference, at, ahead)

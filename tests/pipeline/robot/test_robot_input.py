@@ -1,16 +1,11 @@
 import numpy as np
 import pytest
 
-from armdyn.errors import InputError, TaskFailedError, UnknownNameError
+from armdyn.errors import InputError, TaskFailedError
 from pipeline.box import Box
 from pipeline.robot.hidden import HIDDEN_EFFECTS, resolve_hidden
 from pipeline.robot.settings import CellSettings, PlantSettings, ServoSettings
 from pipeline.robot.simulated import SimulatedRobot
-
-
-def test_misspelt_hidden_effect_is_answered_with_the_right_name():
-    with pytest.raises(UnknownNameError, match="did you mean 'quadratic_drag'"):
-        resolve_hidden({"quadratc_drag": None})
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])

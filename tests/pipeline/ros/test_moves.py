@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-import ik
-import urdf
 from armdyn.errors import TaskFailedError
 from pipeline.motion.feasibility import check_joints, check_line
 from pipeline.motion.gate import PERIOD
@@ -13,16 +11,6 @@ from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.trial.moves import JOINT_SPEED, LINE_SPEED, approach, play, postures_along, rehearsal
-
-
-@pytest.fixture(scope="module")
-def baxter():
-    return urdf.load("baxter")
-
-
-@pytest.fixture(scope="module")
-def table(baxter):
-    return ik.default_table(baxter)
 
 
 def test_the_approach_goes_from_where_the_arm_is_to_the_start_slowly_and_is_feasible(baxter, table):

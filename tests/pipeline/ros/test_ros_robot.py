@@ -9,7 +9,6 @@ import pytest
 import pipeline.robot.drivers.ros as ros_module
 import pipeline.ros.master as master_module
 import pipeline.ros.states as states_module
-import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import PERIOD
 from pipeline.robot.drivers.ros import RosRobot
@@ -70,11 +69,6 @@ class SteppedRobot(RosRobot):
             if newest is not None and newest.time > self.arm.time - 1e-6:
                 return
             time.sleep(0.0005)
-
-
-@pytest.fixture(scope="module")
-def baxter():
-    return urdf.load("baxter")
 
 
 @pytest.fixture
@@ -145,13 +139,13 @@ def test_states_are_dated_on_our_clock_and_readings_are_even_and_a_little_behind
     assert 0.0 < robot.time - times[-1] < 0.02 + 1e-9
 
 
-def test_stop_brakes_within_the_limits_and_holds(robot, until):
+def test_stop_brakes_within_the_limits_and_holds(robot, baxter, until):
     stream(robot, 60, speed=0.5)
     robot.stop()
     until(lambda: not robot._braking.is_set())
     path = sent(robot)
     assert path[-1] == path[-10]
-    limits = urdf.load("baxter").limits
+    limits = baxter.limits
     for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
         assert np.all(np.abs(np.diff(path, n=order)) / PERIOD**order <= 1.001 * bound[0])
     # 0.5 rad/s is gone after 0.06 s with half of 20 rad/s^2 and of 1000 rad/s^3.

@@ -5,12 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from armdyn.errors import InputError
 from pipeline.ros.states import EvenTimes, JointStates, StampClock
+from pipeline.ros.topics import CommandKind, positions_in, read_topics, settings_file
 
 BAXTER = [
     "head_nod", "head_pan", "left_e0", "left_e1", "left_s0", "left_s1", "left_w0", "left_w1", "left_w2", "right_e0",
     "right_e1", "right_s0", "right_s1", "right_w0", "right_w1", "right_w2", "torso_t0",
 ]  # fmt: skip
+
+
 ARM = [f"right_{j}" for j in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
 
 
@@ -159,3 +163,60 @@ def test_cycles_that_were_left_out_leave_a_gap_of_whole_periods():
     assert set(steps) == {1.0, 3.0}
     assert np.allclose(np.diff(times), 0.01 * steps)
     assert times[-1] == pytest.approx(due[-1])
+
+
+UR = """
+[ros]
+joint_states = "/joint_states"
+command = "/joint_group_position_controller/command"
+type = "std_msgs/Float64MultiArray"
+"""
+
+
+def test_baxters_own_table():
+    topics = read_topics(settings_file("baxter"))
+    assert topics.command == "/robot/limb/right/joint_command"
+    assert (topics.type, topics.mode) == (CommandKind.JOINT_COMMAND, "raw_position")
+    assert topics.command_timeout == 0.1
+    assert topics.enabling == "/robot"
+
+
+def test_another_arm_needs_three_lines(tmp_path):
+    file = tmp_path / "ur.toml"
+    file.write_text(UR)
+    topics = read_topics(file)
+    assert topics.type is CommandKind.ARRAY
+    assert topics.enabling is topics.timeout is topics.feed_forward is None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", r"there is no table \[ros\]"),
+        ("[ros]\ncommand = '/a'", "'joint_states' is missing"),
+        (UR + "speed = 1", "unknown key 'speed': did you mean 'speed_ratio'"),
+        (UR.replace("/joint_states", "joint_states"), "begins with '/'"),
+        (UR.replace("Float64MultiArray", "String"), "choose one of baxter_core_msgs/JointCommand"),
+        (UR + "mode = 'torque'", "choose one of position, raw_position"),
+        (UR + "command_timeout = 5", "from 0.02 to 1 s"),
+        (UR + "command_timeout = nan", "from 0.02 to 1 s"),
+        ("[ros", "TOML"),
+    ],
+)
+def test_a_bad_table_is_explained(tmp_path, text, says):
+    file = tmp_path / "arm.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_topics(file)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.toml: no such file"):
+        read_topics(tmp_path / "none.toml")
+
+
+def test_positions_are_found_in_anybodys_command():
+    assert positions_in({"command": [1.0]}, CommandKind.JOINT_COMMAND) == (1.0,)
+    assert positions_in({"data": [1.0]}, CommandKind.ARRAY) == (1.0,)
+    assert positions_in({"points": [{"positions": [2.0]}, {"positions": [1.0]}]}, CommandKind.TRAJECTORY) == (1.0,)
+    assert positions_in({}, CommandKind.TRAJECTORY) == ()

@@ -6,8 +6,6 @@ import os
 import numpy as np
 import pytest
 
-import ik
-import urdf
 from pipeline.loadcell.protocol import decode
 from pipeline.ros.topics import MODES, read_topics, settings_file
 from pipeline.ros.twin import Twin
@@ -43,9 +41,8 @@ class SteppedTwin(Twin):
 
 
 @pytest.fixture
-def twin(loopback):
-    baxter = urdf.load("baxter")
-    with SteppedTwin(loopback.uri, baxter, TOPICS, ik.default_table(baxter).posture(0.0).q) as made:
+def twin(loopback, baxter, table):
+    with SteppedTwin(loopback.uri, baxter, TOPICS, table.posture(0.0).q) as made:
         made.enable()
         assert made.controller.state.enabled
         yield made
@@ -102,11 +99,11 @@ def test_other_modes_and_other_joints_are_ignored(twin):
     assert twin.controller.log.ignored == 2
 
 
-def test_what_is_beyond_a_range_is_clipped_and_counted(twin):
+def test_what_is_beyond_a_range_is_clipped_and_counted(twin, baxter):
     command = {"mode": RAW, "names": list(twin.robot.joint_names), "command": [9.0] * 7}
     twin.controller.take_command(command, twin.now)
     assert twin.controller.log.clipped == 1
-    assert np.all(twin.controller.target <= urdf.load("baxter").limits.upper)
+    assert np.all(twin.controller.target <= baxter.limits.upper)
 
 
 def test_position_mode_keeps_the_speed_ratio(twin):

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import ik
-import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion import LineTrajectory
 from pipeline.nodes.scheduler import Watchdog
@@ -76,11 +74,15 @@ def test_drag_is_a_question_and_the_load_may_sway():
         assert model.parameters[name].prior is not None
 
 
-def test_an_experiment_that_is_stopped_ends_the_investigation():
-    robot = urdf.load("baxter")
+def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table):
     ending = Ending(False, "the string went slack", True)
     stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
-    found = investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot))
+
+    def investigated(most):
+        settings = ProtocolSettings(investigate=most)
+        return investigate(settings, lambda *_: (stopped, ending), baxter, table, lambda _: None)
+
+    found = investigated(4)
     assert found.stop is Stop.INTERRUPTED
     assert found.ending is ending
     assert found.stages == ()
@@ -89,7 +91,7 @@ def test_an_experiment_that_is_stopped_ends_the_investigation():
     assert trial.interrupted == 15
     assert ending_before(trial, None) is None
     with pytest.raises(InputError, match="at least one"):
-        investigate(ProtocolSettings(), lambda *_: (stopped, ending), robot, ik.default_table(robot), most=0)
+        investigated(0)
 
 
 def test_a_motion_at_another_rate_than_the_robots_is_refused():
@@ -103,10 +105,8 @@ def test_a_motion_at_another_rate_than_the_robots_is_refused():
     ("options", "said"),
     [(("--investigate", "-1"), "--investigate -1"), (("--investigate", "2", "--no-estimation"), "need an estimate")],
 )
-def test_options_that_make_no_sense_are_refused(armdyn, options, said):
-    status, _, err = armdyn("trial", *options)
-    assert status == 2
-    assert said in err
+def test_options_that_make_no_sense_are_refused(refused, options, said):
+    assert said in refused("trial", *options)
 
 
 def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tmp_path):

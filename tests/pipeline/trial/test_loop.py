@@ -66,9 +66,16 @@ def test_wind_that_is_repaired_leaves_the_length_right(tmp_path):
     assert run_trial(aware(hidden, found)).length_estimate == pytest.approx(0.368, abs=2e-3)
 
 
-def test_the_model_of_a_trial_is_the_one_that_it_estimated_with(tmp_path):
-    result = run_trial(TrialSettings(out=tmp_path))
-    kept = read_model(tmp_path / "model.toml")
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory):
+    """Its folder and its result."""
+    folder = tmp_path_factory.mktemp("trial")
+    return folder, run_trial(TrialSettings(out=folder))
+
+
+def test_the_model_of_a_trial_is_the_one_that_it_estimated_with(trial):
+    folder, result = trial
+    kept = read_model(folder / "model.toml")
     assert kept.value("length") == pytest.approx(result.length_estimate, abs=1e-12)
     assert {e.name for e in kept.effects} == KNOWN
     prior = kept.parameters["sensor_delay.time"].prior
@@ -83,10 +90,10 @@ def test_a_load_in_wind_rests_where_the_wind_holds_it():
     assert pendulum_model(0.4, 0.1).rest_angle() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_printed_tension_fails_and_the_comparison_says_where(tmp_path):
-    run_trial(TrialSettings(out=tmp_path))
-    model = read_model(tmp_path / "model.toml").with_effect(printed_tension)
-    found = compare(Study(model, [read_run(tmp_path / "trial.csv")], [], PENDULUM))
+def test_the_printed_tension_fails_and_the_comparison_says_where(trial):
+    folder, _ = trial
+    model = read_model(folder / "model.toml").with_effect(printed_tension)
+    found = compare(Study(model, [read_run(folder / "trial.csv")], [], PENDULUM))
     assert found.fit.chi2_per_sample > 100.0
     assert found.correction is not None
     assert found.correction.fit.chi2_per_sample < 2.0

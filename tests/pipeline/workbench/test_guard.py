@@ -111,7 +111,10 @@ def answer(address, path, headers=()):
     return connection.getresponse()
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [(signal.SIGINT, 0), (signal.SIGTERM, 143), pytest.param(signal.SIGHUP, 129, marks=pytest.mark.slow)],
+)
 def test_a_workbench_lets_its_user_in_and_ends_whatever_is_uploaded(tmp_path, number, status):
     with workbench(tmp_path) as (process, address):
         assert answer(address, "/").status == 403
