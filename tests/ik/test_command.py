@@ -18,13 +18,6 @@ def run():
     return lambda *arguments: CliRunner().invoke(app, ["ik", *map(str, arguments)])
 
 
-@pytest.fixture
-def saved(table, tmp_path):
-    path = tmp_path / "table.npz"
-    table.save(path)
-    return path
-
-
 def test_show_prints_the_contracts_json_and_nothing_else(run, saved, table) -> None:
     result = run("show", saved, "--json", "-")
     content = json.loads(result.stdout)

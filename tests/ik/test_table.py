@@ -153,13 +153,6 @@ def test_margins_are_those_of_the_nodes(table, baxter) -> None:
     assert table.joint_margin == table.margin.min()
 
 
-@pytest.fixture
-def saved(table, tmp_path):
-    path = tmp_path / "baxter.npz"
-    table.save(path)
-    return path
-
-
 def test_a_saved_table_is_read_back_to_the_last_digit(saved, table, baxter) -> None:
     read = ik.LineTable.load(saved, baxter)
     for one, other in (
