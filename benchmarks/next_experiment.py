@@ -28,7 +28,7 @@ from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.experiments.gripper import STEP, GripperProblem, design_motion, motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion
+from armdyn.experiments.hypothesis import Experiment, Hypothesis
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import Proposal, designed_motion, inseparable
 from armdyn.experiments.rivals import Rivals, named
@@ -37,6 +37,7 @@ from armdyn.experiments.separation import outlook
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
+from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
 from armdyn.units import Known
 
@@ -76,12 +77,14 @@ def model() -> PendulumModel:
     return found
 
 
-def recorded(name: str, setup: object, motion: Motion | None, rng: np.random.Generator, known: dict[str, Known]) -> Run:
+def recorded(
+    name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, Known]
+) -> Run:
     """One run; along the generator's own random motion where none is given."""
     if motion is None:
         run = hidden_pendulum.record(name, setup, rng)
     else:
-        spline = make_interp_spline(motion.time, motion.along[0], k=5)
+        spline = make_interp_spline(motion.time, motion.x, k=5)
         parts = [spline, spline.derivative(1), spline.derivative(2)]
 
         def moved(t: np.ndarray | float) -> np.ndarray:
@@ -105,7 +108,7 @@ def right(found: Diagnosis, hidden: str) -> bool:
     return found.verdict.key == "effect_missing" and added == [hidden]
 
 
-def random_motion(rivals: Rivals, proposal: Proposal, rng: np.random.Generator) -> Motion:
+def random_motion(rivals: Rivals, proposal: Proposal, rng: np.random.Generator) -> GripperPath:
     """With the peak acceleration of the designed one, within the same limits."""
     assert proposal.experiment.motion is not None
     limits = GripperLimits(acceleration=float(proposal.experiment.motion.peaks[2]))

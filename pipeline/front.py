@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
     from armdyn.experiments.goal import Goal
-    from armdyn.experiments.hypothesis import Motion
     from armdyn.experiments.limits import GripperLimits
     from armdyn.experiments.plan import Plan
     from armdyn.experiments.rivals import Rivals
+    from armdyn.pendulum.path import GripperPath
     from pipeline.motion.excitation import Excitation
 
 Say = Callable[[str], None]
@@ -151,7 +151,7 @@ def rig_limits(
 
 def plan_experiment(
     rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say | None = None
-) -> "tuple[Plan, Motion | None]":
+) -> "tuple[Plan, GripperPath | None]":
     """The plan, and the motion that it offers; of Baxter one that the whole arm can make.
 
     Args:

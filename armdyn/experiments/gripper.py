@@ -15,11 +15,12 @@ from copy import copy
 import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits, two_sided
 from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrink
 from armdyn.experiments.separation import Rival, linear_separation
 from armdyn.experiments.series import Basis, Series
+from armdyn.pendulum.path import GripperPath
 
 BAND = 2.5
 """Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and hardly swings the load."""
@@ -115,10 +116,10 @@ class GripperProblem(MotionProblem):
         share = 2.0 / min(len(self.pairs), HARDEST)
         return tuple(max(round(share * count), FEWEST_STEPS) for count in STEPS)
 
-    def motion(self, x: np.ndarray) -> Motion:
+    def motion(self, x: np.ndarray) -> GripperPath:
         """The motion of (1, size) coefficients."""
-        moved = self._basis.motion(x)
-        return Motion(self._basis.time, np.stack([moved.q[:, 0], moved.v[:, 0], moved.a[:, 0]]))
+        moved, time = self._basis.motion(x), self._basis.time
+        return GripperPath(0.0, float(time[1]), moved.q[:, 0], moved.v[:, 0], moved.a[:, 0])
 
     def along(self, x: np.ndarray) -> list[PredictedExperiment]:
         """What every hypothesis predicts along the motion of (1, size) coefficients."""
@@ -206,7 +207,7 @@ def design_motion(
     limits: GripperLimits | None = None,
     seed: int = 0,
     say: Say = lambda _: None,
-) -> tuple[Motion, float]:
+) -> tuple[GripperPath, float]:
     """Find the motion that makes the smallest separation of any two hypotheses largest.
 
     Args:

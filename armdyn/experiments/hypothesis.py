@@ -23,44 +23,6 @@ START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A motion of the gripper from rest to rest.
-
-    Attributes:
-        time: (K,) s from 0.
-        along: (3, K) position m, velocity m/s, acceleration m/s^2.
-    """
-
-    time: np.ndarray
-    along: np.ndarray
-
-    @property
-    def step(self) -> float:
-        """S between the nodes."""
-        return float(self.time[1] - self.time[0])
-
-    @cached_property
-    def path(self) -> GripperPath:
-        """As the input of a simulation."""
-        return GripperPath(0.0, self.step, *self.along)
-
-    @property
-    def seconds(self) -> float:
-        """How long it takes."""
-        return float(self.time[-1])
-
-    @property
-    def peaks(self) -> np.ndarray:
-        """(3,) largest position, speed and acceleration."""
-        return np.asarray(np.abs(self.along).max(axis=1))
-
-    @property
-    def effort(self) -> float:
-        """Integral of the squared acceleration, m^2/s^3: what SAC and the planner call energy."""
-        return float(np.sum(self.along[2] ** 2) * self.step)
-
-
-@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One possible truth.
 
@@ -91,7 +53,7 @@ class Experiment:
     Attributes:
         kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest.
         what: to do, for a person.
-        motion: of the gripper; None where nothing is recorded.
+        motion: of the gripper from rest to rest, its time from 0; None where nothing is recorded.
         noise: by channel, of one sample of as many as are independent, in the channel's unit.
         changed: parameters that have another value in this run alone, with that value and its standard deviation.
         measured: parameters that are measured by hand, with the standard deviation.
@@ -101,14 +63,14 @@ class Experiment:
 
     kind: str
     what: str
-    motion: Motion | None = None
+    motion: GripperPath | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
     turned: tuple[str, ...] = ()
     rate: float = 100.0
 
-    def along(self, motion: Motion) -> "Experiment":
+    def along(self, motion: GripperPath) -> "Experiment":
         """The same with another motion."""
         return replace(self, motion=motion)
 
@@ -167,7 +129,7 @@ class PredictedExperiment:
         self._known: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
         self._rolled: tuple[bytes, Rollout] | None = None
 
-    def along(self, motion: Motion) -> "PredictedExperiment":
+    def along(self, motion: GripperPath) -> "PredictedExperiment":
         """The same with another motion."""
         other = copy(self)
         other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
@@ -194,7 +156,7 @@ class PredictedExperiment:
             measured, whole = tuple(self.weights), self.rollout(values)
             rows = [CHANNELS.index(channel) for channel in measured]
             rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
-            found = model.readings(e.run, e.motion.path, rolled, self.theta(values), measured)
+            found = model.readings(e.run, e.motion, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
             for channel, weight in self.weights.items():
                 here = found.slices[channel]
@@ -217,7 +179,7 @@ class PredictedExperiment:
     def weights(self) -> dict[str, float]:
         """One over the noise of every channel that the experiment measures, in the order of the readings."""
         e = self.experiment
-        per_node = np.sqrt(e.motion.step * e.rate) if e.motion is not None else 1.0
+        per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
         return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
 
     def rollout(self, values: np.ndarray) -> Rollout:
@@ -225,8 +187,7 @@ class PredictedExperiment:
         key = values.tobytes()
         if self._rolled is None or self._rolled[0] != key:
             assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
-            path = self.experiment.motion.path
-            self._rolled = key, self.hypothesis.model.rollout(path, self.theta(values), CHANNELS)
+            self._rolled = key, self.hypothesis.model.rollout(self.experiment.motion, self.theta(values), CHANNELS)
         return self._rolled[1]
 
     def swing(self, values: np.ndarray) -> np.ndarray:
@@ -259,7 +220,7 @@ class PredictedExperiment:
             outputs[:, CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
             outputs[:, CHANNELS.index("swing_angle")] += swing
-        path = model.driven_by(motion.path, physics)
+        path = model.driven_by(motion, physics)
         adjoint = _adjoint(model.system, model.formulation)
         nodes, middle = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         at_nodes, between = _driving(basis, model.gripper_lag(physics))

@@ -10,11 +10,12 @@ import numpy as np
 
 from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.gripper import design_motion
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import Say
 from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
+from armdyn.pendulum.path import GripperPath
 from armdyn.shown import Shown
 
 INSEPARABLE = 1.0
@@ -307,13 +308,12 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
             )
         )  # fmt: skip
     if "load_force" in noise:
-        time = REST_STEP * np.arange(round(REST / REST_STEP) + 1)
-        still = Motion(time, np.zeros((3, len(time))))
+        still = GripperPath(0.0, REST_STEP, *np.zeros((3, round(REST / REST_STEP) + 1)))
         found.append(Experiment("rest", f"record the load cell for {REST:g} s while all hangs at rest", still, noise))
     return found
 
 
-def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: Motion, what: str) -> Proposal:
+def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str) -> Proposal:
     """The proposal along another motion, such as the one that an arm can follow, and what that promises."""
     experiment = replace(proposal.experiment.along(motion), what=what)
     return replace(proposal, experiment=experiment, outlook=outlook(hypotheses, experiment))

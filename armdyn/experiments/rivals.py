@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, Motion
+from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate, merged
@@ -16,7 +16,7 @@ from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Run
 
 LIKELY = 2.0
@@ -265,9 +265,8 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     return float(np.clip(p.null + side * min(p.typical, LIKELY * std), p.lower, p.upper))
 
 
-def last_motion(run: Run, seconds: float) -> Motion:
+def last_motion(run: Run, seconds: float) -> GripperPath:
     """The gripper's motion in a run, or its first part."""
     path = run_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
-    along = np.vstack([path.x, path.v, path.a])[:, :count]
-    return Motion(path.dt * np.arange(count), along)
+    return GripperPath(0.0, path.dt, *path.along[:, :count])

@@ -78,6 +78,26 @@ class GripperPath(Path):
         return self.nodes[3]
 
     @property
+    def along(self) -> np.ndarray:
+        """(3, K) x, v and a."""
+        return self.nodes[1:4]
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.dt * (len(self.x) - 1))
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """(3,) largest position, speed and acceleration."""
+        return np.asarray(np.abs(self.along).max(axis=1))
+
+    @property
+    def effort(self) -> float:
+        """Integral of the squared acceleration, m^2/s^3: what SAC and the planner call energy."""
+        return float(np.sum(self.a**2) * self.dt)
+
+    @property
     def height(self) -> np.ndarray:
         """(3, K) z m, its velocity m/s and acceleration m/s^2."""
         return self.nodes[4:7]

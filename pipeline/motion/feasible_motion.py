@@ -10,8 +10,9 @@ import urdf
 from armdyn.atomic import write_text
 from armdyn.channels import Channel
 from armdyn.csv_run import csv_text
-from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
+from armdyn.pendulum.path import GripperPath
 from ik import LineTable, default_table
 from pipeline.box import Box
 from pipeline.motion.feasibility import CheckSettings, Swing, box_and_table, check_line
@@ -34,13 +35,13 @@ class FeasibleMotion:
         factor: by which the designed motion was changed.
     """
 
-    motion: Motion
+    motion: GripperPath
     trajectory: LineTrajectory
     factor: float
 
 
 def fit_to_arm(
-    motion: Motion,
+    motion: GripperPath,
     hypotheses: Sequence[Hypothesis],
     robot: urdf.Robot,
     table: LineTable,
@@ -59,9 +60,9 @@ def fit_to_arm(
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
     for factor in FACTORS:
-        scaled = Motion(motion.time, factor * motion.along)
+        scaled = GripperPath(0.0, motion.dt, *factor * motion.along)
         s, v, a = scaled.along
-        if np.abs(np.diff(a)).max() > limits.jerk * scaled.step or not limits.respected_by(s, v, a):
+        if np.abs(np.diff(a)).max() > limits.jerk * scaled.dt or not limits.respected_by(s, v, a):
             continue
         swings = [_swing(h, scaled, load_radius) for h in hypotheses]
         if not all(_clear_of(box, scaled, swing) for swing in swings):
@@ -92,22 +93,22 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
     return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
 
 
-def write_motion(motion: Motion, file: Path) -> None:
+def write_motion(motion: GripperPath, file: Path) -> None:
     """Write a motion along the line as `armdyn check` and `armdyn trial --motion` read it."""
     columns = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
 
-def _swing(hypothesis: Hypothesis, motion: Motion, radius: float) -> Swing:
+def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> Swing:
     predicted = PredictedExperiment(hypothesis, Experiment("motion", "", motion))
     outputs = predicted.rollout(predicted.start).outputs
     angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
     return Swing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
 
 
-def _clear_of(box: Box, motion: Motion, swing: Swing) -> bool:
+def _clear_of(box: Box, motion: GripperPath, swing: Swing) -> bool:
     """Whether the load stays away from the near wall, or above the rim."""
-    x = motion.along[0] - swing.length * np.sin(swing.angle)
+    x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)
     room = swing.radius + AWAY
     return bool(np.all((x < box.near_wall - room) | (below < box.rim - room)))

@@ -8,16 +8,17 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
-from armdyn.experiments.hypothesis import Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, Proposal
 from armdyn.experiments.separation import Rival
+from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
 
 if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, Stage
 
 
-def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> Section:
+def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath) -> Section:
     """The designed motion: gripper, angle, and the differences that a refit of the rivals leaves along it."""
     sentence = ""
     if proposal.random is not None:
@@ -28,7 +29,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: Motion) -> S
         )
     first, *others = [PredictedExperiment(h, proposal.experiment) for h in plan.rivals.hypotheses]
     figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "left by a refit [σ]": 0.4}, 560)
-    figure.add_scatter(x=motion.time, y=motion.along[0], name="gripper", **ACTUAL)
+    figure.add_scatter(x=motion.time, y=motion.x, name="gripper", **ACTUAL)
     grey = {"mode": "lines", "line": {"color": GREY}}
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]

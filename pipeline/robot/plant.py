@@ -81,11 +81,11 @@ class Plant:
         self.pivot, self.load = self.data.site_xpos[self._pivot], self.data.xpos[self._load]
         self.pull_on_load = self.data.xfrc_applied[self._load][:3]
 
-    def velocities(self, data: mujoco.MjData) -> tuple[Vector, Vector]:
-        """Velocities of pivot and load (3,) each [m/s] at a state of the model."""
+    def velocities(self) -> tuple[Vector, Vector]:
+        """Velocities of pivot and load (3,) each [m/s]."""
         velocity = np.zeros((2, 6))
-        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_SITE, self._pivot, velocity[0], 0)
-        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, self._load, velocity[1], 0)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self._pivot, velocity[0], 0)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, self._load, velocity[1], 0)
         return velocity[0, 3:], velocity[1, 3:]
 
 
@@ -145,7 +145,7 @@ class LoadForces:
         """Set the forces for the state at which MuJoCo stands."""
         if not self._active:
             return
-        pivot, load = self._plant.velocities(self._plant.data)
+        pivot, load = self._plant.velocities()
         force = self._wind + sum(term(load) for term in self._on_load)
         if self._at_place:
             line = self._plant.line

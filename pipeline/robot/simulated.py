@@ -15,7 +15,7 @@ from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, Pl
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start
-from pipeline.robot.truth import GripperTruth, History, LoadTruth, gripper_truth, load_truth, swing_angle
+from pipeline.robot.truth import History, swing_angle
 
 IN_BOX_FOR = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
@@ -58,8 +58,7 @@ class SimulatedRobot:
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self._robot, self._gate = robot, Gate(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
-        self._data, self._observed = plant.data, mujoco.MjData(plant.model)
-        self._string = LoadString(plant)
+        self._data, self._string = plant.data, LoadString(plant)
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)
         self._data.qpos[plant.dofs] = q
         self._joint_effects.apply()
@@ -74,7 +73,7 @@ class SimulatedRobot:
         self._truth = PlantTruth(
             plant.mass, plant.bias, plant.latency, plant.link_scale, settings.length, self._string.length, present
         )
-        self._steps, self._steps_in_box, self._observed_at, self._until = 0, 0, -1, 0.0
+        self._steps, self._steps_in_box, self._until = 0, 0, 0.0
         self._log: list[tuple[float, Vector, Vector, Vector, float]] = []
 
     @property
@@ -144,16 +143,6 @@ class SimulatedRobot:
         """Whether the load has been between the walls and below the rim for the last 0.2 s."""
         return self._steps_in_box * TIME_STEP >= IN_BOX_FOR
 
-    def gripper_truth(self) -> GripperTruth:
-        """True motion of the string's upper end, for reports and verification only."""
-        self._observe()
-        return gripper_truth(self._plant, self._observed, self.time)
-
-    def load_truth(self) -> LoadTruth:
-        """True motion of the load and pull of the string, for reports and verification only."""
-        self._observe()
-        return load_truth(self._plant, self._observed, self._string, self.time)
-
     def history(self) -> History:
         """True motion since time 0 every 10 ms, for reports and pictures only."""
         time, q, pivot, load, tension = zip(*self._log, strict=True) if self._log else ((), (), (), (), ())
@@ -184,15 +173,6 @@ class SimulatedRobot:
         if self._steps % HISTORY_EVERY == 0:
             self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))
         self._steps += 1
-
-    def _observe(self) -> None:
-        """Evaluate MuJoCo at the present state in a copy, so that looking at it changes nothing."""
-        if self._observed_at == self._steps:
-            return
-        mujoco.mj_copyData(self._observed, self._plant.model, self._data)
-        self._observed.ctrl[:] = self._servo.driven
-        mujoco.mj_forward(self._plant.model, self._observed)
-        self._observed_at = self._steps
 
     def _load_is_inside(self) -> bool:
         box, line = self.settings.box, self._plant.line

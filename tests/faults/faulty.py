@@ -10,6 +10,7 @@ from dataclasses import replace
 from time import monotonic, sleep
 
 import numpy as np
+from simulated_truth import gripper_truth
 
 from pipeline.robot.protocol import ForceSample, JointState
 
@@ -241,7 +242,7 @@ class InRealTime(Through):
 
     def speed(self):
         with self._lock:
-            return abs(self.robot.gripper_truth().s_velocity)
+            return abs(gripper_truth(self.robot).s_velocity)
 
 
 class Hangs(InRealTime):

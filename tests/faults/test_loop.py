@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from faults.faulty import AT_REST, BadForce, ClockJumps, Raises, Signals, Stalls, Through, with_force
 from faults.kinds import DEAD_CELLS, INF, NAN, SENSORS
+from simulated_truth import gripper_truth
 
 import ik
 import urdf
@@ -157,7 +158,7 @@ def assert_at_rest_within_limits(trial, robot, by_itself=False):
         assert np.all(np.abs(v1 - v0) <= 1.05 * limits.acceleration * max(t1 - t0, 0.01)), t1
     if not by_itself:
         assert np.all(commands[-1][2] == 0.0)
-    assert abs(trial.robot.gripper_truth().s_velocity) < AT_REST
+    assert abs(gripper_truth(trial.robot).s_velocity) < AT_REST
     stop = trial.experiment.span(Phase.STOP)
     if np.isfinite(stop.end - stop.start):  # not where the clock itself fails
         assert stop.end - stop.start < LONGEST_STOP + WATCHED + 1e-6
@@ -321,5 +322,5 @@ def test_a_second_ctrl_c_stops_the_arm_at_once(tmp_path):
         simulate(replace(LEARNING, out=tmp_path), through=robot.around)
     assert len(robot.told[-1]) == 1
     robot.robot.advance(0.5)
-    assert abs(robot.robot.gripper_truth().s_velocity) < 0.02
+    assert abs(gripper_truth(robot.robot).s_velocity) < 0.02
     assert read_run(tmp_path / "trial.mcap").channels["gripper_x"].time[-1] > 1.0

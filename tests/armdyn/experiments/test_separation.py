@@ -7,12 +7,13 @@ from scipy.stats import norm
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.gripper import STEP, GripperProblem, design_motion, motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable
 from armdyn.experiments.search import Lagrangian, random_motion
 from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook
 from armdyn.pendulum.model import pendulum_model
+from armdyn.pendulum.path import GripperPath
 
 KNOWN = {"mass": 8e-4, "sensor_bias.force": 0.02}
 LOAD_CELL = {"load_force": 5e-3}
@@ -205,6 +206,6 @@ def test_a_motion_that_is_too_short_is_refused():
 
 
 def test_effort_is_the_integral_of_the_squared_acceleration():
-    time = np.arange(0.0, 2.0 + 1e-9, 0.01)
-    motion = Motion(time, np.array([0 * time, 0 * time, np.full(len(time), 0.5)]))
+    still = np.zeros(201)
+    motion = GripperPath(0.0, 0.01, still, still, still + 0.5)
     assert motion.effort == pytest.approx(0.5, rel=0.01)

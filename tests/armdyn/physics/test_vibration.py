@@ -9,9 +9,10 @@ from scipy.signal import lsim
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.experiments.gripper import motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, Motion, PredictedExperiment
+from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
+from armdyn.pendulum.path import GripperPath
 from armdyn.physics.vibration import FAST, Vibration
 
 DT = 0.01
@@ -75,7 +76,6 @@ def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
     """The whole spring pendulum, integrated by scipy in Cartesian coordinates, against the model's load cell."""
     from armdyn.effects.catalogue import CATALOGUE
     from armdyn.pendulum.model import pendulum_model
-    from armdyn.pendulum.path import GripperPath
     from armdyn.physics.recorded import smoothed_motion
 
     mass, length, compliance, damping, g = 0.08, 0.368, 5e-3, 0.05, 9.81
@@ -130,7 +130,7 @@ COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
 
 def motion(coefficients):
     moved = BASIS.motion(coefficients[None])
-    return Motion(BASIS.time, np.hstack([moved.q, moved.v, moved.a]).T)
+    return GripperPath(0.0, float(BASIS.time[1]), moved.q[:, 0], moved.v[:, 0], moved.a[:, 0])
 
 
 def predicted(effects, coefficients, noise):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from simulated_truth import gripper_truth, load_truth
 
 import ik
 import urdf
@@ -47,7 +48,7 @@ def follow(table: ik.LineTable):
             s, v, a = path(plant.time)
             motion = table.joint_motion(s, v, a)
             plant.command(motion.q, motion.v, motion.a)
-            rows.append((plant.time, s, plant.gripper_truth(), plant.load_truth()))
+            rows.append((plant.time, s, gripper_truth(plant), load_truth(plant)))
             plant.advance(0.01)
         return rows
 

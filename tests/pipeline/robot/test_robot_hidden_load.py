@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import find_peaks
+from simulated_truth import load_truth
 
 from pipeline.robot.settings import CellSettings, PlantSettings
 
@@ -65,21 +66,21 @@ def test_wind_holds_the_string_at_an_angle(still_pendulum, watch):
     swing = watch(plant, 1.0)
     # Blowing towards + moves the load to +, which is a negative angle.
     np.testing.assert_allclose(swing.angle, -np.arctan(0.05 / (MASS * G)), atol=1e-6)
-    assert plant.load_truth().tension == pytest.approx(np.hypot(0.05, MASS * G), abs=1e-6)
+    assert load_truth(plant).tension == pytest.approx(np.hypot(0.05, MASS * G), abs=1e-6)
 
 
 def test_path_tilt_turns_gravity_about_the_line(still_pendulum, watch):
     plant = still_pendulum(0.0, {"path_tilt": 0.05})
     swing = watch(plant, 1.0)
     np.testing.assert_allclose(swing.angle, -0.05, atol=1e-6)
-    assert plant.load_truth().tension == pytest.approx(MASS * G, abs=1e-6)
+    assert load_truth(plant).tension == pytest.approx(MASS * G, abs=1e-6)
 
 
 def test_load_with_inertia_pulls_as_its_slower_swing_demands(still_pendulum):
     plant = still_pendulum(0.5, {"load_inertia": 1e-3})
     for _ in range(100):
         plant.advance(0.01)
-        load = plant.load_truth()
+        load = load_truth(plant)
         expected = MASS * (G * np.cos(load.swing_angle) + LENGTH * load.swing_rate**2)
         assert load.tension == pytest.approx(expected, abs=1e-3)
 
@@ -109,14 +110,14 @@ def test_elastic_string_swings_as_a_mass_on_a_spring(still_pendulum, watch):
 
 
 def test_elastic_string_hangs_at_the_given_length(still_pendulum):
-    load = still_pendulum(0.0, {"string_elasticity": 5e-3}).load_truth()
+    load = load_truth(still_pendulum(0.0, {"string_elasticity": 5e-3}))
     assert load.distance == pytest.approx(LENGTH, abs=1e-9)
     assert load.tension == pytest.approx(MASS * G, abs=1e-6)
 
 
 def test_load_displaced_across_the_line_swings_across_it(still_pendulum, watch):
     plant = still_pendulum(0.0, {"out_of_plane_swing": 0.05})
-    assert plant.load_truth().out_of_plane_angle == pytest.approx(0.05, abs=1e-6)
+    assert load_truth(plant).out_of_plane_angle == pytest.approx(0.05, abs=1e-6)
     swing = watch(plant, 5.0)
     np.testing.assert_allclose(swing.across, 0.05 * np.cos(np.sqrt(G / LENGTH) * swing.time), atol=1.5e-3)
     assert np.abs(swing.angle).max() < 1e-6
@@ -167,9 +168,9 @@ def test_tension_equals_the_pendulum_formula_while_the_arm_moves(plant, follow):
 
 def test_at_rest_the_load_hangs_at_the_given_length_and_the_tension_equals_its_weight(plant, baxter):
     robot = plant(settings=PlantSettings(length=0.4), seed=2)
-    before = robot.load_truth()
+    before = load_truth(robot)
     robot.advance(1.0)
-    after = robot.load_truth()
+    after = load_truth(robot)
     assert before.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
     assert after.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
     np.testing.assert_allclose(before.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)

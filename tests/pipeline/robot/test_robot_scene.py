@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from PIL import Image
+from simulated_truth import load_truth
 
 from armdyn.errors import InputError
 from pipeline.box import Box
@@ -56,7 +57,7 @@ def test_floor_carries_a_load_whose_string_is_slack(still_pendulum, baxter):
     at_rest = baxter.line.origin[2] - 0.25 - 0.10 + robot.settings.load_radius
     robot._data.qpos[9] = at_rest + 0.03
     robot.advance(1.5)
-    load = robot.load_truth()
+    load = load_truth(robot)
     assert robot.load_in_box()
     assert load.tension == 0.0
     assert load.position[2] == pytest.approx(at_rest, abs=1e-3)

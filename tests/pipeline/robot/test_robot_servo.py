@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.interpolate import CubicSpline
+from simulated_truth import gripper_truth, load_truth
 
 import urdf
 from pipeline.robot.devices import Reference, SimulatedCell
@@ -41,22 +42,22 @@ def test_arm_follows_a_sine_on_the_line_with_the_lag_of_its_filter_and_friction_
 def test_arm_comes_to_rest_when_commands_stop_at_once_when_told_and_moves_again(plant, follow):
     robot = plant()
     follow(robot, sine, 0.9)
-    assert abs(robot.gripper_truth().s_velocity) > 0.1
+    assert abs(gripper_truth(robot).s_velocity) > 0.1
     robot.advance(1.0)
-    at_rest = robot.gripper_truth()
+    at_rest = gripper_truth(robot)
     assert abs(at_rest.s_velocity) < 5e-3
     robot.advance(1.0)
-    assert robot.gripper_truth().s == pytest.approx(at_rest.s, abs=1e-3)
+    assert gripper_truth(robot).s == pytest.approx(at_rest.s, abs=1e-3)
     robot = plant()
     follow(robot, sine, 0.9)
-    before = robot.gripper_truth().s
+    before = gripper_truth(robot).s
     robot.stop()
     robot.advance(0.5)
-    stopped = robot.gripper_truth()
+    stopped = gripper_truth(robot)
     assert abs(stopped.s_velocity) < 5e-3
     assert abs(stopped.s - before) < 0.02
     follow(robot, lambda _time: (stopped.s + 0.05, 0.0, 0.0), 1.0)
-    assert robot.gripper_truth().s == pytest.approx(stopped.s + 0.05, abs=1e-3)
+    assert gripper_truth(robot).s == pytest.approx(stopped.s + 0.05, abs=1e-3)
 
 
 def test_readings_are_quantised_and_noisy_as_the_settings_say(plant, q_start):
@@ -201,7 +202,7 @@ def test_reading_is_the_force_with_what_each_effect_makes_of_it(given, expected)
 def test_direction_of_the_swinging_string_reaches_the_cell(still_pendulum, name):
     robot = still_pendulum(0.4, {name: 0.5})
     robot.advance(0.5)
-    load = robot.load_truth()
+    load = load_truth(robot)
     robot.advance(0.001)
     share = np.cos(load.swing_angle) if name == "vertical_sensing_axis" else 1 + np.sin(load.swing_angle)
     assert robot.load_cell()[-1].force == pytest.approx(load.tension * (1 + share) / 2, abs=1e-6)
