@@ -30,11 +30,15 @@ class InputError(ArmdynError):
 
 @contextmanager
 def at(where: object) -> Iterator[None]:
-    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message."""
+    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message.
+
+    A message that begins with the place already is left as it is.
+    """
     try:
         yield
     except (InputError, TableFileError) as error:
-        raise InputError(f"{where}: {error}") from error
+        told = str(error)
+        raise InputError(told if told.startswith((f"{where}:", f"{where} ")) else f"{where}: {told}") from error
 
 
 @contextmanager

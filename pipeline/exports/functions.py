@@ -185,15 +185,13 @@ def _function(each: Function) -> str:
         line = _instruction(f, k, inputs, results)
         if line:
             lines.append(f"    {line}")
-    returned = []
     for i, name in enumerate(outputs):
         entries = [results.get((i, j), "0.0") for j in range(f.numel_out(i))]
         if len(entries) == 1:
             lines.append(f"    {name} = {entries[0]}")
         else:
             lines.append(f"    {name} = np.stack(np.broadcast_arrays({', '.join(entries)}), axis=-1)")
-        returned.append(name)
-    lines.append(f"    return {', '.join(returned)}")
+    lines.append(f"    return {', '.join(outputs)}")
     return "\n".join(lines) + "\n"
 
 
