@@ -201,6 +201,19 @@ class Channel:
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
+    def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
+        """The samples of which (n,) is true."""
+        return Channel(self.time[which], self.value[which], self.unit)
+
+    def averaged(self, group: int) -> "Channel":
+        """Means of so many samples in a row, those of their stamps included; what is left over at the end is left out.
+
+        It shifts nothing in time and lowers white noise by the square root of `group`; see `Run.spread` for what bends.
+        """
+        n = len(self) // group * group
+        time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (self.time, self.value))
+        return Channel(time, value, self.unit)
+
 
 def check_clock(time: FloatArray) -> None:
     """Refuse stamps that are not one increasing row.

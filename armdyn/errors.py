@@ -1,5 +1,6 @@
 """One root error; its kinds carry what was wrong and what to do next."""
 
+import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -30,11 +31,15 @@ class InputError(ArmdynError):
 
 @contextmanager
 def at(where: object) -> Iterator[None]:
-    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message."""
+    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message.
+
+    A message that begins with the place already is left as it is.
+    """
     try:
         yield
     except (InputError, TableFileError) as error:
-        raise InputError(f"{where}: {error}") from error
+        told = str(error)
+        raise InputError(told if told.startswith((f"{where}:", f"{where} ")) else f"{where}: {told}") from error
 
 
 @contextmanager
@@ -65,3 +70,26 @@ class UnknownNameError(InputError):
 
 class TaskFailedError(ArmdynError):
     """The input is sound but the answer is no: infeasible, unreachable, stopped for safety."""
+
+
+LONGEST_MESSAGE = 300
+"""Characters of a foreign message that are shown; some hold whole matrices."""
+
+
+def sentence_of(error: BaseException, failed: str) -> str:
+    """What happened, in one line.
+
+    Our own errors already say what to do. Of any other, the kind, its message and the place in the code are given:
+    that is what whoever mends it needs.
+
+    Args:
+        error: what was raised.
+        failed: such as ``"the estimator node failed at 1.20 s"``.
+    """
+    said = " ".join(str(error).split())
+    said = said if len(said) <= LONGEST_MESSAGE else said[:LONGEST_MESSAGE] + " ..."
+    if isinstance(error, ArmdynError):
+        return said
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
+    return f"{failed}: {type(error).__name__}{': ' if said else ''}{said}{place}"

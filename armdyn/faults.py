@@ -120,7 +120,7 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
             when = f"at {first:.4g} s" if bad.sum() == 1 else f"between {first:.4g} and {last:.4g} s"
             some = f"1 of {len(bad)} samples" if bad.sum() == 1 else f"{bad.sum()} of {len(bad)} samples"
             warnings.append(f"{name}: {some} {what} left out, {when}")
-            channels[name] = Channel(channel.time[kept], channel.value[kept], channel.unit)
+            channels[name] = channel.kept(kept)
     return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
 
 
@@ -287,9 +287,7 @@ def thin_out(run: Run) -> Run:
         if group < 2 or len(channel) < 4 * group:
             channels[name] = channel
             continue
-        n = len(channel) // group * group
-        time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (channel.time, channel.value))
-        channels[name] = Channel(time, value, channel.unit)
+        channels[name] = channel.averaged(group)
         spread[name] = spread.get(name, 0.0) + interval**2 * (group**2 - 1) / 12.0
         if name in noise:
             noise[name] /= np.sqrt(group)

@@ -43,7 +43,7 @@ def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str,
     for name, channel in run.channels.items():
         inside = (channel.time >= begin) & (channel.time <= end)
         if inside.sum() >= fewest:
-            found[name] = Channel(channel.time[inside], channel.value[inside], channel.unit)
+            found[name] = channel.kept(inside)
     return found
 
 

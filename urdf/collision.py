@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import Said, quiet, reason
+from urdf.quiet import told
 from urdf.robot import Array, Robot, UrdfError
 
 
@@ -24,21 +24,15 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     Raises:
         UrdfError: a mesh cannot be read.
     """
-    said = Said()
-    try:
-        with quiet() as said:
-            full = pin.buildModelFromXML(robot.urdf_xml)
-            # Directories go in by name: pin 4.1 takes the third positional argument for something else.
-            shapes = pin.buildGeomFromUrdfString(
-                full,
-                robot.urdf_xml,
-                pin.GeometryType.COLLISION,
-                package_dirs=[str(path) for path in robot.package_dirs],
-            )
-    except (ValueError, RuntimeError) as error:
-        raise UrdfError(
-            f"{robot.urdf_path}: a mesh cannot be read ({reason(said, error)}); mend or replace it"
-        ) from error
+    with told(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
+        full = pin.buildModelFromXML(robot.urdf_xml)
+        # Directories go in by name: pin 4.1 takes the third positional argument for something else.
+        shapes = pin.buildGeomFromUrdfString(
+            full,
+            robot.urdf_xml,
+            pin.GeometryType.COLLISION,
+            package_dirs=[str(path) for path in robot.package_dirs],
+        )
     for shape in shapes.geometryObjects:
         if hasattr(shape.geometry, "vertices") and not np.isfinite(shape.geometry.vertices()).all():
             raise UrdfError(f"mesh {shape.meshPath} holds a corner that is no number; mend or replace it")
@@ -110,14 +104,8 @@ class CollisionModel:
         Raises:
             UrdfError: it cannot be read.
         """
-        said = Said()
-        try:
-            with quiet() as said:
-                pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
-        except (ValueError, RuntimeError) as error:
-            raise UrdfError(
-                f"{srdf}: cannot be read ({reason(said, error)}); mend it, or leave it out of the settings"
-            ) from error
+        with told(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
+            pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
 
     def _leave_out(self, exclusions: tuple[tuple[str, str], ...]) -> None:
         excluded = {frozenset(pair) for pair in exclusions}

@@ -14,7 +14,7 @@ from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
 from urdf.mend import add_frames, bound_continuous_joints, mend_inertias, tell_apart
 from urdf.mjcf import as_urdf
-from urdf.quiet import Said, quiet, reason
+from urdf.quiet import told
 from urdf.robot import Limits, Robot, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
 from urdf.validate import MJCF, check_plain
@@ -187,12 +187,8 @@ def _assemble(
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
     """Model of the arm alone, in the order of its joints from base to tool."""
-    said = Said()
-    try:
-        with quiet() as said:
-            full = pin.buildModelFromXML(xml)
-    except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"{path}: Pinocchio cannot read it ({reason(said, error)}); correct it") from error
+    with told(f"{path}: Pinocchio cannot read it", "correct it"):
+        full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
     if tuple(model.names[1:]) != joints:

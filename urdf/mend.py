@@ -9,7 +9,7 @@ import numpy as np
 
 from urdf.bounds import LARGEST_MESH
 from urdf.find import locate_mesh
-from urdf.quiet import Said, quiet, reason
+from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
 
@@ -186,13 +186,9 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) [m] of a mesh."""
     import coal
 
-    said = Said()
-    try:
-        with quiet() as said:
-            mesh = coal.MeshLoader().load(str(path), scale)
-            mesh.computeLocalAABB()
-    except (ValueError, RuntimeError) as error:
-        raise UrdfError(f"mesh {path} cannot be read ({reason(said, error)}); mend or replace it") from error
+    with told(f"mesh {path} cannot be read", "mend or replace it"):
+        mesh = coal.MeshLoader().load(str(path), scale)
+        mesh.computeLocalAABB()
     if path.stat().st_size > LARGEST_MESH or not np.isfinite(mesh.vertices()).all():
         raise UrdfError(f"mesh {path} is too large, or holds a corner that is no number; mend or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)

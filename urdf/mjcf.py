@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import Said, quiet, reason
+from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 
 SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
@@ -30,12 +30,8 @@ def as_urdf(path: Path) -> tuple[ET.Element, list[str]]:
     Raises:
         UrdfError: Pinocchio cannot read it, or a joint neither turns about an axis nor slides along one.
     """
-    said = Said()
-    try:
-        with quiet() as said:
-            model = pin.buildModelFromMJCF(str(path))
-    except Exception as error:  # Pinocchio raises whatever its parsers do
-        raise UrdfError(f"{path}: Pinocchio cannot read it as an MJCF ({reason(said, error)}); correct it") from error
+    with told(f"{path}: Pinocchio cannot read it as an MJCF", "correct it"):
+        model = pin.buildModelFromMJCF(str(path))
     document = ET.parse(path).getroot()
     forces = _forces(document)
     root = ET.Element("robot", name=str(document.get("model") or path.stem))

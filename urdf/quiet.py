@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
+from urdf.robot import UrdfError
+
 SHOWN = 200
 """Characters of it that fit into a line."""
 
@@ -16,13 +18,6 @@ class Said:
     """What was printed, in one line; complete when the block has ended."""
 
     text: str = ""
-
-
-def reason(said: Said, error: Exception) -> str:
-    """Why a library refused something, in a few words: its own, without where in its source it noticed."""
-    text = str(error) if "message:" in str(error) or not said.text else said.text
-    text = text.partition("message:")[2] or text
-    return " ".join(text.partition("Hint")[0].split())[:SHOWN]
 
 
 @contextmanager
@@ -45,3 +40,25 @@ def quiet() -> Iterator[Said]:
                 os.close(copy)
             file.seek(0)
             said.text = " ".join(file.read(100 * SHOWN).decode("utf-8", errors="replace").split())[:SHOWN]
+
+
+@contextmanager
+def told(what: str, remedy: str) -> Iterator[None]:
+    """Let a library work in the block without printing, and tell what it says where it refuses something.
+
+    Args:
+        what: is wrong then.
+        remedy: what to do.
+
+    Raises:
+        UrdfError: `what`, the library's own words without where in its source it noticed, and the remedy.
+    """
+    said = Said()
+    try:
+        with quiet() as said:
+            yield
+    except Exception as error:  # Pinocchio and Coal raise whatever their parsers do
+        text = str(error) if "message:" in str(error) or not said.text else said.text
+        text = text.partition("message:")[2] or text
+        reason = " ".join(text.partition("Hint")[0].split())[:SHOWN]
+        raise UrdfError(f"{what} ({reason}); {remedy}") from error

@@ -257,7 +257,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
             f"{run.source or run.name}: '{name}' has {np.count_nonzero(keep)} samples while the joints' positions were "
             f"recorded, without the ends, at least {MIN_SAMPLES} are needed: record longer"
         )
-    inside = Channel(raw.time[keep], raw.value[keep], raw.unit)
+    inside = raw.kept(keep)
     replace(run, channels={name: inside}).require_informative(name)
     return inside.time, inside.value
 

@@ -11,6 +11,7 @@ import casadi as ca
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.control.questions import Question
 from armdyn.pendulum.dynamics import STATE_SIZE, Dynamics
+from armdyn.physics.simulate import runge_kutta
 
 WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
 """Settings of SAC that the cost takes, in this order."""
@@ -62,11 +63,7 @@ def horizon_functions(
         slopes.append(derivative(reading))
         at, first = at + STATE_SIZE * (1 + len(names)), first + size
     extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(*rates)])
-    k1 = extended(z, u, t, theta)
-    k2 = extended(z + dt / 2 * k1, u, t + dt / 2, theta)
-    k3 = extended(z + dt / 2 * k2, u, t + dt / 2, theta)
-    k4 = extended(z + dt * k3, u, t + dt, theta)
-    following = z + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    following = runge_kutta(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
 
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
     running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2

@@ -8,8 +8,8 @@ import numpy as np
 from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 
-GRAVITY = 9.81
 SHARE = 0.02
 """Of the load's weight: typical size of a force that is missing."""
 RUB, STOP, MAGNET = 3, 5, 7
@@ -63,7 +63,7 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
         for name, value in {**found, "position": along - length * np.sin(at)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
-    torque = SHARE * mass * GRAVITY * length
+    torque = SHARE * mass * STANDARD_GRAVITY * length
     dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
     string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)

@@ -12,7 +12,6 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from armdyn.channels import Channel
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
 from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, read_as, stamped
@@ -75,7 +74,8 @@ class SwingRun:
         found: dict[str, Curve] = {}
         for name in ("swing_angle", "swing_rate", "gripper_x"):
             if name in self.run.channels and name in (self.swing, "gripper_x"):
-                c = _thinned(self.run.channels[name])
+                whole = self.run.channels[name]
+                c = whole.averaged(-(-len(whole) // THINNED))
                 found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, ORDERS[:2]))
         return found
 
@@ -197,13 +197,6 @@ class SwingRun:
         return Channels(
             np.array(rows), np.array(described), whole, np.concatenate(signs), weight, np.array(volume), np.array(least)
         )
-
-
-def _thinned(channel: Channel) -> Channel:
-    group = -(-len(channel) // THINNED)
-    n = len(channel) // group * group
-    time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (channel.time, channel.value))
-    return Channel(time, value, channel.unit)
 
 
 def mistakes(run: SwingRun) -> Iterator[Hypothesis]:

@@ -161,11 +161,7 @@ class PhysicsModel(SimulatedModel):
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
             start, end = max(t[0] for t in driving), min(t[-1] for t in driving)
-            cut = {
-                n: Channel(c.time[inside], c.value[inside], c.unit)
-                for n, c in ((n, run.channels[n]) for n in names)
-                for inside in [(c.time >= start) & (c.time <= end)]
-            }
+            cut = {n: c.kept((c.time >= start) & (c.time <= end)) for n, c in ((n, run.channels[n]) for n in names)}
             if min(len(channel) for channel in cut.values()) < MIN_SAMPLES:
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")

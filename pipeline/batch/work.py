@@ -6,13 +6,12 @@ import hashlib
 import json
 import threading
 import time
-import traceback
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armdyn.errors import ArmdynError
+from armdyn.errors import ArmdynError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
 from urdf.table_file import read_table
 
@@ -116,12 +115,7 @@ def work(job: Job) -> Outcome:
         except MemoryError:
             found = {"problem": "the memory of this machine is too small for it", "passing": True}
         except Exception as error:  # one bad file never ends a batch
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-            found = {
-                "problem": f"not foreseen: {what} ({Path(frame.filename).name}, line {frame.lineno})",
-                "passing": True,
-            }
+            found = {"problem": sentence_of(error, "not foreseen"), "passing": True}
         gc.collect()  # what was worked out of a recording refers to it; the next one needs the memory
         return Outcome(job.key, seconds=time.perf_counter() - began, **found)
 

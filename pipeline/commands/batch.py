@@ -64,7 +64,7 @@ def batch(
 
 def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
     from pipeline.batch.history import moment
-    from pipeline.fields import number
+    from pipeline.fields import fields
     from pipeline.report.batch import verdicts
 
     return {
@@ -80,20 +80,17 @@ def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
         ],
         "false_alarms": found.found.false_alarms,
         "changes": [
-            {
-                "robot": step.robot, "parameter": step.parameter, "unit": found.units[step.parameter],
-                "last_before": moment(step.last_before).isoformat(),
-                "first_after": moment(step.first_after).isoformat(),
-                "before": number(step.before), "after": number(step.after), "chance": number(step.chance),
-            }
+            fields(
+                step, "robot parameter unit= last_before= first_after= before after chance",
+                unit=found.units[step.parameter],
+                last_before=moment(step.last_before).isoformat(),
+                first_after=moment(step.first_after).isoformat(),
+            )
             for event in found.events
             for step in event.steps
         ],
         "drifts": [
-            {
-                "robot": d.robot, "parameter": d.parameter, "per_day": number(86400.0 * d.slope),
-                "unit": found.units[d.parameter], "chance": number(d.chance),
-            }
+            fields(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])
             for d in found.found.drifts
         ],
     }  # fmt: skip

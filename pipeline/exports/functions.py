@@ -17,6 +17,7 @@ from armdyn.effects.effect import columns_of
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile
+from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
@@ -144,25 +145,6 @@ def _wrapper(each: Function) -> str:
     return "\n".join(lines) + "\n"
 
 
-BINARY = {
-    ca.OP_ADD: "{} + {}", ca.OP_SUB: "{} - {}", ca.OP_MUL: "{} * {}", ca.OP_DIV: "{} / {}", ca.OP_POW: "{} ** {}",
-    ca.OP_CONSTPOW: "{} ** {}", ca.OP_FMIN: "np.minimum({}, {})", ca.OP_FMAX: "np.maximum({}, {})",
-    ca.OP_ATAN2: "np.arctan2({}, {})", ca.OP_LT: "np.less({}, {}) * 1.0", ca.OP_LE: "np.less_equal({}, {}) * 1.0",
-    ca.OP_EQ: "np.equal({}, {}) * 1.0", ca.OP_NE: "np.not_equal({}, {}) * 1.0",
-    ca.OP_AND: "np.logical_and({}, {}) * 1.0", ca.OP_OR: "np.logical_or({}, {}) * 1.0",
-    ca.OP_IF_ELSE_ZERO: "np.where({}, {}, 0.0)", ca.OP_FMOD: "np.fmod({}, {})", ca.OP_HYPOT: "np.hypot({}, {})",
-    ca.OP_COPYSIGN: "np.copysign({}, {})",
-}  # fmt: skip
-UNARY = {
-    ca.OP_ASSIGN: "{}", ca.OP_NEG: "-{}", ca.OP_EXP: "np.exp({})", ca.OP_LOG: "np.log({})", ca.OP_SQRT: "np.sqrt({})",
-    ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2.0 * {}", ca.OP_SIN: "np.sin({})", ca.OP_COS: "np.cos({})",
-    ca.OP_TAN: "np.tan({})", ca.OP_ASIN: "np.arcsin({})", ca.OP_ACOS: "np.arccos({})", ca.OP_ATAN: "np.arctan({})",
-    ca.OP_SINH: "np.sinh({})", ca.OP_COSH: "np.cosh({})", ca.OP_TANH: "np.tanh({})", ca.OP_FABS: "np.abs({})",
-    ca.OP_SIGN: "np.sign({})", ca.OP_INV: "1.0 / {}", ca.OP_FLOOR: "np.floor({})", ca.OP_CEIL: "np.ceil({})",
-    ca.OP_NOT: "np.logical_not({}) * 1.0", ca.OP_LOG1P: "np.log1p({})", ca.OP_EXPM1: "np.expm1({})",
-}  # fmt: skip
-
-
 def python_text(functions: list[Function], about: list[str]) -> str:
     """The file's text; the lines `about` it stand first."""
     return f"{python_docstring(about)}\n\nimport numpy as np\n" + "".join(
@@ -172,6 +154,8 @@ def python_text(functions: list[Function], about: list[str]) -> str:
 
 def _function(each: Function) -> str:
     f = each.function.expand() if not each.function.is_a("SXFunction") else each.function
+    for operation in unknown_operations(f):
+        raise InputError(f"CasADi's operation {operation} has no line in Python: export the model as .c")
     inputs, outputs = f.name_in(), f.name_out()
     explained = [each.summary, "", "Args:"]
     explained += [f"    {name}: {_shape(f.numel_in(i))}{each.inputs[name]}." for i, name in enumerate(inputs)]
@@ -180,42 +164,22 @@ def _function(each: Function) -> str:
     explained += ["", "Many states are rows of two-dimensional inputs."]
     lines = [f"def {f.name()}({', '.join(inputs)}):", python_docstring(explained, "    ")]
     lines += [f"    {name} = np.asarray({name}, dtype=float)" for name in inputs]
-    results: dict[tuple[int, int], str] = {}
-    for k in range(f.n_instructions()):
-        line = _instruction(f, k, inputs, results)
-        if line:
-            lines.append(f"    {line}")
-    returned = []
+    work = numpy_lines(
+        f, lambda i, j: f"{inputs[i]}[..., {j}]" if f.numel_in(i) > 1 else inputs[i], lambda i, j: f"r{i}_{j}"
+    )
+    lines += [f"    {line}" for line in work]
     for i, name in enumerate(outputs):
-        entries = [results.get((i, j), "0.0") for j in range(f.numel_out(i))]
+        entries = [f"r{i}_{j}" for j in range(f.numel_out(i))]
         if len(entries) == 1:
             lines.append(f"    {name} = {entries[0]}")
         else:
             lines.append(f"    {name} = np.stack(np.broadcast_arrays({', '.join(entries)}), axis=-1)")
-        returned.append(name)
-    lines.append(f"    return {', '.join(returned)}")
+    lines.append(f"    return {', '.join(outputs)}")
     return "\n".join(lines) + "\n"
 
 
 def _shape(size: int) -> str:
     return "" if size == 1 else f"(..., {size}) "
-
-
-def _instruction(f: ca.Function, k: int, inputs: list[str], results: dict[tuple[int, int], str]) -> str:
-    """One operation as a line; what is an output is remembered instead."""
-    operation, into, out_of = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
-    if operation == ca.OP_OUTPUT:
-        results[into[0], into[1]] = f"r{into[0]}_{into[1]}"
-        return f"r{into[0]}_{into[1]} = w{out_of[0]}"  # its place is used again
-    if operation == ca.OP_INPUT:
-        name = inputs[out_of[0]]
-        return f"w{into[0]} = {name}[..., {out_of[1]}]" if f.numel_in(out_of[0]) > 1 else f"w{into[0]} = {name}"
-    if operation == ca.OP_CONST:
-        return f"w{into[0]} = {f.instruction_constant(k)!r}"
-    template = UNARY.get(operation) or BINARY.get(operation)
-    if template is None:
-        raise InputError(f"CasADi's operation {operation} has no line in Python: export the model as .c")
-    return f"w{into[0]} = {template.format(*(f'w{i}' for i in out_of))}"
 
 
 def _written(

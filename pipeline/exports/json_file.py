@@ -9,11 +9,10 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Format
-from pipeline.exports.parts import parts_of
+from pipeline.exports.parts import MOMENTS, parts_of
 from pipeline.fields import number
 
 AXES = ("x", "y", "z")
-ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 
 
 def parameters_answer(file: ModelFile) -> dict[str, Any]:
@@ -56,7 +55,7 @@ def link_answer(link: np.ndarray) -> dict[str, Any]:
     return {
         "mass": {"value": number(mass), "unit": "kg"},
         "centre": {"value": dict(zip(AXES, map(number, centre), strict=True)), "unit": "m"},
-        "inertia": {"value": {name: number(inertia[at]) for name, at in ENTRIES.items()}, "unit": "kg m^2"},
+        "inertia": {"value": {name: number(inertia[at]) for name, at in MOMENTS.items()}, "unit": "kg m^2"},
     }
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, is_physical, joint_axes
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, ArmParts, left_over, parts_of
+from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, numbers_text, parts_of
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Dry friction as hard as the solver takes it at its usual step of 2 ms. As MuJoCo has it by default, a light link
@@ -35,11 +35,12 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
         compiler["balanceinertia"] = "true"
         notes.append(f"the links of {', '.join(unphysical)} have inertias that no body has: MuJoCo changes them")
     ET.SubElement(root, "compiler", compiler)
-    ET.SubElement(root, "option", gravity=_text(parts.gravity), integrator="implicitfast")
+    ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
-    _add_bodies(world, model, parts)
-    _add_springs(root, model, parts)
+    bodies = _add_bodies(world, model, parts)
+    _add_shapes(bodies, model)
+    _add_springs(root, bodies, model, parts)
     actuators = ET.SubElement(root, "actuator")
     for joint, effort in zip(parts.joints, model.arm.robot.limits.effort.tolist(), strict=True):
         limited = {"ctrlrange": f"{-effort!r} {effort!r}"} if np.isfinite(effort) and effort > 0 else {}
@@ -48,7 +49,8 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
 
-def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
+def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:
+    """A body for every joint, in their order, and the tool's place."""
     arm, limits = model.arm.model, model.arm.robot.limits
     names = _link_names(model)
     bodies: list[ET.Element] = []
@@ -59,12 +61,14 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
             bodies[parent] if parent >= 0 else world,
             "body",
             name=names[i],
-            pos=_text(placement.translation),
+            pos=numbers_text(placement.translation),
             quat=_quaternion(np.asarray(placement.rotation)),
         )
         mass, centre, inertia = about_centre(joint.link)
         moments = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
-        ET.SubElement(body, "inertial", pos=_text(centre), mass=repr(mass), fullinertia=_text(np.array(moments)))
+        ET.SubElement(
+            body, "inertial", pos=numbers_text(centre), mass=repr(mass), fullinertia=numbers_text(np.array(moments))
+        )
         slides = model.arm.slides[i]
         axis = axes[i][:3] if slides else axes[i][3:]
         dynamics = {"damping": joint.damping, "frictionloss": joint.friction, "armature": joint.armature}
@@ -79,19 +83,19 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         ET.SubElement(
             body,
             "joint",
-            {"name": joint.name, "type": "slide" if slides else "hinge", "axis": _text(axis), **attributes},
+            {"name": joint.name, "type": "slide" if slides else "hinge", "axis": numbers_text(axis), **attributes},
         )
         bodies.append(body)
-    _add_shapes(bodies, model)
     frame = arm.frames[model.arm.robot.tool_frame_id]
     ET.SubElement(
         bodies[int(frame.parentJoint) - 1] if frame.parentJoint else world,
         "site",
         name="tool",
-        pos=_text(frame.placement.act(np.asarray(model.arm.robot.tool_offset))),
+        pos=numbers_text(frame.placement.act(np.asarray(model.arm.robot.tool_offset))),
         quat=_quaternion(np.asarray(frame.placement.rotation)),
         size="0.01",
     )
+    return bodies
 
 
 def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:
@@ -102,17 +106,17 @@ def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:
         ends = [end for end in ends if np.linalg.norm(end) > THICKNESS]
         for end in ends:
             ET.SubElement(
-                body, "geom", {"type": "capsule", "fromto": f"0 0 0 {_text(end)}", "size": repr(THICKNESS), **look}
+                body,
+                "geom",
+                {"type": "capsule", "fromto": f"0 0 0 {numbers_text(end)}", "size": repr(THICKNESS), **look},
             )
         if not ends:
             ET.SubElement(body, "geom", {"type": "sphere", "size": repr(THICKNESS), **look})
 
 
-def _add_springs(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
+def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, parts: ArmParts) -> None:
     """A s sin q + c cos q = A sin(q - q0): the ends of a spring of zero free length meet at q0."""
-    arm, axes, bodies = model.arm.model, joint_axes(model.arm.model), _bodies_by_name(root)
-    names = _link_names(model)
-    tendons = None
+    arm, axes, tendons = model.arm.model, joint_axes(model.arm.model), None
     for i, joint in enumerate(parts.joints):
         sine, cosine = joint.spring
         size = float(np.hypot(sine, cosine))
@@ -124,11 +128,11 @@ def _add_springs(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         on_link = LEVER * across
         turned = pin.AngleAxis(meet, np.asarray(axes[i][3:])).toRotationMatrix() @ on_link
         parent = int(arm.parents[i + 1]) - 1
-        outer = bodies[names[parent]] if parent >= 0 else root.find("worldbody")
+        outer = bodies[parent] if parent >= 0 else root.find("worldbody")
         assert outer is not None
         ends = f"{joint.name}_spring_link", f"{joint.name}_spring_frame"
-        ET.SubElement(bodies[names[i]], "site", name=ends[0], pos=_text(on_link), size="0.005")
-        ET.SubElement(outer, "site", name=ends[1], pos=_text(placement.act(turned)), size="0.005")
+        ET.SubElement(bodies[i], "site", name=ends[0], pos=numbers_text(on_link), size="0.005")
+        ET.SubElement(outer, "site", name=ends[1], pos=numbers_text(placement.act(turned)), size="0.005")
         tendons = tendons if tendons is not None else ET.SubElement(root, "tendon")
         spring = ET.SubElement(
             tendons, "spatial", name=f"{joint.name}_spring", stiffness=repr(size / LEVER**2), springlength="0"
@@ -137,18 +141,10 @@ def _add_springs(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
             ET.SubElement(spring, "site", site=end)
 
 
-def _bodies_by_name(root: ET.Element) -> dict[str, ET.Element]:
-    return {str(body.get("name")): body for body in root.iter("body")}
-
-
 def _link_names(model: ArmModel) -> list[str]:
     """The URDF's name of the link that each joint moves."""
     document = ET.fromstring(model.arm.robot.urdf_xml)
-    children = {
-        joint.get("name"): child.get("link", "")
-        for joint in document.findall("joint")
-        if (child := joint.find("child")) is not None
-    }
+    children = {joint.get("name"): child_link(joint) for joint in document.findall("joint")}
     return [children.get(name) or f"{name}_link" for name in model.joints]
 
 
@@ -160,11 +156,7 @@ def _perpendicular(axis: np.ndarray) -> np.ndarray:
 
 def _quaternion(rotation: np.ndarray) -> str:
     q = pin.Quaternion(rotation)
-    return _text(np.array([q.w, q.x, q.y, q.z]))
-
-
-def _text(vector: np.ndarray) -> str:
-    return " ".join(repr(float(x)) for x in vector)
+    return numbers_text(np.array([q.w, q.x, q.y, q.z]))
 
 
 FORMATS = (

@@ -2,14 +2,13 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from armdyn.arm.model import ArmModel
 
 LINKS = frozenset({"link_inertia", "payload"})
-SENSOR = frozenset({"torque_offset", "torque_gain", "torque_delay"})
-"""Of a reading, not of the arm: a simulator that had them would be wrong."""
 HELD = {
     "urdf": LINKS | {"base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction"},
     "mujoco": LINKS
@@ -24,6 +23,10 @@ WHY = {
     "torque_gain": "belongs to the torque sensor or the motor's constant, not to the arm",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
+SENSOR = frozenset(WHY)
+"""Of a reading, not of the arm: a simulator that had them would be wrong."""
+MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+"""Where the entries of an inertia stand in its matrix."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,17 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
                     "is used"
                 )
     return sentences
+
+
+def child_link(joint: ET.Element) -> str:
+    """Name of the link that a joint of a URDF moves; empty where it names none."""
+    child = joint.find("child")
+    return "" if child is None else child.get("link", "")
+
+
+def numbers_text(vector: np.ndarray) -> str:
+    """Numbers as an attribute of URDF or MJCF, to the last digit."""
+    return " ".join(repr(float(x)) for x in vector)
 
 
 def _of(model: ArmModel, short: str, joint: str) -> float:

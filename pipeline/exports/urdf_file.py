@@ -12,7 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, left_over, parts_of
+from pipeline.exports.parts import HELD, MOMENTS, JointParts, child_link, left_over, numbers_text, parts_of
 
 MOUNTING = "armdyn_world"
 PAYLOAD = "armdyn_payload"
@@ -28,7 +28,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
-            notes += _set_link(root, str(_child(element)), joint)
+            notes += _set_link(root, str(child_link(element)), joint)
     if bare is not model:
         _add_payload(root, model)
     if any(effect.reach == "base" for effect in model.effects):
@@ -44,11 +44,6 @@ def _joint(root: ET.Element, name: str) -> ET.Element:
     if found is None:
         raise InputError(f"the URDF has no joint '{name}' any more")
     return found
-
-
-def _child(joint: ET.Element) -> str:
-    child = joint.find("child")
-    return "" if child is None else child.get("link", "")
 
 
 def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
@@ -88,8 +83,8 @@ def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
         for joint in root.findall("joint"):
             parent = joint.find("parent")
             if joint.get("type") == "fixed" and parent is not None and parent.get("link") == here:
-                found.append(links[_child(joint)])
-                waiting.append(_child(joint))
+                found.append(links[child_link(joint)])
+                waiting.append(child_link(joint))
     return found
 
 
@@ -101,19 +96,11 @@ def _inertial(link: ET.Element) -> np.ndarray:
     origin, mass, inertia = (element.find(tag) for tag in ("origin", "mass", "inertia"))
     xyz, rpy = _numbers(origin, "xyz"), _numbers(origin, "rpy")
     m = float(mass.get("value", "0")) if mass is not None else 0.0
-    entries = {key: float(inertia.get(key, "0")) if inertia is not None else 0.0 for key in _ENTRIES}
-    own = np.array(
-        [
-            [entries["ixx"], entries["ixy"], entries["ixz"]],
-            [entries["ixy"], entries["iyy"], entries["iyz"]],
-            [entries["ixz"], entries["iyz"], entries["izz"]],
-        ]
-    )
+    own = np.zeros((3, 3))
+    for name, (row, column) in MOMENTS.items():
+        own[row, column] = own[column, row] = float(inertia.get(f"i{name}", "0")) if inertia is not None else 0.0
     R = pin.rpy.rpyToMatrix(*rpy)
     return about_origin(m, xyz, R @ own @ R.T)
-
-
-_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
@@ -126,10 +113,9 @@ def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
         link.remove(old)
     mass, centre, inertia = about_centre(parameters)
     element = ET.Element("inertial")
-    ET.SubElement(element, "origin", xyz=_text(centre), rpy="0 0 0")
+    ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
     ET.SubElement(element, "mass", value=repr(mass))
-    values = (inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 1], inertia[1, 2], inertia[2, 2])
-    ET.SubElement(element, "inertia", {key: repr(float(x)) for key, x in zip(_ENTRIES, values, strict=True)})
+    ET.SubElement(element, "inertia", {f"i{name}": repr(float(inertia[at])) for name, at in MOMENTS.items()})
     link.insert(0, element)
 
 
@@ -140,14 +126,14 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     link = ET.SubElement(root, "link", name=PAYLOAD)
     _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
     fixed = ET.SubElement(root, "joint", name=f"{PAYLOAD}_joint", type="fixed")
-    ET.SubElement(fixed, "origin", xyz=_text(np.array(place)), rpy="0 0 0")
-    ET.SubElement(fixed, "parent", link=_child(_joint(root, joint)))
+    ET.SubElement(fixed, "origin", xyz=numbers_text(np.array(place)), rpy="0 0 0")
+    ET.SubElement(fixed, "parent", link=child_link(_joint(root, joint)))
     ET.SubElement(fixed, "child", link=PAYLOAD)
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
     """A new root link to which the base is fixed as it is inclined."""
-    children = {_child(joint) for joint in root.findall("joint")}
+    children = {child_link(joint) for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
     ET.SubElement(root, "link", name=MOUNTING)
@@ -175,10 +161,6 @@ def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
         name = mesh.get("filename", "")
         if name and "://" not in name and not Path(name).is_absolute():
             mesh.set("filename", os.path.relpath(old / name, new))
-
-
-def _text(vector: np.ndarray) -> str:
-    return " ".join(repr(float(x)) for x in vector)
 
 
 FORMATS = (

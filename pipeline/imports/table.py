@@ -13,7 +13,7 @@ import numpy as np
 from armdyn.arrays import seconds
 from armdyn.bytes_in import read_bytes
 from armdyn.delimited import header_of, parse_delimited, read_text, separator_of
-from armdyn.errors import InputError
+from armdyn.errors import InputError, at
 from pipeline.imports.foreign import Column, Foreign, Reader, split_label
 from urdf.bounds import (
     LARGEST_CONTENT,
@@ -47,10 +47,8 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
     Raises:
         InputError: it is no text, has no header, or its rows have different numbers of cells.
     """
-    try:
+    with at(path):
         return _of_any_dialect(path, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
-    except InputError as error:
-        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
 
 
 def _of_any_dialect(path: Path, text: str) -> Foreign:

@@ -6,41 +6,17 @@ SAC would share CasADi's buffers.
 
 import multiprocessing
 import pickle
-import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from armdyn.errors import ArmdynError, InputError, TaskFailedError
+from armdyn.errors import InputError, TaskFailedError, sentence_of
 from ik.children import begin_child
 from pipeline.processes import be_ordinary
 
 Work = Callable[[Any], Any]
 Then = Callable[[Any], None]
-
-
-LONGEST_MESSAGE = 300
-"""Characters of a foreign message that are shown; some hold whole matrices."""
-
-
-def sentence_of(error: BaseException, failed: str) -> str:
-    """What happened, in one line.
-
-    Our own errors already say what to do. Of any other, the kind, its message and the place in the code are given:
-    that is what whoever mends it needs.
-
-    Args:
-        error: what was raised.
-        failed: such as ``"the estimator node failed at 1.20 s"``.
-    """
-    said = " ".join(str(error).split())
-    said = said if len(said) <= LONGEST_MESSAGE else said[:LONGEST_MESSAGE] + " ..."
-    if isinstance(error, ArmdynError):
-        return said
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].filename.rpartition('/')[2]}, line {frames[-1].lineno})" if frames else ""
-    return f"{failed}: {type(error).__name__}{': ' if said else ''}{said}{place}"
 
 
 class BackgroundWorker:

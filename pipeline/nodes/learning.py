@@ -67,10 +67,9 @@ class EstimatorNode:
         measurement: MeasurementNode,
         estimator: Estimator[PendulumModel],
         recorder: Recorder,
-        worker: BackgroundWorker | None = None,
+        worker: BackgroundWorker,
     ) -> None:
-        self._measurement, self._estimator, self._recorder = measurement, estimator, recorder
-        self._worker = worker or BackgroundWorker()
+        self._measurement, self._estimator, self._recorder, self._worker = measurement, estimator, recorder, worker
         self._worker.provide(self.name, self._update)
         self.start: float | None = None
         self.history: list[LengthEstimate] = []

@@ -10,6 +10,7 @@ import numpy as np
 import urdf
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion.gate import PERIOD
@@ -29,8 +30,6 @@ JUMP_DRIFT = 0.05
 """Share by which it may change further with every sample that is held back after a jump."""
 NOISE_JUMP = 10.0
 """Standard deviations of one sample that come on top of `LARGEST_JUMP`."""
-GRAVITY = 9.81
-"""For the load's weight [m/s^2]."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -142,7 +141,7 @@ class MeasurementNode:
         self._guessed = 0  # samples at the end of the gripper's path that were bridged
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
-        weight = GRAVITY * mass
+        weight = STANDARD_GRAVITY * mass
         jump = LARGEST_JUMP * weight + NOISE_JUMP * noise["load_force"]
         self.joint_check = JointReadingCheck(description.limits)
         self.force_check = ForceReadingCheck(jump, JUMP_DRIFT * weight, SLACK_FORCE)

@@ -166,10 +166,10 @@ class TaskNode:
         check: Check,
         measured: Callable[[], Vector],
         settings: TaskSettings,
-        worker: BackgroundWorker | None = None,
+        worker: BackgroundWorker,
     ) -> None:
         self._drive, self._limits, self._check, self.settings = drive, limits, check, settings
-        self._model, self._measured, self._worker = model, measured, worker or BackgroundWorker()
+        self._model, self._measured, self._worker = model, measured, worker
         self._planners = {
             seconds: TaskPlanner(model, round(seconds / PERIOD), PERIOD)
             for seconds in (settings.duration, settings.settling)

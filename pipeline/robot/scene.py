@@ -8,6 +8,7 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.box import Box
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -173,7 +174,7 @@ def _set_options(spec: mujoco.MjSpec, line: urdf.Line, tilt: float) -> None:
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.gravity = 9.81 * (np.sin(tilt) * line.direction - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+    spec.option.gravity = STANDARD_GRAVITY * (np.sin(tilt) * line.direction - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
     # MuJoCo measures its solver's progress against the mean inertia, beside which the load's is small: with the
     # default of 1e-8 the string's pull is 8 mN rms off while the joints are made rigid.
     spec.option.tolerance = 1e-12

@@ -14,6 +14,7 @@ import numpy as np
 import urdf
 from pipeline.robot.protocol import Vector
 from pipeline.ros.baxter import PRESSED, RELEASED, AssemblyState
+from pipeline.ros.states import finite
 from pipeline.ros.topics import MODES
 
 ENABLE_TAKES = 0.1
@@ -155,8 +156,5 @@ class BaxterController:
 
     def _vector(self, given: object) -> Vector | None:
         """One finite number per joint; None where it is anything else."""
-        try:
-            vector = np.array(given, dtype=float)
-        except (TypeError, ValueError):
-            return None
-        return vector if vector.shape == (len(self._names),) and np.isfinite(vector).all() else None
+        vector = finite(given)
+        return vector if vector is not None and vector.shape == (len(self._names),) else None

@@ -211,15 +211,20 @@ def stamp_of(message: Mapping[str, Any]) -> float:
         return float("nan")
 
 
+def finite(given: object) -> Vector | None:
+    """Numbers of a message as an array; None where one of them is none, or not finite."""
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return values if np.isfinite(values).all() else None
+
+
 def _values(given: object, index: list[int]) -> Vector | None:
     """The values of our joints (n,); None where one is missing or not finite."""
     if not isinstance(given, list) or max(index) >= len(given):
         return None
-    try:
-        values = np.array([given[i] for i in index], dtype=float)
-    except (TypeError, ValueError):
-        return None
-    return values if np.isfinite(values).all() else None
+    return finite([given[i] for i in index])
 
 
 def _between(a: JointState, b: JointState, time: float) -> JointState:

@@ -15,6 +15,7 @@ from armdyn.errors import ArmdynError
 from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, Vector
 from pipeline.ros.bridge import Bridge
+from pipeline.ros.topics import time_message
 
 ESTIMATE, REFERENCE, LOAD_FORCE, PHASE = (f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase"))
 EVERY = 0.04
@@ -38,7 +39,7 @@ class Telemetry:
         """What the joints were told (n,) [rad, rad/s]."""
         if self._due(REFERENCE):
             position, velocity = q.tolist(), v.tolist()
-            header = {"stamp": _stamp()}
+            header = {"stamp": time_message(time.time())}
             self._say(REFERENCE, {"header": header, "name": self._names, "position": position, "velocity": velocity})
 
     def load_force(self, samples: Sequence[ForceSample]) -> None:
@@ -46,7 +47,7 @@ class Telemetry:
         if samples and self._due(LOAD_FORCE):
             force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
             self._say(LOAD_FORCE, {
-                "header": {"stamp": _stamp(), "frame_id": "load_cell"}, "wrench": {"force": force},
+                "header": {"stamp": time_message(time.time()), "frame_id": "load_cell"}, "wrench": {"force": force},
             })  # fmt: skip
 
     def estimate(self, length: float, std: float) -> None:
@@ -83,8 +84,3 @@ class PublishingRecorder(Recorder):
         super().record(channel, time, value)
         if channel == "estimate.length_std":
             self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
-
-
-def _stamp() -> dict[str, int]:
-    now = time.time_ns()
-    return {"secs": now // 1_000_000_000, "nsecs": now % 1_000_000_000}

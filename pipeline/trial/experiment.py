@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 
 from armdyn.control.task import SwingPlan, SwingState
-from armdyn.errors import ArmdynError
+from armdyn.errors import ArmdynError, sentence_of
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
@@ -25,7 +25,7 @@ from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.motion.gate import PERIOD
-from pipeline.nodes.background import BackgroundWorker, ProcessWorker, sentence_of
+from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import LATEST, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units

@@ -12,10 +12,10 @@ import numpy as np
 import ik
 import urdf
 from armdyn.errors import InputError, TaskFailedError
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.motion.feasibility import CheckSettings, box_and_table, check_joints, check_line
-from pipeline.nodes.measurement import GRAVITY
 from pipeline.processes import ask_for_real_time
 from pipeline.robot.drivers import Connect
 from pipeline.robot.link import LinkStatistics
@@ -166,7 +166,7 @@ def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
     """The load hangs on the load cell, and the load cell shows its weight."""
-    weight, seen = GRAVITY * c.mass, _forces(robot, CALM_TIME, OPEN_CELL)
+    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_TIME, OPEN_CELL)
     if not len(seen):
         raise InputError(f"load cell: no sample within {OPEN_CELL:g} s: check cable and port")
     shown = float(np.median(seen))

@@ -10,7 +10,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
-from armdyn.errors import ArmdynError
+from armdyn.errors import sentence_of
 from ik.children import begin_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
@@ -112,10 +112,8 @@ def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Conne
     os.nice(5)  # the page comes first
     try:
         answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
-    except ArmdynError as error:
-        answers.send(("failed", str(error)))
     except Exception as error:
-        answers.send(("failed", f"The search failed with {type(error).__name__}: {' '.join(str(error).split())}"))
+        answers.send(("failed", sentence_of(error, "The search failed")))
 
 
 def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:

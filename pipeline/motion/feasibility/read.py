@@ -12,7 +12,7 @@ import urdf
 from armdyn.channels import Channel
 from armdyn.csv_run import read_csv
 from armdyn.differences import quiet_std
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
@@ -95,7 +95,7 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
         InputError: names the file, what is wrong and what to do.
     """
     path = Path(path)
-    try:
+    with at(path):
         if is_line_csv(path):
             return _line(read_csv(path, UNITS), ("s", "v", "a"))
         channels = read_run(path).channels
@@ -103,12 +103,9 @@ def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | Li
             return _joints(channels, robot)
         if "gripper_x" in channels:
             return _line(channels, ("gripper_x", "gripper_v", "gripper_a"))
-    except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
-    raise InputError(
-        f"{path}: no motion in it: add columns 'q.{robot.joint_names[0]} [rad]' and so on for every joint, or 's [m]'"
-    )
+        raise InputError(
+            f"no motion in it: add columns 'q.{robot.joint_names[0]} [rad]' and so on for every joint, or 's [m]'"
+        )
 
 
 def _line(channels: Mapping[str, Channel], names: tuple[str, str, str]) -> LineTrajectory:
