@@ -1,6 +1,6 @@
 """Cuts runs where samples are missing, so that nothing is smoothed, filtered or simulated across a gap."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,13 +60,21 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
     whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= FEWEST]
     if not whole:
         return (run,)
-    gaps = ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
-    said = f"no samples {gaps}: the run is cut there, each piece with its own start"
+    return in_pieces(run, whole, f"no samples {told(spans)}: the run is cut there, each piece with its own start")
+
+
+def told(spans: Iterable[tuple[float, float]]) -> str:
+    """Spans of time, s, for a sentence."""
+    return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
+
+
+def in_pieces(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
+    """Parts of a run as runs of their own; why it was cut is said with the first of them."""
     began = min(float(channel.time[0]) for channel in run.channels.values())
     return tuple(
         replace(
-            run, name=f"{run.name}#{k}" if len(whole) > 1 else run.name, channels=channels, began=began,
-            warnings=(*run.warnings, said) if k == 1 else run.warnings,
+            run, name=f"{run.name}#{k}" if len(parts) > 1 else run.name, channels=channels, began=began,
+            warnings=(*run.warnings, said) if k == 1 else (),
         )
-        for k, channels in enumerate(whole, start=1)
+        for k, channels in enumerate(parts, start=1)
     )  # fmt: skip

@@ -1,7 +1,6 @@
 """Why an arm cannot hold its tool at a target: out of reach, a joint limit or a collision, and by how much."""
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -13,14 +12,6 @@ from urdf.robot import Array
 ALL_STARTS = 200  # starting postures that a search without joint limits may use
 
 
-class Reason(Enum):
-    """Why a target is missed; the value is the end of a sentence."""
-
-    REACH = "it is beyond the arm's reach"
-    LIMIT = "a joint would pass its limit"
-    COLLISION = "the arm would touch something"
-
-
 @dataclass(frozen=True)
 class Miss:
     """A target that cannot be held.
@@ -28,25 +19,23 @@ class Miss:
     Attributes:
         s: its path coordinate [m].
         position: of the tool point, (3,) [m].
-        reason: why.
         distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
         angle: how far the tool stays turned away [rad]; 0 for a collision.
-        detail: which joint or which links, as the end of a sentence.
+        why: it is beyond reach, or which joint or which links forbid it; the end of a sentence.
     """
 
     s: float
     position: Array
-    reason: Reason
     distance: float
     angle: float
-    detail: str
+    why: str
 
     @property
     def sentence(self) -> str:
         """Which target, how far off and why."""
         where = ", ".join(f"{value:.3f}" for value in self.position)
         off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
-        return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.detail}"
+        return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
 
 
 def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
@@ -73,14 +62,13 @@ def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) 
         off = float(answers.distance[index]), float(answers.angle[index])
         if index in without_limits:
             reached, q = without_limits[index]
-            reason = Reason.LIMIT if reached else Reason.REACH
-            detail = _joint_beyond_limit(robot, q) if reached else reason.value
-            misses.append(Miss(float(at), position[index], reason, *off, detail))
+            why = _joint_beyond_limit(robot, q) if reached else "it is beyond the arm's reach"
+            misses.append(Miss(float(at), position[index], *off, why))
         elif touching := collisions.touching(answers.q[index]):
             others = solver.postures(rotation[index], position[index])
             if not any(collisions.touching(q) is None for q in others):
-                detail = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
-                misses.append(Miss(float(at), position[index], Reason.COLLISION, 0.0, 0.0, detail))
+                why = f"{touching[0]} would touch {touching[1]} in every posture that was tried"
+                misses.append(Miss(float(at), position[index], 0.0, 0.0, why))
     return tuple(misses)
 
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from urdf.quiet import told
 from urdf.robot import Array, UrdfError
+from urdf.write import add_joint, inertial_element, numbers_text
 
 SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
 """rad/s or m/s that are assumed: an MJCF has no speed limits; 0.25 m/s is the reduced speed of ISO 10218-1."""
@@ -59,7 +60,7 @@ def as_urdf(path: Path) -> tuple[ET.Element, list[str]]:
         bounded = joint.nq == 1 and np.isfinite(lower) and np.isfinite(upper) and lower < upper
         kind = "prismatic" if slides else "revolute" if bounded else "continuous"
         element = _join(root, name, kind, names[int(model.parents[i])], names[i], model.jointPlacements[i])
-        ET.SubElement(element, "axis", xyz=_text(axes[i][:3] if slides else axes[i][3:]))
+        ET.SubElement(element, "axis", xyz=numbers_text(axes[i][:3] if slides else axes[i][3:]))
         effort = float(model.effortLimit[joint.idx_v])
         effort = effort if np.isfinite(effort) and effort > 0 else forces.get(name, 0.0)
         if not effort:
@@ -122,23 +123,13 @@ def _add_frames(root: ET.Element, model: pin.Model, names: dict[int, str]) -> No
 
 
 def _join(root: ET.Element, name: str, kind: str, parent: str, child: str, placement: pin.SE3) -> ET.Element:
-    joint = ET.SubElement(root, "joint", name=name, type=kind)
     rpy = pin.rpy.matrixToRpy(np.asarray(placement.rotation))
-    ET.SubElement(joint, "origin", xyz=_text(placement.translation), rpy=_text(rpy))
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=child)
-    return joint
+    return add_joint(root, name, kind, parent, child, placement.translation, rpy)
 
 
 def _weigh(link: ET.Element, inertia: pin.Inertia) -> None:
-    if inertia.mass <= 0.0:
-        return
-    element = ET.SubElement(link, "inertial")
-    ET.SubElement(element, "origin", xyz=_text(inertia.lever), rpy="0 0 0")
-    ET.SubElement(element, "mass", value=repr(float(inertia.mass)))
-    moments = np.asarray(inertia.inertia)
-    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    ET.SubElement(element, "inertia", {key: repr(float(moments[at])) for key, at in entries.items()})
+    if inertia.mass > 0.0:
+        link.append(inertial_element(inertia.mass, inertia.lever, inertia.inertia))
 
 
 def _forces(document: ET.Element) -> dict[str, float]:
@@ -170,7 +161,3 @@ def _gravity(document: ET.Element) -> list[str]:
         shown = " ".join(f"{value:g}" for value in given)
         return [f"its gravity {shown} is left out; the base is taken to stand upright"]
     return []
-
-
-def _text(vector: Array) -> str:
-    return " ".join(repr(float(x)) for x in np.asarray(vector).ravel())

@@ -130,12 +130,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     curves = []
     start, end = -np.inf, np.inf
     for name in joints:
-        if f"q.{name}" not in run.channels:
-            raise InputError(
-                f"{run.source or run.name}: holds no 'q.{name}', the position of a joint of the arm: record it, or "
-                "choose the arm's joints without it"
-            )
-        q = run.channels[f"q.{name}"]
+        q = _position(run, name)
         if len(q) < FEWEST:
             raise InputError(
                 f"{run.source or run.name}: 'q.{name}' has {len(q)} samples, at least {FEWEST} are needed: "
@@ -229,13 +224,17 @@ def torque_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> 
             f"{where}: holds no torque of {', '.join(joints)}, so there is nothing to compare: record 'tau.<joint>'"
         )
     for joint, sliding in zip(joints, slides, strict=True):
-        if f"q.{joint}" not in run.channels:
-            raise InputError(
-                f"{where}: holds no 'q.{joint}', the position of a joint of the arm: record it, or choose the "
-                "arm's joints without it"
-            )
-        unit = run.channels[f"q.{joint}"].unit
+        unit = _position(run, joint).unit
         if (unit == "m") != sliding:
             moves = "slides" if sliding else "turns"
             raise InputError(f"{where}: 'q.{joint}' is in {unit}, but the joint {moves}: mend the column's unit")
     return channels
+
+
+def _position(run: Run, joint: str) -> Channel:
+    if f"q.{joint}" not in run.channels:
+        raise InputError(
+            f"{run.source or run.name}: holds no 'q.{joint}', the position of a joint of the arm: record it, or choose "
+            "the arm's joints without it"
+        )
+    return run.channels[f"q.{joint}"]

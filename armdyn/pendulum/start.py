@@ -6,12 +6,11 @@ derivative with respect to the start vanishes by symmetry.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel
-from armdyn.gaps import between
+from armdyn.gaps import between, in_pieces, told
 from armdyn.pendulum.path import run_path
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
@@ -76,16 +75,9 @@ def pieces(run: Run) -> tuple[Run, ...]:
     ends = [*gripper.time[before], np.inf]
     parts = [between(run, start, end) for start, end in zip(starts, ends, strict=True)]
     whole = [channels for channels in parts if min(len(channel) for channel in channels.values()) >= MIN_SAMPLES]
-    gaps = ", ".join(f"from {gripper.time[i]:.4g} to {gripper.time[i + 1]:.4g} s" for i in before)
+    gaps = told((gripper.time[i], gripper.time[i + 1]) for i in before)
     said = f"gripper_x: it moved while no position was recorded, {gaps}; what follows is a run of its own"
-    began = min(float(channel.time[0]) for channel in run.channels.values())
-    return tuple(
-        replace(
-            run, name=f"{run.name}#{k}", channels=channels, began=began,
-            warnings=(*run.warnings, said) if k == 1 else (),
-        )
-        for k, channels in enumerate(whole, start=1)
-    )  # fmt: skip
+    return in_pieces(run, whole, said)
 
 
 def _moved(gripper: Channel, before: int) -> bool:

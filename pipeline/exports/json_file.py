@@ -9,8 +9,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Format
-from pipeline.exports.parts import MOMENTS, parts_of
+from pipeline.exports.parts import parts_of
 from pipeline.fields import number
+from urdf.write import MOMENTS
 
 AXES = ("x", "y", "z")
 

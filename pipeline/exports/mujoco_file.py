@@ -13,7 +13,8 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, is_physical, joint_axes
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, numbers_text, parts_of
+from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, parts_of
+from urdf.write import numbers_text
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
 """Dry friction as hard as the solver takes it at its usual step of 2 ms. As MuJoCo has it by default, a light link

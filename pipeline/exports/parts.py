@@ -25,8 +25,6 @@ WHY = {
 }
 SENSOR = frozenset(WHY)
 """Of a reading, not of the arm: a simulator that had them would be wrong."""
-MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
-"""Where the entries of an inertia stand in its matrix."""
 
 
 @dataclass(frozen=True)
@@ -126,11 +124,6 @@ def child_link(joint: ET.Element) -> str:
     """Name of the link that a joint of a URDF moves; empty where it names none."""
     child = joint.find("child")
     return "" if child is None else child.get("link", "")
-
-
-def numbers_text(vector: np.ndarray) -> str:
-    """Numbers as an attribute of URDF or MJCF, to the last digit."""
-    return " ".join(repr(float(x)) for x in vector)
 
 
 def _of(model: ArmModel, short: str, joint: str) -> float:

@@ -12,7 +12,8 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, MOMENTS, JointParts, child_link, left_over, numbers_text, parts_of
+from pipeline.exports.parts import HELD, JointParts, child_link, left_over, parts_of
+from urdf.write import MOMENTS, add_joint, inertial_element
 
 MOUNTING = "armdyn_world"
 PAYLOAD = "armdyn_payload"
@@ -111,12 +112,7 @@ def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
 def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
     for old in link.findall("inertial"):
         link.remove(old)
-    mass, centre, inertia = about_centre(parameters)
-    element = ET.Element("inertial")
-    ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
-    ET.SubElement(element, "mass", value=repr(mass))
-    ET.SubElement(element, "inertia", {f"i{name}": repr(float(inertia[at])) for name, at in MOMENTS.items()})
-    link.insert(0, element)
+    link.insert(0, inertial_element(*about_centre(parameters)))
 
 
 def _add_payload(root: ET.Element, model: ArmModel) -> None:
@@ -125,10 +121,7 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD)
     _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
-    fixed = ET.SubElement(root, "joint", name=f"{PAYLOAD}_joint", type="fixed")
-    ET.SubElement(fixed, "origin", xyz=numbers_text(np.array(place)), rpy="0 0 0")
-    ET.SubElement(fixed, "parent", link=child_link(_joint(root, joint)))
-    ET.SubElement(fixed, "child", link=PAYLOAD)
+    add_joint(root, f"{PAYLOAD}_joint", "fixed", child_link(_joint(root, joint)), PAYLOAD, place)
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
@@ -137,10 +130,7 @@ def _mount(root: ET.Element, model: ArmModel) -> None:
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
     ET.SubElement(root, "link", name=MOUNTING)
-    fixed = ET.SubElement(root, "joint", name=f"{MOUNTING}_joint", type="fixed")
-    ET.SubElement(fixed, "origin", xyz="0 0 0", rpy=f"{roll!r} {pitch!r} 0")
-    ET.SubElement(fixed, "parent", link=MOUNTING)
-    ET.SubElement(fixed, "child", link=base)
+    add_joint(root, f"{MOUNTING}_joint", "fixed", MOUNTING, base, rpy=(roll, pitch, 0.0))
 
 
 def _give_shapes(root: ET.Element, original: ET.Element) -> None:

@@ -32,11 +32,6 @@ class ReceptionTimes:
         self._times: deque[float] = deque(maxlen=WINDOW)
 
     @property
-    def latest(self) -> float | None:
-        """Time of the latest sample [s]."""
-        return self._times[-1] if self._times else None
-
-    @property
     def rate(self) -> float:
         """Samples per second over the last `WINDOW` samples; 0 before the second one."""
         if len(self._times) < 2:
@@ -187,7 +182,6 @@ class LoadCell(Closing):
                 connected=self._connected,
                 samples=self._received,
                 rate=self._times.rate if heard else 0.0,
-                latest=self._times.latest,
                 active=active,
                 counts={fault: self._faults[fault] for fault in Fault},
             )

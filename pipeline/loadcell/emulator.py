@@ -14,6 +14,9 @@ from armdyn.errors import InputError
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
 from pipeline.processes import Closing
 
+OFFSET, SCALE = 84213.0, 5.6e-6
+"""Counts of the empty cell, and newtons per count: a 1 kg cell of 1 mV/V behind an HX711."""
+
 
 class EmulatedPort(Closing):
     """The microcontroller's end of a serial line; `port` names the computer's end. Linux and macOS only."""
@@ -61,7 +64,7 @@ class EmulatedCell(Closing):
     Args:
         rng: source of the noise.
         force: what pulls; see `hang`.
-        scale: [N/count]; a 1 kg cell of 1 mV/V by default.
+        scale: [N/count].
         rate: samples per second.
 
     Attributes:
@@ -69,14 +72,14 @@ class EmulatedCell(Closing):
         noise: standard deviation of one sample [counts].
     """
 
-    offset, noise = 84213.0, 40.0
+    offset, noise = OFFSET, 40.0
 
     def __init__(
         self,
         rng: np.random.Generator,
         force: Callable[[float], float] | float = 0.0,
         *,
-        scale: float = 5.6e-6,
+        scale: float = SCALE,
         rate: float = 80.0,
     ) -> None:
         self._rng, self.scale, self.rate = rng, scale, rate

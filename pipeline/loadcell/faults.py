@@ -234,7 +234,6 @@ class LoadCellStatus:
         connected: whether the port is open and there.
         samples: how many samples were received.
         rate: measured over the latest samples [Hz]; 0 while nothing arrives.
-        latest: time of the latest sample [s], None before the first.
         active: faults that hold now, the most serious first.
         counts: per fault, how many lines or samples it concerned, or how often it began where it lasts.
     """
@@ -242,7 +241,6 @@ class LoadCellStatus:
     connected: bool
     samples: int
     rate: float
-    latest: float | None
     active: tuple[Fault, ...]
     counts: Mapping[Fault, int]
 

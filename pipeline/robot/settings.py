@@ -1,7 +1,7 @@
 """What the simulated robot is: load, string, servo, sensors, box; and which settings and postures are refused."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -142,18 +142,6 @@ class PlantSettings:
             raise InputError(
                 f"PlantSettings.length is {self.length:g} m: it must exceed load_radius, {self.load_radius:g} m"
             )
-
-    @classmethod
-    def exact(cls) -> "PlantSettings":
-        """Nothing uncertain, nothing noisy: the label's mass, the URDF's inertias, no dry friction, ideal sensors."""
-        default = cls()
-        return cls(
-            mass_spread=0.0,
-            inertia_spread=0.0,
-            servo=replace(default.servo, friction=(0.0,) * len(default.servo.friction)),
-            readings=ReadingSettings(0.0, 0.0, 0.0, (0.0,) * len(default.readings.effort_noise)),
-            cell=CellSettings(noise=0.0, resolution=0.0, bias=0.0, latency=0.0),
-        )
 
 
 def checked_start(robot: urdf.Robot, q_start: npt.ArrayLike, settings: PlantSettings) -> Vector:

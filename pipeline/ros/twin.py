@@ -16,7 +16,7 @@ import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.emulator import EmulatedPort
+from pipeline.loadcell.emulator import OFFSET, SCALE, EmulatedPort
 from pipeline.processes import Closing, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -31,8 +31,6 @@ STATE_EVERY = 0.01
 """Time between two joint states [s]."""
 POWER_EVERY = 0.05
 """Time between two messages on whether the robot is enabled [s]; the bridge has to convert each."""
-OFFSET, SCALE = 84213.0, 5.6e-6
-"""Counts of the empty cell, and newtons per count: a 1 kg cell of 1 mV/V behind an HX711."""
 FAR_BEHIND = 0.5
 """A computer that is this late [s] cannot run the twin in real time; the time is left out, and said."""
 NEVER = 1e6

@@ -15,7 +15,7 @@ from pipeline.loadcell.fit import CalibrationFit, Plateau, Weight
 from pipeline.loadcell.monitor import LATEST, Monitor, calibration_json, calibration_table, monitor_json, monitor_table
 from pipeline.robot.protocol import ForceSample
 
-STATUS = LoadCellStatus(True, 3, 79.96, 12.5, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
+STATUS = LoadCellStatus(True, 3, 79.96, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
 EMPTY = Plateau(Weight("0 g", 0.0), 84213.4, 1.0, 40.0, 60, 1)
 LOADED = Plateau(Weight("100 g", 0.981), -90962.5, 2.0, 41.0, 59, 2)
 FIT = CalibrationFit(

@@ -10,10 +10,23 @@ from simulated_truth import gripper_truth, load_truth
 
 import ik
 import urdf
-from pipeline.robot.settings import PlantSettings
+from pipeline.robot.settings import CellSettings, PlantSettings, ReadingSettings
 from pipeline.robot.simulated import SimulatedRobot
 
 Vector = npt.NDArray[np.float64]
+
+
+def exact_settings() -> PlantSettings:
+    """Nothing uncertain, nothing noisy: the label's mass, the URDF's inertias, no dry friction, ideal sensors."""
+    default = PlantSettings()
+    return PlantSettings(
+        mass_spread=0.0,
+        inertia_spread=0.0,
+        servo=replace(default.servo, friction=(0.0,) * len(default.servo.friction)),
+        readings=ReadingSettings(0.0, 0.0, 0.0, (0.0,) * len(default.readings.effort_noise)),
+        cell=CellSettings(noise=0.0, resolution=0.0, bias=0.0, latency=0.0),
+        box=None,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +39,7 @@ def plant(baxter: urdf.Robot, q_start: Vector) -> Callable[..., SimulatedRobot]:
     """A plant with nothing uncertain and no box, but for what is named; `settings` gives another beginning."""
 
     def make(hidden=None, seed=0, settings=None, **changes) -> SimulatedRobot:
-        settings = settings or replace(PlantSettings.exact(), box=None)
+        settings = settings or exact_settings()
         return SimulatedRobot(baxter, q_start, replace(settings, **changes), hidden, seed)
 
     return make

@@ -1,0 +1,36 @@
+"""Elements of a URDF as armdyn writes them; numbers to the last digit."""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+"""Where the entries of an inertia stand in its matrix."""
+NOWHERE = (0.0, 0.0, 0.0)
+
+
+def numbers_text(vector: ArrayLike) -> str:
+    """Numbers as an attribute."""
+    return " ".join(repr(float(x)) for x in np.ravel(vector))
+
+
+def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.Element:
+    """An ``<inertial>`` of a mass, kg, with its centre (3,), m, and the inertia (3, 3) about that, kg m^2."""
+    moments = np.asarray(inertia)
+    element = ET.Element("inertial")
+    ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
+    ET.SubElement(element, "mass", value=repr(float(mass)))
+    ET.SubElement(element, "inertia", {f"i{name}": repr(float(moments[at])) for name, at in MOMENTS.items()})
+    return element
+
+
+def add_joint(
+    root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: ArrayLike = NOWHERE, rpy: ArrayLike = NOWHERE
+) -> ET.Element:
+    """Add a ``<joint>`` between two links, at xyz, m, and roll, pitch, yaw, rad, in the frame of the parent."""
+    joint = ET.SubElement(root, "joint", name=name, type=kind)
+    ET.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    return joint
