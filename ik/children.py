@@ -49,7 +49,7 @@ def begin_child(begin: Callable[..., object] | None = None, arguments: tuple[Any
 
 
 def leave_signals_to_parent() -> None:
-    """A terminal sends its signals to all of a group, and the parent decides what they mean."""
+    """Ignore Ctrl-C and hang-up, which a terminal sends to a whole group, so that the parent alone acts on them."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

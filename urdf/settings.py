@@ -54,7 +54,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class AssumedLimits:
-    """Limits per joint [rad/s^2 and rad/s^3, or m], and where they come from."""
+    """Limits that no URDF states, per joint [rad/s^2 and rad/s^3, or m/s^2 and m/s^3], and where they come from."""
 
     acceleration: tuple[float, ...]
     jerk: tuple[float, ...]

@@ -90,7 +90,7 @@ def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, App
     appraiser = Filtered(study)
     whole = appraiser.best_set(say)
     fit = study.fit_with((*study.present, *whole.effects), first)
-    if fit.chi2_per_sample > GROSS:
+    if fit.chi2_per_sample > GROSS and appraiser.candidates:
         say("comparing pairs over whole runs")
         whole = appraiser.settle(_pair_or(study, appraiser, whole))
         fit = study.fit_with((*study.present, *whole.effects), first)

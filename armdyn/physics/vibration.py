@@ -20,7 +20,7 @@ FINEST = 1.0 / 200.0
 
 
 class Vibration:
-    """What a signal becomes; derivatives by parameters are exact for the recursion.
+    """What a damped oscillator makes of a sampled signal that drives it, with exact derivatives by its parameters.
 
     Args:
         settings: ``theta -> (2,)``, 1/w^2 in s^2 and the damping ratio z < 1.

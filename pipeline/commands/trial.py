@@ -114,7 +114,7 @@ def trial(
         return
     for option, text in (("--ros", ros), ("--loadcell", loadcell), ("--landed", landed), ("--rehearse", rehearse)):
         if text:
-            raise InputError(f"{option}: needs --robot ros")
+            raise InputError(f"{option}: needs a real robot, such as --robot ros")
     settings = TrialSettings(
         length_guess=guess, length=length, estimate=estimate, hidden=parse_hidden(hidden or []), model=given,
         seed=seed, mass=weighed, mass_std=weighed_std, motion=along, investigate=investigate,

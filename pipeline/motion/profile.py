@@ -61,7 +61,7 @@ class JerkProfile:
         return self.states[-1]
 
     def at(self, time: float) -> LineState:
-        """State at one time [s]."""
+        """Position, speed and acceleration at a time from the start [s]."""
         k = max(bisect_right(self.start, time) - 1, 0)
         return LineState(*_advanced(*self.states[k], self.jerks[k], time - self.start[k]))
 

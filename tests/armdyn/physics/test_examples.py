@@ -143,6 +143,25 @@ def test_a_file_of_effects_may_act_on_a_stage_of_ones_own_base(tmp_path, crane, 
     assert "acts on 'sheeve': choose one of" in said
 
 
+def test_a_base_without_any_effect_is_diagnosed(tmp_path):
+    base, run = tmp_path / "spring.py", tmp_path / "run.csv"
+    base.write_text(
+        "from armdyn.physics import Equations, Reading, constant, physics, state\n"
+        "@physics('bouncing', summary='', source='', parameters=(constant('pace', 'rad/s', 6.0, lower=0.1),),\n"
+        "         states=(state('place', 'm', typical=1.0), state('speed', 'm/s', typical=5.0)),\n"
+        "         outputs={'q.slide': 'm'}, period=1.0, step=0.01)\n"
+        "def bouncing(at):\n"
+        "    rates = {'place': at['speed'], 'speed': -at['pace']**2 * at['place']}\n"
+        "    return Equations(rates=rates, outputs={'q.slide': Reading(at['place'])})\n"
+    )
+    time = np.arange(0.0, 8.0, 0.02)
+    place = np.exp(-0.3 * time) * np.cos(6.0 * time) + 1e-3 * np.random.default_rng(0).normal(size=len(time))
+    np.savetxt(run, np.column_stack([time, place]), delimiter=",", header="time [s],q.slide [m]", comments="")
+    armdyn("new", "--base", base, tmp_path / "spring.toml")
+    armdyn("diagnose", tmp_path / "spring.toml", run, "--json", tmp_path / "found.json")
+    assert json.loads((tmp_path / "found.json").read_text())["verdict"] == "unknown_effect"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -99,8 +99,8 @@ def test_check_starts_from_where_the_arm_is(armdyn, moving, tmp_path):
     ("arguments", "says"),
     [
         (("--robot", "panda"), "choose 'simulated' or 'ros'"),
-        (("--ros", "ws://localhost:1"), "--ros: needs --robot ros"),
-        (("--loadcell", "COM3"), "--loadcell: needs --robot ros"),
+        (("--ros", "ws://localhost:1"), "--ros: needs a real robot, such as --robot ros"),
+        (("--loadcell", "COM3"), "--loadcell: needs a real robot, such as --robot ros"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1"), "give --loadcell PORT, or rehearse"),
         (("--robot", "ros", "--ros", "ws://127.0.0.1:1", "--rehearse"), "no rosbridge answers there"),
         (("--robot", "ros:ws://127.0.0.1:1", "--rehearse"), "no rosbridge answers there"),
