@@ -62,11 +62,16 @@ def test_a_friction_that_changes_sign_is_no_spike(width):
     assert samples <= 0.05 * turns
 
 
-def test_an_acceleration_that_jumps_is_no_spike_in_a_position_without_noise():
-    rng = np.random.default_rng(0)
-    position = np.cumsum(np.cumsum(np.repeat(rng.choice([-0.8, 0.0, 0.8], 15), 100))) * 1e-4
-    assert not spikes(TIME, position).any()
-    assert not spikes(TIME, 4e-4 * np.round(position / 4e-4)).any()
+JUMPING = np.cumsum(np.cumsum(np.repeat(np.random.default_rng(0).choice([-0.8, 0.0, 0.8], 15), 100))) * 1e-4
+HIT = noisy(0) + np.where(np.abs(np.arange(1500) - 705.5) < 6, 1.0, 0.0) * (
+    0.3 * np.exp(-(np.arange(1500) - 700) / 4) * np.cos(2.0 * (np.arange(1500) - 700))
+)
+NO_SPIKES = {"a jump of acceleration": JUMPING, "the same in steps": 4e-4 * np.round(JUMPING / 4e-4), "a hit": HIT}
+
+
+@pytest.mark.parametrize("value", NO_SPIKES.values(), ids=NO_SPIKES)
+def test_what_moves_a_sensor_is_no_spike(value):
+    assert not spikes(TIME, value).any()
 
 
 def test_a_sensor_that_is_often_wrong_keeps_all_its_samples_and_a_warning_says_so():
@@ -82,12 +87,6 @@ def test_two_spikes_side_by_side_are_found():
     value = noisy(0)
     value[[700, 701]] += 0.9
     assert np.flatnonzero(spikes(TIME, value)).tolist() == [700, 701]
-
-
-def test_a_load_that_hits_something_is_no_spike():
-    value = noisy(0)
-    value[700:712] += 0.3 * np.exp(-np.arange(12) / 4) * np.cos(2.0 * np.arange(12))
-    assert not spikes(TIME, value).any()
 
 
 def test_readings_at_the_end_of_the_range_are_found():

@@ -10,6 +10,7 @@ from armdyn.units import Known
 
 from .dry_swing import G, Motion, Pendulum, Push, reading, swing
 from .output_error import Record
+from .pendulum import correlated
 from .pendulum_kinds import Plan, Sensor
 
 _UNITS = {"swing_angle": "rad", "swing_rate": "rad/s", "load_force": "N"}
@@ -105,9 +106,7 @@ def recorded_run(
         seen[1:-1] += 0.1 * sensor.jitter / sensor.rate * rng.normal(size=len(time) - 2)
     stamped = reading(real.effects, sensor.channel, swing(real, ideal.start, push, time))
     true = reading(real.effects, sensor.channel, swing(real, ideal.start, push, seen)) if sensor.jitter else stamped
-    noise = rng.normal(size=len(time))
-    for i in range(1, len(noise)):
-        noise[i] = sensor.correlation * noise[i - 1] + np.sqrt(1 - sensor.correlation**2) * noise[i]
+    noise = correlated(len(time), sensor.correlation, rng)
     minutes = time[-1] / 60.0
     for begin in rng.uniform(0.0, time[-1], rng.poisson(sensor.clusters * minutes)):
         noise[(time >= begin) & (time < begin + rng.uniform(0.2, 1.0))] *= 3.0

@@ -214,7 +214,7 @@ def _run(
         stated["gripper_x"] = 0.0
     if situation.force:
         std = 3e-3 * situation.force_noise * mass / 0.1
-        force = pendulum.sensor(setup, time, truth) + std * _correlated(len(time), situation.correlation, rng)
+        force = pendulum.sensor(setup, time, truth) + std * pendulum.correlated(len(time), situation.correlation, rng)
         force, spread = _electronics(situation, force, mass * pendulum.G, rng)
         noise["load_force"] = float(np.hypot(std, spread))
         channels["load_force"] = Channel(time, force, "N")
@@ -271,13 +271,6 @@ def _stamps(situation: Situation, rng: np.random.Generator) -> np.ndarray:
     middle = situation.duration / 2
     lost = (time > middle - situation.gap / 2) & (time < middle + situation.gap / 2)
     return time[~lost]
-
-
-def _correlated(n: int, correlation: float, rng: np.random.Generator) -> np.ndarray:
-    noise = rng.normal(size=n)
-    for i in range(1, n):
-        noise[i] = correlation * noise[i - 1] + np.sqrt(1 - correlation**2) * noise[i]
-    return noise
 
 
 def _electronics(

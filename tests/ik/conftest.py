@@ -79,3 +79,10 @@ def in_mujoco(robot: urdf.Robot) -> mujoco.MjModel:
     model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
     model.dof_frictionloss[:] = 0.0  # dry friction has no place in Pinocchio's algorithms
     return model
+
+
+@pytest.fixture
+def saved(table, tmp_path):
+    path = tmp_path / "table.npz"
+    table.save(path)
+    return path

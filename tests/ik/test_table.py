@@ -14,8 +14,6 @@ import ik
 import urdf
 from armdyn.errors import InputError
 
-COORDINATES = np.random.default_rng(7).uniform(-0.30, 0.55, 60)
-
 
 def slope(values: np.ndarray, step: float) -> np.ndarray:
     """Differences of fourth order of values at even steps, two fewer at either end."""
@@ -46,14 +44,6 @@ def test_lines_keep_what_the_settings_say_of_them(robot, tables) -> None:
     assert table.joint_margin == pytest.approx(margin.min(), abs=1e-5)
     collisions = urdf.CollisionModel(robot)
     assert all(collisions.touching(q) is None for q in table.q[::40])
-
-
-def test_lookup_derivatives_agree_with_differences_of_the_lookup(table) -> None:
-    step, s = 2e-4, np.clip(COORDINATES, -0.299, 0.549)
-    shifted = [table.posture(s + k * step) for k in (-2, -1, 0, 1, 2)]
-    q, rate = (np.array([getattr(posture, name) for posture in shifted]) for name in ("q", "dq_ds"))
-    assert np.abs(slope(q, step)[0] - table.posture(s).dq_ds).max() < 1e-8
-    assert np.abs(slope(rate, step)[0] - table.posture(s).d2q_ds2).max() < 1e-5
 
 
 def test_jacobian_turns_joint_rates_into_the_motion_along_the_line(table) -> None:
@@ -151,13 +141,6 @@ def test_manipulability_is_the_product_of_singular_values(table, baxter) -> None
 def test_margins_are_those_of_the_nodes(table, baxter) -> None:
     assert np.array_equal(table.margin, baxter.limits.margin(table.q))
     assert table.joint_margin == table.margin.min()
-
-
-@pytest.fixture
-def saved(table, tmp_path):
-    path = tmp_path / "baxter.npz"
-    table.save(path)
-    return path
 
 
 def test_a_saved_table_is_read_back_to_the_last_digit(saved, table, baxter) -> None:

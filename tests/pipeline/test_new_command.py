@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from armdyn.model_file import read_model
-from urdf.find import distribution_file
 
 MJCF = """
 <mujoco><worldbody><body name="upper"><joint name="shoulder" axis="0 1 0" range="-90 90"/>
@@ -13,14 +12,6 @@ MJCF = """
   <body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 1 0" range="-120 120" damping="0.1"/>
     <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body></body></worldbody></mujoco>
 """
-
-
-def test_a_gripper_is_left_out_and_named(armdyn):
-    panda = distribution_file("example-robot-data", "panda_description/urdf/panda.urdf")
-    status, out, _ = armdyn("new", "arm", "m.toml", "--urdf", panda)
-    assert status in (0, None)
-    assert "left out as the gripper's: panda_finger_joint1, panda_finger_joint2" in out
-    assert read_model("m.toml").joints == tuple(f"panda_joint{i}" for i in range(1, 8))
 
 
 def test_an_mjcf_makes_a_model_that_is_read_again_and_exported(armdyn):

@@ -233,21 +233,6 @@ def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
         load(tmp_path, urdfs.SLIDE).prepared(run)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({}, "give one of urdf and robot"),
-        ({"urdf": "nowhere.urdf"}, "nowhere.urdf: no such URDF file"),
-        ({"robot": "baxtr"}, "did you mean 'baxter'"),
-        ({"robot": "baxter", "joints": ["right_s9"]}, "no joint 'right_s9'"),
-        ({"robot": "baxter", "joints": []}, "at least one joint"),
-    ],
-)
-def test_arms_that_do_not_exist_are_refused(settings, message):
-    with pytest.raises(InputError, match=message):
-        arm_model(**settings)
-
-
 def test_a_missing_torque_channel_leaves_the_others(baxter):
     run = without(generate(None, 1.0, 0, duration=3.0), "tau.right_e0")
     assert baxter.predicted_channels(run) == tuple(f"tau.{j}" for j in JOINTS if j != "right_e0")

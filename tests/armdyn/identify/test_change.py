@@ -34,11 +34,6 @@ def test_a_step_counts_as_much_whatever_its_direction_and_unit():
     assert (up.index, up.chance) == (down.index, down.chance)
 
 
-def test_a_tool_that_comes_and_goes_is_two_steps():
-    value = 0.1 * noise(3) + ((DAYS >= 12 * DAY) & (DAYS < 26 * DAY))
-    assert [step.index for step in sorted(found(value).steps, key=lambda step: step.index)] == [12, 26]
-
-
 def test_wear_is_a_drift_and_no_step():
     result = found(0.1 * noise(4) + DAYS / DAYS[-1])
     assert result.steps == ()
@@ -46,21 +41,19 @@ def test_wear_is_a_drift_and_no_step():
     assert drift.slope == pytest.approx(1.0 / DAYS[-1], rel=0.2)
 
 
-def test_wear_that_slows_down_is_no_step():
-    assert found(0.05 * noise(5) + np.exp(-DAYS / (10 * DAY))).steps == ()
+ODD = np.where(np.isin(np.arange(40), [5, 6, 30]), 50.0, 0.1 * noise(7))
+STEPS = {
+    "a tool that comes and goes": (0.1 * noise(3) + ((DAYS >= 12 * DAY) & (DAYS < 26 * DAY)), [12, 26]),
+    "wear that slows down": (0.05 * noise(5) + np.exp(-DAYS / (10 * DAY)), []),
+    "a step beside wear": (0.1 * noise(6) + 2.0 * DAYS / DAYS[-1] + (DAYS >= 18 * DAY), [18]),
+    "odd recordings": (ODD, []),
+    "a step among odd recordings": (ODD + (DAYS >= 20 * DAY), [20]),
+}
 
 
-def test_a_step_is_found_beside_wear():
-    (step,) = found(0.1 * noise(6) + 2.0 * DAYS / DAYS[-1] + (DAYS >= 18 * DAY)).steps
-    assert step.index == 18
-
-
-def test_odd_recordings_are_no_step_and_hide_none():
-    value = 0.1 * noise(7)
-    value[[5, 6, 30]] = 50.0
-    assert found(value).steps == ()
-    (step,) = found(value + 1.0 * (DAYS >= 20 * DAY)).steps
-    assert step.index == 20
+@pytest.mark.parametrize(("value", "steps"), STEPS.values(), ids=STEPS)
+def test_steps_are_told_from_what_is_slow_or_odd(value, steps):
+    assert sorted(step.index for step in found(value).steps) == steps
 
 
 def test_poor_recordings_count_less():

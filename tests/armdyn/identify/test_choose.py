@@ -1,6 +1,5 @@
 """What a search puts first, where the model's own error is left."""
 
-from types import SimpleNamespace
 from types import SimpleNamespace as Plain
 
 import numpy as np
@@ -107,6 +106,6 @@ def test_ties_of_joints_that_came_one_after_the_other_are_kept(found):
 
 
 def test_a_rival_takes_the_place_of_what_it_is_tied_with_on_its_joint_only(found):
-    chosen, *rivals = tied_sets(SimpleNamespace(search=found))
+    chosen, *rivals = tied_sets(Plain(search=found))
     assert chosen == (on("dry", "shoulder", "elbow"),)
     assert rivals == [(on("dry", "elbow"), on("viscous", "shoulder")), (on("dry", "shoulder"), on("viscous", "elbow"))]

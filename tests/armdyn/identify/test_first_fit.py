@@ -65,7 +65,9 @@ def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upr
     ],
 )
 def test_what_is_far_from_small_is_named(name, hidden, seed):
-    found = diagnose(Study(model_for(name), recorded(name, seed, **hidden).runs, [], EFFECTS))
+    rivals = "pivot_viscous_friction pivot_coulomb_friction quadratic_drag wind angle_offset angle_gain sensor_bias"
+    effects = [CATALOGUE[name] for name in rivals.split()]
+    found = diagnose(Study(model_for(name), recorded(name, seed, **hidden).runs, [], effects))
     assert {effect.effect for effect in found.search.last.effects} == set(hidden)
 
 

@@ -171,7 +171,8 @@ def test_the_right_frictions_are_named_in_a_decay(hidden, named):
 
 
 def test_the_missing_acceleration_of_dry_friction_steps_where_the_swing_turns_round():
-    found = diagnose(Study(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, coulomb=0.15, noise=2e-4)], [], EFFECTS))
+    dry = [CATALOGUE["pivot_coulomb_friction"]]
+    found = diagnose(Study(pendulum_model(0.35, 0.2), [swing(1.2, 30.0, coulomb=0.15, noise=2e-4)], [], dry))
     (curve,) = [curve for curve in found.missing_force if curve.against == "speed"]
     fast = np.abs(curve.x) > 1.0
     assert np.allclose(curve.as_given[fast], -0.15 * np.sign(curve.x[fast]), atol=0.05)

@@ -105,16 +105,17 @@ def test_a_small_swing_loses_four_times_the_friction_over_the_weight_in_every_pe
     assert np.diff(tops) == pytest.approx(-8e-4, rel=0.02)
 
 
-@pytest.mark.parametrize("size", [0.05, 0.15, 0.6])  # rad/s^2; the largest stops within the run
-def test_a_long_decay_is_that_of_the_discontinuous_equation(size):
-    model = rubbing(pivot_coulomb_friction__torque=size * INERTIA, initial_angle=1.0)
-    expected = angles_of_the_discontinuous_equation(nodes(30.0), 1.0, torque=size * INERTIA)
-    assert np.abs(rollout(model, still(30.0), ("swing_angle",)).outputs[:, 0] - expected).max() < 1e-5
-
-
-def test_friction_that_grows_with_the_pull_is_that_of_the_discontinuous_equation():
-    model = rubbing(("pivot_load_friction",), pivot_load_friction__radius=2e-3, initial_angle=1.3)
-    expected = angles_of_the_discontinuous_equation(nodes(30.0), 1.3, radius=2e-3)
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [
+        ("torque", 0.05 * INERTIA), ("torque", 0.15 * INERTIA), ("torque", 0.6 * INERTIA),  # which stops within the run
+        ("radius", 2e-3),  # of a friction that grows with the pull
+    ],
+)  # fmt: skip
+def test_a_long_decay_is_that_of_the_discontinuous_equation(kind, size):
+    effect = "pivot_coulomb_friction" if kind == "torque" else "pivot_load_friction"
+    model = rubbing((effect,), **{f"{effect}__{kind}": size}, initial_angle=1.3)
+    expected = angles_of_the_discontinuous_equation(nodes(30.0), 1.3, **{kind: size})
     assert np.abs(rollout(model, still(30.0), ("swing_angle",)).outputs[:, 0] - expected).max() < 2e-5
 
 

@@ -1,5 +1,6 @@
 import contextlib
 import shutil
+from functools import cache
 
 import pytest
 from command import called
@@ -21,7 +22,7 @@ def logs(tmp_path_factory):
     return folder / "robots"
 
 
-FEW = 6
+FEW = 4
 
 
 def linked(logs, folder, few=False):
@@ -47,19 +48,33 @@ def lab(logs, tmp_path, monkeypatch):
 
 @pytest.fixture(scope="session")
 def finished(logs, tmp_path_factory):
-    """A batch that is done, and what it printed."""
-    folder = linked(logs, tmp_path_factory.mktemp("finished"))
-    with contextlib.chdir(folder):
-        status, out, _ = called("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
-    assert status == 0
-    return folder, out
+    """A batch that is done, of few logs or of all, and what it printed."""
+
+    @cache
+    def of(few):
+        folder = linked(logs, tmp_path_factory.mktemp("finished"), few)
+        with contextlib.chdir(folder):
+            status, out, _ = called("batch", "spec.toml", "--output", "out", "--workers", "1", "--json", "out.json")
+        assert status == 0
+        return folder, out
+
+    return of
 
 
-@pytest.fixture
-def done(logs, tmp_path, monkeypatch, finished):
-    """A finished batch of both robots to go on with, and what it printed."""
-    monkeypatch.chdir(tmp_path)
-    lab = linked(logs, tmp_path)
+def copied(finished, lab):
     shutil.copytree(finished[0] / "out", lab / "out")
     shutil.copy(finished[0] / "out.json", lab)
     return lab, finished[1]
+
+
+@pytest.fixture
+def done(finished, lab):
+    """A finished batch of `FEW` logs to go on with, and what it printed."""
+    return copied(finished(True), lab)
+
+
+@pytest.fixture
+def whole(logs, tmp_path, monkeypatch, finished):
+    """The same of both robots and all their logs."""
+    monkeypatch.chdir(tmp_path)
+    return copied(finished(False), linked(logs, tmp_path))

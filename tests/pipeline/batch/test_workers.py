@@ -18,7 +18,8 @@ from pipeline.batch.run import JOURNAL, run_batch
 from pipeline.batch.spec import read_spec
 from pipeline.batch.work import Job, work
 
-FEW = 6
+from .conftest import FEW
+
 pq = pytest.importorskip("pyarrow.parquet")
 
 
@@ -42,7 +43,7 @@ def test_a_killed_process_costs_nothing_but_time(lab):
     killed = []
 
     def kill_one(what):
-        if "2 of 6 recordings done" in what and not killed:
+        if f"2 of {FEW} recordings done" in what and not killed:
             killed.append(multiprocessing.active_children()[0])
             killed[0].kill()
 
@@ -91,7 +92,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
     assert "Traceback" not in err
     kept = len(lines(lab))
     assert 1 <= kept < FEW
-    assert f"{kept} of 6 recordings are done and kept; continue with: armdyn batch spec.toml --output out" in err
+    assert f"{kept} of {FEW} recordings are done and kept; continue with: armdyn batch spec.toml --output out" in err
     assert pq.read_table(lab / "out/batch.parquet").num_rows == kept
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
     assert done.worked == FEW - kept
@@ -115,7 +116,7 @@ def test_a_cluster_that_loses_a_worker_does_everything_once(cluster, lab):
     (lab / "out").mkdir()
 
     def kill_one(what):
-        if "2 of 6 recordings done" in what and first.poll() is None:
+        if f"2 of {FEW} recordings done" in what and first.poll() is None:
             first.kill()
 
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=address, say=kill_one)

@@ -67,16 +67,6 @@ def test_mujocos_inverse_dynamics_is_the_models_on_200_states(bare_arm):
     assert np.abs(mujoco_torques(model, q, v, a) - ours).max() <= 1e-6  # 1e-13
 
 
-def test_mujoco_steps_the_exported_arm_with_its_motors(bare_arm):
-    model = with_effects(bare_arm, IN_MUJOCO)
-    compiled = mujoco.MjModel.from_xml_string(mujoco_text(model)[0])
-    data = mujoco.MjData(compiled)
-    assert compiled.nu == len(model.joints)
-    for _ in range(100):
-        mujoco.mj_step(compiled, data)
-    assert np.isfinite(data.qpos).all()
-
-
 def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
     model = with_effects(bare_arm, sorted(HELD["urdf"]))
     text, _ = urdf_text(model, tmp_path)

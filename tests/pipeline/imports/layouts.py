@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.imports.joints import Joints, Range
 
-TIME = np.arange(400) * 0.008
+TIME = np.arange(160) * 0.02
 UR = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
 ALPHABET = [2, 1, 0, 3, 4, 5]
 """Order of a UR's joints in its messages."""

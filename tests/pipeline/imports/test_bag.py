@@ -57,35 +57,26 @@ def messages(store, has_sequence):
         yield "/cell", OWN, t, types[OWN](header=header, grams=1e3 * t, flags=np.array([1, 2], np.int8), note="x")
 
 
-def write_bag1(path):
-    store = store_with_own(Stores.ROS1_NOETIC)
-    with Writer1(path) as writer:
+def write_bag(path, plugin=None):
+    """A bag of ROS 2 with a kind of storage, else one of ROS 1."""
+    store = store_with_own(Stores.ROS2_HUMBLE if plugin else Stores.ROS1_NOETIC)
+    serialize = store.serialize_cdr if plugin else store.serialize_ros1
+    with Writer2(path, version=9, storage_plugin=plugin) if plugin else Writer1(path) as writer:
         connections = {}
-        for topic, kind, t, message in messages(store, has_sequence=True):
+        for topic, kind, t, message in messages(store, has_sequence=plugin is None):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], round((START + t + 0.002) * 1e9), store.serialize_ros1(message, kind))
-    return path
-
-
-def write_bag2(path, plugin):
-    store = store_with_own(Stores.ROS2_HUMBLE)
-    with Writer2(path, version=9, storage_plugin=plugin) as writer:
-        connections = {}
-        for topic, kind, t, message in messages(store, has_sequence=False):
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], round((START + t + 0.002) * 1e9), store.serialize_cdr(message, kind))
+            writer.write(connections[topic], round((START + t + 0.002) * 1e9), serialize(message, kind))
     return path
 
 
 @pytest.fixture(params=["bag1", "sqlite3", "mcap", "mcap file"])
 def bag(request, tmp_path):
     if request.param == "bag1":
-        return write_bag1(tmp_path / "a.bag")
+        return write_bag(tmp_path / "a.bag")
     if request.param == "sqlite3":
-        return write_bag2(tmp_path / "a", StoragePlugin.SQLITE3)
-    directory = write_bag2(tmp_path / "a", StoragePlugin.MCAP)
+        return write_bag(tmp_path / "a", StoragePlugin.SQLITE3)
+    directory = write_bag(tmp_path / "a", StoragePlugin.MCAP)
     return directory if request.param == "mcap" else next(directory.glob("*.mcap"))
 
 

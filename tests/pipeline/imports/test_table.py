@@ -11,8 +11,7 @@ from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import run_of
 from pipeline.imports.guess import guess_map
-from pipeline.imports.joints import Joints
-from pipeline.imports.mapping import known_columns, map_text, read_map
+from pipeline.imports.mapping import known_columns, read_map
 
 from .conftest import TIME
 
@@ -105,24 +104,6 @@ def test_every_problem_of_the_columns_is_told_at_once(german, tmp_path):
         "both tau.shoulder",
     ):
         assert part in message
-
-
-def test_a_guess_finds_degrees_milliseconds_currents_and_the_robots_names(german, tmp_path):
-    (foreign,) = read_foreign(german)
-    found = guess_map([foreign], Joints(("base_to_upper", "upper_to_lower")))
-    assert (found.time, found.time_unit) == ("Zeit_ms", "ms")
-    by_column = {name: (entry.channel, entry.unit) for name, entry in found.entries.items()}
-    assert by_column == {
-        "J1 Pos": ("q.base_to_upper", "deg"),
-        "J2 Pos": ("q.upper_to_lower", "deg"),
-        "J1 Vel": ("v.base_to_upper", "deg/s"),
-        "J2 Vel": ("v.upper_to_lower", "deg/s"),
-        "J1 Cur": ("tau.base_to_upper", "A"),
-        "J2 Cur": ("tau.upper_to_lower", "A"),
-    }
-    again = mapped(tmp_path, map_text(found, "two\nlines"))
-    assert {name: entry.channel for name, entry in again.entries.items()} == {n: c for n, (c, _) in by_column.items()}
-    assert run_of(foreign, again).joints == ("base_to_upper", "upper_to_lower")
 
 
 def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints):

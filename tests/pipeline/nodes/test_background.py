@@ -1,6 +1,5 @@
 import os
 import signal
-from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -20,12 +19,15 @@ class Counter:
         return self.count, os.getpid(), 2.0 * np.asarray(values)
 
 
-def collected(worker, done, patience=20.0):
-    end = monotonic() + patience
-    while not done and monotonic() < end:
-        worker.collect()
-        sleep(0.002)
-    return done
+@pytest.fixture
+def collected(until):
+    """What a worker has done, as soon as it has."""
+
+    def wait(worker, done):
+        until(lambda: worker.collect() or done)
+        return done
+
+    return wait
 
 
 @pytest.fixture
@@ -43,7 +45,7 @@ def test_at_once_is_done_before_it_returns():
     assert not worker.busy("double")
 
 
-def test_another_process_works_and_remembers(process):
+def test_another_process_works_and_remembers(process, collected):
     counter, found = Counter(), []
     process.provide("double", counter.work)
     process.start()
@@ -75,7 +77,7 @@ def raised(error):
         (SystemExit(0), "SystemExit"),
     ],
 )
-def test_what_the_work_raises_is_raised_in_the_loop(process, error, says):
+def test_what_the_work_raises_is_raised_in_the_loop(process, collected, error, says):
     process.provide("odd", raised(error))
     process.start()
     process.ask("odd", None, lambda _result: None)
@@ -84,7 +86,7 @@ def test_what_the_work_raises_is_raised_in_the_loop(process, error, says):
     assert not process.busy("odd")
 
 
-def test_a_process_that_was_killed_is_a_sentence(process):
+def test_a_process_that_was_killed_is_a_sentence(process, collected):
     process.provide("dies", lambda _argument: os.kill(os.getpid(), signal.SIGKILL))
     process.start()
     process.ask("dies", None, lambda _result: None)
@@ -92,7 +94,7 @@ def test_a_process_that_was_killed_is_a_sentence(process):
         collected(process, [])
 
 
-def test_ctrl_c_in_the_terminal_is_left_to_the_loop(process):
+def test_ctrl_c_in_the_terminal_is_left_to_the_loop(process, collected):
     found = []
     process.provide("pid", lambda _argument: os.getpid())
     process.start()

@@ -1,5 +1,5 @@
 import threading
-from time import monotonic, sleep
+from time import sleep
 
 import pytest
 
@@ -73,17 +73,10 @@ def test_a_period_that_is_not_positive_is_refused():
 PATIENCE = 0.03
 
 
-def until(condition, patience=10.0):
-    end = monotonic() + patience
-    while not condition() and monotonic() < end:
-        sleep(0.002)
-    return condition()
-
-
-def test_it_stops_the_arm_once_while_the_loop_hangs():
+def test_it_stops_the_arm_once_while_the_loop_hangs(until):
     stopped = []
     with Watchdog(lambda: stopped.append(threading.current_thread().name), lambda: True, PATIENCE) as dog:
-        assert until(lambda: stopped)  # this thread does not beat: it hangs
+        until(lambda: stopped)  # this thread does not beat: it hangs
         sleep(3 * PATIENCE)
     assert stopped == ["watchdog"]
     assert "had not come round" in dog.fault
@@ -106,9 +99,9 @@ def test_a_loop_that_beats_is_left_alone():
     assert not stopped
 
 
-def test_what_stopping_raises_is_told():
+def test_what_stopping_raises_is_told(until):
     def broken():
         raise OSError("link")
 
     with Watchdog(broken, lambda: True, PATIENCE) as dog:
-        assert until(lambda: dog.fault is not None and "link" in dog.fault)
+        until(lambda: dog.fault is not None and "link" in dog.fault)

@@ -52,23 +52,19 @@ def test_a_recording_is_a_run(moving, baxter, tmp_path):
     assert still.value == pytest.approx(baxter.home[3])
     assert run.channels["v.right_s0"].value == pytest.approx(0.3)
     assert run.channels["tau.right_s0"].value == pytest.approx(1.0)
+    assert {r["op"] for r in moving.requests} == {"subscribe"}  # nothing is published
 
 
-def test_nothing_is_published_while_recording(moving, baxter, tmp_path):
-    record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
-    assert {r["op"] for r in moving.requests} == {"subscribe"}
-
-
-def test_states_that_stop_are_told(moving, baxter, tmp_path):
-    threading.Timer(0.3, moving.stopped.set).start()
-    with pytest.raises(TaskFailedError, match=r"nothing came for 1 s; the 0\.\d s of 30 s that came are in"):
-        record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
-    assert len(read_run(tmp_path / "run.csv").channels["q.right_s0"]) >= 10
-
-
-def test_a_connection_that_is_lost_leaves_what_came_before(moving, baxter, tmp_path):
-    threading.Timer(0.6, moving.drop).start()
-    with pytest.raises(TaskFailedError, match=r"connection to the bridge .* is lost.*; the 0\.\d s of 30 s that came"):
+@pytest.mark.parametrize(
+    ("after", "fail", "says"),
+    [
+        (0.3, lambda arm: arm.stopped.set(), "nothing came for 1 s"),
+        (0.6, lambda arm: arm.drop(), "connection to the bridge .* is lost.*"),
+    ],
+)
+def test_what_came_before_the_states_stop_is_kept(moving, baxter, tmp_path, after, fail, says):
+    threading.Timer(after, fail, [moving]).start()
+    with pytest.raises(TaskFailedError, match=says + r"; the 0\.\d s of 30 s that came are in"):
         record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
     assert len(read_run(tmp_path / "run.csv").channels["q.right_s0"]) >= 10
 

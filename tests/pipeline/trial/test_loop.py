@@ -12,7 +12,13 @@ from armdyn.pendulum.model import pendulum_model, printed_tension
 from armdyn.run import read_run
 from pipeline.trial import TrialSettings, run_trial, simulate
 
-PENDULUM = [effect for effect in CATALOGUE.values() if effect.acts_on != "joint"]
+RIVALS = [
+    CATALOGUE[name]
+    for name in (
+        "quadratic_drag", "wind", "string_creep", "path_tilt", "pivot_viscous_friction", "pivot_coulomb_friction",
+        "sensor_gain", "sensor_lag", "gripper_lag", "string_elasticity",
+    )
+]  # fmt: skip
 KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
 """Effects that every estimate allows for."""
 
@@ -20,7 +26,7 @@ KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
 def repaired_after(hidden, out, seed=0):
     """The trial that does not know, and the repair of the model that it had."""
     unaware = simulate(TrialSettings(hidden=hidden, seed=seed, out=out))
-    found = repair(Study(read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], PENDULUM))
+    found = repair(Study(read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], RIVALS))
     return unaware, found
 
 
@@ -93,7 +99,7 @@ def test_a_load_in_wind_rests_where_the_wind_holds_it():
 def test_the_printed_tension_fails_and_the_comparison_says_where(trial):
     folder, _ = trial
     model = read_model(folder / "model.toml").with_effect(printed_tension)
-    found = compare(Study(model, [read_run(folder / "trial.csv")], [], PENDULUM))
+    found = compare(Study(model, [read_run(folder / "trial.csv")], [], []))
     assert found.fit.chi2_per_sample > 100.0
     assert found.correction is not None
     assert found.correction.fit.chi2_per_sample < 2.0

@@ -9,7 +9,7 @@ from pipeline.box import Box
 from pipeline.nodes.task import TaskSettings
 from pipeline.report.page import write_page
 from pipeline.robot.settings import PlantSettings
-from pipeline.trial import TrialSettings, run_trial, simulate
+from pipeline.trial import TrialSettings, simulate
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +54,6 @@ def test_a_missed_box_says_how_to_find_what_the_model_lacks(learnt):
     folder = learnt.result.recording.parent
     assert repair.command.startswith(f"armdyn repair {folder / 'model.toml'} {folder / 'trial.csv'}")
     assert again.command == "armdyn trial --model repaired.toml"
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_trial():
-    first, second = (run_trial(TrialSettings(seed=5, estimation_time=2.0)) for _ in range(2))
-    assert first.length_estimate == second.length_estimate
-    assert first.success == second.success
 
 
 def without_estimation(guess):
