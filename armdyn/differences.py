@@ -35,3 +35,21 @@ def normalised_differences(
         squares += weight**2
     usual = np.median(np.diff(time, axis=0)) if interval is None else interval
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
+
+
+def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3) -> float:
+    """Standard deviation of white noise on smooth samples, also with glitches: from the median of their differences.
+
+    Args:
+        time: (n,) s.
+        value: (n,).
+        order: of the differences; Gasser et al., Biometrika 73 (1986) 625.
+
+    Returns:
+        In the unit of `value`; 0 where there are no samples without a gap.
+    """
+    if len(value) <= order:
+        return 0.0
+    differences = normalised_differences(time, value, order)
+    whole = differences[np.isfinite(differences)]
+    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) else 0.0

@@ -22,8 +22,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.identify.appraisal import TIE
 from armdyn.identify.least_squares import Expansion, descend
-from armdyn.identify.suspects import TIE
 
 MARGIN = 2.0 * TIE
 """Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""

@@ -31,6 +31,8 @@ from armdyn.identify.problem import Problem
 
 SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
+TIE = 3.0
+"""Nats below which two sets count as tied: above it the first was right in 320 of 320."""
 HARM = 0.02
 """Share by which an effect may make the total error of a predicted run larger."""
 
@@ -137,6 +139,11 @@ class Appraiser(ABC):
     def settle(self, effects: Iterable[Candidate]) -> Appraisal:
         """The appraisal of a set where it is surest; others are appraised from there."""
         return self.of(effects)
+
+    def ties(self, whole: Appraisal, other: Appraisal, without: Appraisal) -> bool:
+        """Whether runs cannot tell a set from the `whole` one; `without` is what both have in common."""
+        del without
+        return self.standing(whole) - self.standing(other) < TIE
 
     def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
         """Whether the further values of a set explain enough beside what `fewer` explain."""

@@ -6,14 +6,14 @@ from math import log
 
 import numpy as np
 
-from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.appraisal import TIE, Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.grey_box import SETTLED, Point
 from armdyn.identify.grey_run import LOOSE
 from armdyn.identify.noise_evidence import Tables, everywhere
 from armdyn.identify.problem import transferred
-from armdyn.identify.study import Study
+from armdyn.identify.study import LITTLE, Study
 
 LOOKED_AT = 16
 """Changes of a set, those that promise most at a few noises, that are appraised at all."""
@@ -26,6 +26,10 @@ MANY = 36
 MOST_PAIRED = 3
 """Effects of a set to which two more are added at once: what one imitates, two may be."""
 
+PROMISED = 12.0
+"""Nats below which a set may turn out to be tied where it is settled itself."""
+MOSTLY = 0.5
+"""Share of an effect's evidence up to which a rival may lack it, to be compared by what it leaves."""
 KEPT = 4
 """Settled sets whose tables are kept, the last ones: two that are compared in turn, and what they came from."""
 
@@ -127,6 +131,27 @@ class Filtered(Appraiser):
             if following is None:
                 return self.settle(now.effects)
             now = self.settle(following.effects)
+
+    def ties(self, whole: Appraisal, other: Appraisal, without: Appraisal) -> bool:
+        """See `Appraiser.ties`: by evidence, each set settled near the other one as well, or by what they leave.
+
+        Above the noise something else is missing, which an exchange that changes the error by little may stand for.
+        """
+        gap = self.standing(whole) - self.standing(other)
+        if gap < PROMISED:
+            tie = self.standing(whole) - self.standing(self._again(other, whole)) < TIE
+            self.settle(whole.effects)
+            if tie:
+                return True
+        if gap > MOSTLY * (self.standing(whole) - self.standing(without)):
+            return False
+        study = self._study
+        found = study.fit_with((*study.present, *whole.effects), None)
+        if study.is_at_noise(found):
+            return False
+        least = study.squared_error(found)
+        left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
+        return left * (1.0 - LITTLE) < least and left - least < LITTLE * (most - least)
 
     def _again(self, now: Appraisal, better: Appraisal) -> Appraisal:
         """The appraisal of a set, settled from where a better one stands as well: its noise may be better there."""

@@ -77,7 +77,7 @@ class GreyRun:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         self.problem, self.index, self.swing = problem, index, swing
-        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index]))
+        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
         self.pieces = Pieces(model, self.run, share * swing)
         self.places = problem.places(index)
         self.channels = self.pieces.channels

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.channels import Channel
-from armdyn.differences import NORMAL_MEDIAN, normalised_differences
+from armdyn.differences import normalised_differences, quiet_std
 from armdyn.identify.problem import Block, by_channel
 
 LAGS = 20
@@ -21,6 +21,8 @@ ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
 FAINTEST = 0.1
 """Share of its stated noise that a channel has at least: an encoder at rest shows none."""
+FEWEST = 12
+"""Samples that show how noisy a channel is."""
 MOST_LAGS = 50
 """Lags that count for the variance of a mean."""
 
@@ -63,12 +65,9 @@ def quiet_noise(channel: Channel, noise: float) -> float:
         channel: its samples.
         noise: as stated or estimated otherwise; the result is at most that.
     """
-    differences = normalised_differences(channel.time, channel.value, ORDERS[0])
-    whole = differences[np.isfinite(differences)]
-    if len(whole) < 8:
+    if len(channel) < FEWEST:
         return noise
-    seen = float(np.median(np.abs(whole)) / NORMAL_MEDIAN)
-    return max(min(noise, seen), FAINTEST * noise)
+    return max(min(noise, quiet_std(channel.time, channel.value)), FAINTEST * noise)
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:

@@ -122,13 +122,13 @@ class AroundMotion:
         Where `like` is given, also from where that set stands: the better one counts.
         """
         key = free.tobytes()
-        if like is not None and key in self._settled:
+        if key not in self._settled:
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
+        if like is not None:
             there = self._settled[like.tobytes()][1]
             other = self.box.settled(free, self._without(there, free), NEARBY)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
-        if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
         return self._settled[key][1]
 
     def settled_point(self, free: np.ndarray) -> Point | None:

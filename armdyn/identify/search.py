@@ -13,13 +13,9 @@ from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.story import whole_story
-from armdyn.identify.study import Study
+from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.suspects import Suspect, suspects
 from armdyn.identify.way import Leg, Progress, Step
-
-LITTLE = 0.125
-"""Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
-public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
 
 COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
@@ -75,9 +71,18 @@ def search(study: Study, progress: Progress | None = None) -> Search:
         appraiser, steps = whole_story(study, given, say)
     else:
         appraiser, whole = _by_evidence(study, first, say)
-        steps = without_little(study, [given, *Leg(study, appraiser, whole, study.present, first).steps(say)])
+        steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
+
+
+def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say: Progress) -> list[Step]:
+    """The way to a set without what lowers the error by little; what ties with what is told without that, too."""
+    way = [given, *Leg(study, appraiser, whole, given.effects, given.fit).steps(say)]
+    told = without_little(study, way)
+    if len(told) == len(way):
+        return way
+    return _way(study, given, appraiser, appraiser.of(appraiser.within(told[-1].effects)), say)
 
 
 def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, Appraisal]:

@@ -34,6 +34,9 @@ MORE = 4
 """Times `QUICK_STEPS` that may be added."""
 MOST_TOLD = 5
 """Times of glitches that are listed."""
+LITTLE = 0.125
+"""Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
+public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
 CHANCE, SURELY = 0.5, 3.0
 """Standard deviations of a mean square: the smallest error that is compared, and up to which it may be noise alone."""
 

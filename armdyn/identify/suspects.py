@@ -13,10 +13,6 @@ from armdyn.parameter import Parameter
 
 ALIKE = 0.15
 """Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
-TIE = 3.0
-"""Nats below which two sets count as tied: above it the first was right in 320 of 320."""
-PROMISED = 12.0
-"""Nats below which a set may turn out to be tied where it is settled itself."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +73,9 @@ def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> t
         other = appraiser.of((*rest, *others))
         if not (np.isfinite(other.worth) and appraiser.standing(other) > appraiser.standing(without)):
             continue  # it explains nothing, nor does much of what it would stand for
-        if appraiser.standing(whole) - appraiser.standing(other) < PROMISED and _ties(appraiser, whole, other):
+        if appraiser.ties(whole, other, without):
             found.append(merged(others)[0])
     return tuple(found)
-
-
-def _ties(appraiser: Appraiser, whole: Appraisal, other: Appraisal) -> bool:
-    """Whether a set that promises as much as another does as well where it is surest."""
-    settled = appraiser.settle(other.effects)
-    standing = appraiser.standing(settled)
-    appraiser.settle(whole.effects)
-    return appraiser.standing(whole) - standing < TIE
 
 
 @dataclass(frozen=True)

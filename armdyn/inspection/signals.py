@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.differences import LONGEST_SPAN, NORMAL_MEDIAN, normalised_differences
+from armdyn.differences import LONGEST_SPAN, normalised_differences, quiet_std
 from armdyn.faults import FEW, at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of
 from armdyn.inspection.check import Check, Kind, Severity, amount
@@ -195,7 +195,7 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     if n < 6 * BESIDE:
         return None
     third = np.nan_to_num(normalised_differences(channel.time, value, 3))
-    usual = float(np.median(np.abs(third))) / NORMAL_MEDIAN + resolution(value) / np.sqrt(12.0)
+    usual = quiet_std(channel.time, value) + resolution(value) / np.sqrt(12.0)
     at = int(np.clip(np.argmax(np.abs(third)) + 1, BESIDE, n - BESIDE - 2))
     if np.sum(np.abs(third) > 0.5 * LOST * usual) > 8:
         return None
@@ -289,9 +289,7 @@ def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
     low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # but for glitches
-    third = normalised_differences(channel.time, value, 3)
-    noise = float(np.nanmedian(np.abs(third))) / NORMAL_MEDIAN if np.isfinite(third).any() else 0.0
-    return bool(high - low > max(STILL * noise, STILL_SIZE))
+    return bool(high - low > max(STILL * quiet_std(channel.time, value), STILL_SIZE))
 
 
 def ranges(run: Run) -> Iterator[Check]:

@@ -22,7 +22,14 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
 from armdyn.pendulum.start import phase_plane, pieces, rates_near, seen_from_rest
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, main_period, measured_start
+from armdyn.physics.simulated import (
+    REACH,
+    SimulatedModel,
+    end_of_motion,
+    local_motion,
+    main_period,
+    measured_start,
+)
 from armdyn.run import Channel, Run
 
 KEYS = ("tension",)
@@ -31,8 +38,6 @@ INITIAL = ("initial_angle", "initial_rate")
 GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
 SLOWEST = 1.5
 """Periods of small swings that a swing lasts at most; the length is a guess."""
-RESTING = 0.02
-"""Of the largest swing, what counts as rest."""
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
 
@@ -96,14 +101,12 @@ class PendulumModel(SimulatedModel):
         found = {"speed": (rate, "rad/s"), "angle": (angle, "rad"), "load": (pull, "N")}
         return found | ({"pivot_acceleration": (a, "m/s^2")} if "gripper_x" in run.channels else {})
 
-    def comes_to_rest(self, run: Run) -> float:
-        """See `SimulatedModel`: below a fixed pivot, when the swing has become a fiftieth of the largest."""
+    def comes_to_rest(self, run: Run, swing: float) -> float:
+        """See `SimulatedModel`; below a fixed pivot."""
         channel = run.channels.get("swing_angle") or run.channels.get("swing_rate")
         if channel is None or "gripper_x" in run.channels:
             return np.inf
-        rest = float(np.median(channel.value[-max(8, len(channel) // 20) :]))
-        moving = np.flatnonzero(np.abs(channel.value - rest) > RESTING * np.ptp(channel.value))
-        return float(channel.time[min(moving[-1] + 1, len(channel) - 1)])
+        return end_of_motion(channel, swing)
 
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """See `SimulatedModel`: a free swing's period shows the length, nearly, where the swing is not small."""

@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from armdyn.channels import Channel
+from armdyn.differences import NORMAL_MEDIAN, quiet_std
 from armdyn.errors import InputError
 from armdyn.faults import clean
 from armdyn.model import Model, Prediction, join_channels
@@ -21,6 +22,11 @@ FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 
 REACH = 0.125
 """Of a swing, to either side, through which a parabola shows what was measured and its rate."""
+RESTING = 0.04
+"""Of the largest amplitude, what counts as rest."""
+SURELY = 4.0
+"""Standard deviations by which the median of n squares must exceed that of noise alone, where it varies by nearly the
+noise's variance over the root of n."""
 PADDED = 8
 """Times its length that a signal is continued by zeros: its spectrum is looked at so much more finely."""
 
@@ -76,9 +82,9 @@ class SimulatedModel(Model):
             for k in others
         }
 
-    def comes_to_rest(self, run: Run) -> float:
-        """When what nothing drives has come to rest, s: there friction holds it, and no force shows."""
-        del run
+    def comes_to_rest(self, run: Run, swing: float) -> float:
+        """When what nothing drives, with a period of `swing` s, rests, s: there friction holds it, no force shows."""
+        del run, swing
         return np.inf
 
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
@@ -206,6 +212,28 @@ def main_period(channel: Channel) -> float:
     lowest = PADDED  # one period in the whole recording
     best = lowest + int(np.argmax(power[lowest:]))
     return float(PADDED * len(value) * (time[1] - time[0]) / best)
+
+
+def end_of_motion(channel: Channel, swing: float) -> float:
+    """When an oscillation has come to rest, s: its amplitude stays below `RESTING` of the largest one.
+
+    The median of the squares in every half period tells the amplitude, also beside glitches, less what noise adds: the
+    samples of a noisy sensor go on to be large for ever.
+
+    Args:
+        channel: of the oscillation.
+        swing: period, s.
+    """
+    left = channel.time[-1] - channel.time
+    rest = np.median(channel.value[-max(8, len(channel) // 20) :])
+    part = (left // (0.5 * swing)).astype(int)  # the last one is whole: near a turning point a motion seems at rest
+    begins = np.flatnonzero(np.diff(part, prepend=-1))
+    squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
+    count = np.diff(begins, append=len(left))
+    noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + SURELY / np.sqrt(count))
+    moving = np.flatnonzero(squares > noise + RESTING**2 * squares.max())
+    last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
+    return float(channel.time[last])
 
 
 def measured_start(channel: Channel) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from scipy.interpolate import UnivariateSpline, make_interp_spline
 import urdf
 from armdyn.channels import Channel
 from armdyn.csv_run import read_csv
-from armdyn.differences import normalised_differences
+from armdyn.differences import quiet_std
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
@@ -57,14 +57,11 @@ def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
 
 
 def noise_std(time: Array, position: Array) -> float:
-    """Standard deviation of the noise of positions (n,), in their unit; 0 where it cannot be estimated.
-
-    Source: robust difference estimator, Gasser et al., Biometrika 73 (1986) 625.
-    """
+    """Standard deviation of the noise of positions (n,), in their unit; 0 where it cannot be estimated."""
     steps = np.diff(time)
     if time.size < 4 * ORDER or np.ptp(steps) > EVEN * np.mean(steps):
         return 0.0
-    return float(np.nanmedian(np.abs(normalised_differences(time, position, ORDER))) / 0.6745)
+    return quiet_std(time, position, ORDER)
 
 
 UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}

@@ -35,8 +35,8 @@ def recordings(seed=7, **settings):
     return [hidden_pendulum.weighed(hidden_pendulum.record(f"r{k}.csv", setup, rng), *known) for k in range(2)]
 
 
-def study_of(runs, held_out=()):
-    return Study(pendulum_model(0.35, 0.1), runs, held_out, EFFECTS)
+def study_of(runs, held_out=(), effects=EFFECTS):
+    return Study(pendulum_model(0.35, 0.1), runs, held_out, effects)
 
 
 def test_clean_runs_are_explained_and_the_length_is_right():
@@ -59,8 +59,11 @@ def test_wind_and_tilt_are_an_honest_tie_with_advice():
 
 
 def test_repair_lets_both_errors_fall_to_the_noise():
-    found = repair(study_of(recordings(hidden={"cross_axis_sensitivity": 0.03, "sensor_delay": 0.01})))
-    assert {effect.name for effect in found.model.effects} == {"cross_axis_sensitivity", "sensor_delay"}
+    hidden = {"cross_axis_sensitivity": 0.03, "sensor_delay": 0.01}
+    rivals = "sensor_lag sensor_gain sensor_bias sensor_drift quadratic_drag wind path_tilt gripper_lag"
+    effects = [CATALOGUE[name] for name in (*hidden, *rivals.split())]
+    found = repair(study_of(recordings(hidden=hidden), effects=effects))
+    assert {effect.name for effect in found.model.effects} == set(hidden)
     assert [step.chi2_per_sample for step in found.path] == sorted(
         (step.chi2_per_sample for step in found.path), reverse=True
     )

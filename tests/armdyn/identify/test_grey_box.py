@@ -14,6 +14,7 @@ from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import Pieces
+from armdyn.physics.simulated import RESTING, end_of_motion
 from armdyn.run import Channel, Run
 
 G, LENGTH = 9.81, 0.4
@@ -202,3 +203,22 @@ def test_innovations_at_many_noises_are_those_at_each():
         for k, kick in enumerate(kicks):
             alone = filtered([(sums[None], np.array([logs]), rows)], around.chain, np.array([kick]))
             assert together.square[2 * c + k] == pytest.approx(alone.square[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize("glitch", [0.0, 3.0])
+def test_an_oscillation_ends_where_it_is_a_small_share_of_its_largest_amplitude(noise, glitch):
+    time, period, decay = np.arange(0.0, 60.0, 0.01), 1.3, 4.0
+    value = 0.2 + np.exp(-time / decay) * np.cos(2.0 * np.pi * time / period)
+    value += noise * np.random.default_rng(0).normal(size=len(time))
+    value[-500] += glitch
+    end = end_of_motion(Channel(time, value, "rad/s"), period)
+    assert 0.5 * decay * np.log(1.0 / RESTING) < end < decay * np.log(1.0 / RESTING) + period
+    if noise <= 0.01:
+        assert end > decay * np.log(1.0 / RESTING) - 1.5 * period
+
+
+def test_what_goes_on_has_no_end():
+    time = np.arange(0.0, 20.0, 0.02)
+    swinging = Channel(time, np.exp(-time / 60.0) * np.sin(5.0 * time), "rad")
+    assert end_of_motion(swinging, 2.0 * np.pi / 5.0) == time[-1]

@@ -1,5 +1,6 @@
 """A calibration: from weights and counts to a line, to a file and back."""
 
+import contextlib
 import math
 import re
 from datetime import UTC, datetime
@@ -246,6 +247,18 @@ def test_counts_that_are_no_calibration_are_refused(forces, options, says):
     plateaus = plateaus_at(rng, weights, forces, **options)
     with pytest.raises(TaskFailedError, match=says):
         fit_calibration(plateaus, "test")
+
+
+@pytest.mark.parametrize(
+    ("share", "noise", "refused"), [(0.009, NOISE, False), (0.011, NOISE, True), (0.02, 14_000.0, False)]
+)
+def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_noise(share, noise, refused):
+    weights, wiggle = parse_weights("0 g, 100 g, 200 g", G), noise * np.resize([1.0, -1.0], 40)
+    span = weights[2].force / SCALE
+    counts = [w.force / SCALE + wiggle + 1.5 * share * span * (k == 1) for k, w in enumerate(weights)]
+    plateaus = [Plateau.of(w, c) for w, c in zip(weights, counts, strict=True)]
+    with pytest.raises(TaskFailedError, match="100 g is off") if refused else contextlib.nullcontext():
+        assert max(fit_calibration(plateaus, "test").residuals) == pytest.approx(share * weights[2].force, rel=1e-2)
 
 
 def test_a_weight_that_still_swings_is_refused():

@@ -201,14 +201,14 @@ def test_a_recording_without_samples_leaves_no_csv(tmp_path):
 
 def test_wrong_use_is_refused(tmp_path):
     path = tmp_path / "trial.mcap"
-    with pytest.raises(InputError, match="recorded in N, not in mN"):
-        Recorder(path, {"load_force": "mN"})
-    with pytest.raises(InputError, match=r"'estimate\.time' cannot be recorded"):
-        Recorder(path, {"estimate.time": "s"})
-    with pytest.raises(InputError, match="cannot write"):
-        Recorder(tmp_path / "absent" / "trial.mcap", {"load_force": "N"})
-    with pytest.raises(UnknownNameError, match="did you mean 'load_force'"):
-        Recorder(path, {"load_force": "N"}, noise={"load_forse": 0.003})
+    for place, channels, noise, says in (
+        (path, {"load_force": "mN"}, {}, "recorded in N, not in mN"),
+        (path, {"estimate.time": "s"}, {}, r"'estimate\.time' cannot be recorded"),
+        (tmp_path / "absent" / "trial.mcap", {"load_force": "N"}, {}, "cannot write"),
+        (path, {"load_force": "N"}, {"load_forse": 0.003}, "did you mean 'load_force'"),
+    ):
+        with pytest.raises(InputError, match=says):
+            Recorder(place, channels, noise=noise)
     recorder = Recorder(path, {"load_force": "N"})
     with pytest.raises(UnknownNameError, match="did you mean 'load_force'"):
         recorder.record("load_froce", 0.0, 1.0)
