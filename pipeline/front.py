@@ -1,10 +1,10 @@
 """What a script asks for beyond the science: a model for other tools, a motion to record, the next experiment."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armdyn.checked_study import AnyModel, CheckedStudy, Runs
+from armdyn.checked_study import AnyModel, CheckedStudy, Runs, Say
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from armdyn.pendulum.path import GripperPath
     from pipeline.motion.excitation import Excitation
 
-Say = Callable[[str], None]
 LOAD_RADIUS = 0.014
 """m; of the load, where nothing says otherwise."""
 
@@ -150,7 +149,7 @@ def rig_limits(
 
 
 def plan_experiment(
-    rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say | None = None
+    rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say = lambda _: None
 ) -> "tuple[Plan, GripperPath | None]":
     """The plan, and the motion that it offers; of Baxter one that the whole arm can make.
 
@@ -164,10 +163,9 @@ def plan_experiment(
     from armdyn.experiments.plan import HOPELESS, plan
     from pipeline.motion.feasible_motion import with_feasible_motion
 
-    tell = say or (lambda _: None)
-    made = plan(rivals, seconds, limits, seed=seed, say=tell)
+    made = plan(rivals, seconds, limits, seed=seed, say=say)
     if limits is None:
-        tell("checking the motion on the whole arm")
+        say("checking the motion on the whole arm")
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from command import called
+from robots import joint, link, robot
 from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.usefixtures("armdyn")
@@ -76,12 +77,9 @@ def test_an_arms_answer_is_consistent(baxter) -> None:
 
 
 def test_a_sliding_joint_has_metres_and_newtons(tmp_path) -> None:
-    (tmp_path / "slide.urdf").write_text(
-        '<robot name="slide"><link name="base"/><link name="carriage"><inertial><mass value="2"/><inertia ixx="0.01" '
-        'iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="lift" type="prismatic"><parent '
-        'link="base"/><child link="carriage"/><axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="0.5" '
-        'effort="90"/></joint></robot>'
-    )
+    limit = '<limit lower="0" upper="1" velocity="0.5" effort="90"/>'
+    slide = joint("lift", "base", "carriage", "0 0 1", "prismatic", limit)
+    (tmp_path / "slide.urdf").write_text(robot('<link name="base"/>', link("carriage", 2.0), slide))
     content = answer("arm", "show", "--urdf", "slide.urdf", "--at", "0.5")
     assert content["units"] == {
         "position": ["m"], "torque": ["N"], "energy": "J", "speed": "m/s", "force": "N"

@@ -4,6 +4,7 @@ import json
 
 import pytest
 from hidden_effects import mistakes, sound_recordings
+from robots import joint, link, robot
 
 from armdyn.run import read_run, write_run_csv
 
@@ -52,20 +53,15 @@ def test_trusted_data_are_compared(armdyn):
 
 
 def test_a_link_that_weighs_nothing_is_said(armdyn, tmp_path):
-    links = "".join(f'<link name="{n}">{m}</link>' for n, m in (("base", ""), ("a", MASS), ("b", "")))
-    joints = "".join(
-        f'<joint name="{n}" type="revolute"><parent link="{p}"/><child link="{c}"/><axis xyz="0 1 0"/>'
-        '<origin xyz="0 0 0.3"/><limit lower="-2" upper="2" velocity="2" effort="20"/></joint>'
-        for n, p, c in (("first", "base", "a"), ("second", "a", "b"))
+    parts = (
+        '<link name="base"/>',
+        link("a"),
+        '<link name="b"/>',
+        joint("first", "base", "a"),
+        joint("second", "a", "b"),
     )
-    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    (tmp_path / "arm.urdf").write_text(robot(*parts))
     status, said, _ = armdyn("new", "arm", "m.toml", "--urdf", "arm.urdf")
     assert status == 0
     assert "CHECK: link 'b' has no <inertial>" in said
     assert "link 'a'" not in said
-
-
-MASS = (
-    '<inertial><mass value="1"/><origin xyz="0 0 0.1"/>'
-    '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
-)

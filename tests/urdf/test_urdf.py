@@ -4,27 +4,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from robots import LIMIT, joint, link, robot
 
 import urdf
 from urdf.find import find_meshes, make_absolute
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
-LIMIT = '<limit lower="-1.5" upper="2" velocity="2" effort="30"/>'
 SPEED_ONLY = '<limit velocity="2" effort="3"/>'
-
-
-def link(name: str, mass: float = 1.0, ixx: float = 0.01, shape: str = "") -> str:
-    return (
-        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="0.01" izz="0.01" ixy="0" '
-        f'ixz="0" iyz="0"/></inertial>{shape}</link>'
-    )
-
-
-def joint(name: str, parent: str, child: str, axis: str = "0 1 0", kind: str = "revolute", limit: str = LIMIT) -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0 0 0.3" rpy="0 0 0"/><axis xyz="{axis}"/>{limit}</joint>'
-    )
 
 
 def arm(*more: str, last: str | None = None, third: str | None = None) -> str:
@@ -33,10 +19,6 @@ def arm(*more: str, last: str | None = None, third: str | None = None) -> str:
     for i, axis in enumerate(AXES):
         parts.append(third if i == 2 and third else joint(f"j{i}", f"l{i}", f"l{i + 1}", axis))
     return robot(*parts, *more)
-
-
-def robot(*parts: str) -> str:
-    return f'<robot name="toy">{"".join(parts)}</robot>'
 
 
 @pytest.fixture

@@ -183,12 +183,11 @@ def _singular_values(robot: urdf.Robot, q: Array) -> Array:
 
 def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) -> list[Bounded]:
     """How far the tool point is from the line, and how far the tool is turned."""
-    data, offset = robot.model.createData(), np.asarray(robot.tool_offset)
+    data = robot.model.createData()
     distance, tilt = [], []
     for row in fine.q:
-        pin.framesForwardKinematics(robot.model, data, row)
-        pose = data.oMf[robot.tool_frame_id]
-        aside = pose.act(offset) - line.origin
+        pose = robot.tool_pose(row, data)
+        aside = pose.translation - line.origin
         distance.append(np.linalg.norm(aside - (aside @ line.direction) * line.direction))
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)

@@ -5,7 +5,7 @@ import pytest
 from derivatives import assert_jacobian
 
 from armdyn.control.questions import LENGTH, Criterion, information, separation
-from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
+from armdyn.control.sac import SacSettings, SacState, SequentialActionControl, needle
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.pendulum.model import pendulum_model
@@ -13,12 +13,21 @@ from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Simulator
 
 BIAS = CATALOGUE["sensor_bias"]
+
+
 DRAG = pendulum_model(0.368, 0.08, [CATALOGUE["linear_drag"], BIAS]).with_values({"linear_drag.coefficient": 0.005})
+
+
 PIVOT = pendulum_model(0.368, 0.08, [CATALOGUE["pivot_viscous_friction"], BIAS]).with_values(
     {"pivot_viscous_friction.coefficient": 7e-4}
 )
+
+
 SWING = np.array([0.2, 0.004])
+
+
 UNKNOWNS = ("length", "mass", "pivot_viscous_friction.coefficient", "sensor_bias.force")
+
 
 QUESTIONS = [
     LENGTH,
@@ -151,3 +160,42 @@ def test_questions_that_cannot_be_asked_are_refused():
         SequentialActionControl(DRAG, question=separation(UNKNOWNS))
     with pytest.raises(UnknownNameError, match="parameter"):
         SequentialActionControl(DRAG, question=information(("pivot_viscous_friction.coefficient",)))
+
+
+MODEL = pendulum_model(0.368, 0.08, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
+
+
+@pytest.fixture(scope="module")
+def on_length():
+    return SequentialActionControl(MODEL)
+
+
+def test_from_exact_rest_nothing_moves(on_length):
+    still = SacState(0.0, 0.0, 0.0, np.zeros(2), np.zeros(2))
+    assert np.all(on_length.act(still, MODEL).schedule == 0.0)
+
+
+def test_saturation_and_speed_guard_hold(on_length):
+    fast = SacState(0.0, 0.0, 0.89, np.array([0.5, 0.01]), np.array([2.0, 0.05]))
+    schedule = on_length.act(fast, MODEL).schedule
+    assert np.abs(schedule).max() <= on_length.settings.largest_acceleration + 1e-12
+    speed = 0.89 + np.cumsum(schedule) * on_length.settings.dt
+    assert np.abs(speed).max() <= on_length.settings.largest_speed + 1e-12
+
+
+def test_the_barrier_turns_the_gripper_round(on_length):
+    outside = SacState(0.0, 0.25, 0.1, np.zeros(2), np.array([0.1, 0.0]))
+    assert on_length.act(outside, MODEL).acceleration < 0.0
+
+
+def test_a_needle_keeps_its_impulse_whatever_the_grid():
+    schedule = needle(1.5, 0.0234, 0.1178, 80, 0.01)
+    assert schedule.sum() * 0.01 == pytest.approx(1.5 * (0.1178 - 0.0234))
+    assert np.all(schedule[12:] == 0.0)
+
+
+def test_settings_that_cannot_work_are_refused():
+    with pytest.raises(InputError, match="desired_change"):
+        SacSettings(desired_change=1.0)
+    with pytest.raises(InputError, match="horizon"):
+        SacSettings(horizon=0.0)

@@ -1,27 +1,39 @@
 """Every kind of mistake is named and undone; what is real in an arm or pendulum is no mistake."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hidden_effects import mistakes, sound_recordings
+from hypothesis import given
+from hypothesis import strategies as st
 
+import armdyn
 from armdyn.arm.model import arm_model
-from armdyn.inspection.check import Inspection, Severity
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.inspection.check import Inspection, Severity, WrongRecordingError
+from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.hypotheses import rolled
 from armdyn.inspection.inspect import inspected
+from armdyn.inspection.plausible import implausible, require_plausible
 from armdyn.inspection.signals import longest_hold, step_of
 from armdyn.pendulum.model import pendulum_model
-from armdyn.run import Channel, read_run
+from armdyn.run import Channel, Run, read_run
 
 from ..arm.conftest import RECORDINGS
 
 OF_THE_SIGNAL = ("gap", "frozen", "repeated", "glitches", "saturated", "noise", "jitter", "counts lost", "no motion")
+
+
 OF_AN_ARM = (
     "all in degrees", "rates in degrees", "rates in rpm", "mN m", "N cm", "all torques negated", "one torque negated",
     "rate negated", "torques late", "torques early", "rates late", "rates of other joints", "rates too slow",
     "one position negated", "all positions negated", "a quarter turn", "half a turn", "torques exchanged",
     "positions exchanged", "joints exchanged", "reversed torques", "shifted torques", "shifted joints",
 )  # fmt: skip
+
+
 PLACES = ("ceiling", "wall", "other wall", "slope", "gravity taken out")
 
 
@@ -151,3 +163,85 @@ def test_real_recordings_of_arms_are_never_called_wrong(folder, urdf, robot):
 def test_real_recordings_of_pendulums_are_never_called_wrong():
     for file in sorted(RECORDINGS.glob("pend*/*.csv")):
         assert inspected([read_run(file)], pendulum_model(0.35, 0.1)).usable, file
+
+
+T = np.arange(0.0, 1.0, 0.01)
+
+
+READINGS = st.builds(
+    Reading, st.sampled_from(["q.a", "q.b"]), st.sampled_from([-1.0, 1.0, 1e-3, 57.3]), st.floats(-2, 2),
+    st.sampled_from([0.0, 0.1, -0.2]),
+)  # fmt: skip
+
+
+CORRECTIONS = st.builds(Correction, st.dictionaries(st.sampled_from(["q.a", "q.b"]), READINGS))
+
+
+def recorded() -> Run:
+    return Run("r", {"q.a": Channel(T, np.sin(T), "rad"), "q.b": Channel(T, np.cos(3 * T), "rad")})
+
+
+@given(CORRECTIONS, CORRECTIONS)
+def test_two_corrections_are_one(first, second):
+    apart, together = second.of(first.of(recorded())), first.then(second).of(recorded())
+    for name in ("q.a", "q.b"):
+        np.testing.assert_allclose(together.channels[name].value, apart.channels[name].value, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(together.channels[name].time, apart.channels[name].time, atol=1e-12)
+
+
+@given(st.floats(-1.4, 1.4), st.floats(-3.0, 3.0))
+def test_roll_and_pitch_turn_gravity_to_where_it_was_found(pitch, roll):
+    gravity = -9.81 * np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    np.testing.assert_allclose(rolled(gravity), (roll, pitch), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("payload", {"payload.mass[panda_joint7]": 6336.0}),
+        ("link_inertia", {"link_inertia.mass[panda_joint3]": 4.0}),
+        ("base_tilt", {"base_tilt.roll": 3.0}),
+        ("torque_offset", {"torque_offset.torque[panda_joint2]": -184.6}),
+        ("torque_delay", {"torque_delay.time[panda_joint2]": 3e7}),
+    ],
+)
+def test_what_nothing_has_is_said(effect, values):
+    model = arm_model(robot="panda", joints=mistakes.Plant("panda").joints, effects=[CATALOGUE[effect]])
+    assert implausible(model) == []
+    wide = {name: replace(model.parameters[name], value=value, upper=np.inf) for name, value in values.items()}
+    found = implausible(model.with_parameters(wide))
+    assert [check.kind for check in found] == ["implausible_model"]
+    assert "check your recording" in found[0].sentence
+
+
+def test_what_a_user_told_the_model_is_no_verdict():
+    model = arm_model(robot="panda", joints=mistakes.Plant("panda").joints, effects=[CATALOGUE["base_tilt"]])
+    on_a_wall = model.with_values({"base_tilt.roll": 1.57})
+    require_plausible(on_a_wall, [], on_a_wall)
+    with pytest.raises(WrongRecordingError, match="lean by 90 degrees"):
+        require_plausible(on_a_wall, [], model)
+
+
+def test_a_length_at_the_end_of_its_range_is_said():
+    assert implausible(pendulum_model(0.35, 0.1)) == []
+    assert [check.channels for check in implausible(pendulum_model(5.0, 0.1))] == [("length",)]
+
+
+def test_wrong_recordings_end_a_comparison_and_trusted_ones_do_not():
+    joints = mistakes.Plant("panda").joints
+    model = arm_model(robot="panda", joints=joints)
+    sound = sound_recordings.arm("panda", "as described", 0, duration=6.0)
+    wrong = mistakes.scaled(sound.run, [f"tau.{j}" for j in joints], 1e3)
+    with pytest.raises(WrongRecordingError) as caught:
+        armdyn.compare(model, [wrong])
+    assert caught.value.inspection.wrong[0].kind == "torque_unit"
+    assert armdyn.compare(model, [wrong], trust_data=True).fit.chi2_per_sample > 1.0
+
+
+def test_a_run_is_cut_where_samples_are_missing():
+    joints = mistakes.Plant("panda").joints
+    model = arm_model(robot="panda", joints=joints)
+    sound = sound_recordings.arm("panda", "as described", 0, duration=8.0)
+    found = armdyn.compare(model, [mistakes.without(sound.run, 4.0, 5.2)])
+    assert [run.name for run in found.fit.problem.runs] == [f"{sound.run.name}#1", f"{sound.run.name}#2"]
+    assert any("cut there" in text for text in found.left_out)

@@ -5,15 +5,25 @@ from derivatives import assert_jacobian
 from scipy.integrate import solve_ivp
 
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.effect import effect
+from armdyn.errors import InputError
+from armdyn.parameter import quantity
 from armdyn.pendulum.composition import Composition
 from armdyn.pendulum.dynamics import derive_dynamics
-from armdyn.pendulum.model import printed_tension
+from armdyn.pendulum.model import pendulum_model, printed_tension
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.simulate import Simulator
+from armdyn.run import Channel, Run
 
 LENGTH, MASS, G = 0.368, 0.1, 9.81
+
+
 THETA = np.array([LENGTH, MASS])
+
+
 AMPLITUDE, OMEGA = 0.04, 2 * np.pi * 0.8
+
+
 DRAG = [CATALOGUE[name] for name in ("linear_drag", "sensor_gain")]
 
 
@@ -157,3 +167,60 @@ def test_sensitivities_match_finite_differences(column):
 def test_measured_height_of_the_gripper_enters_the_tension(dynamics):
     lifted = np.array([0, 0, 0, 0, 0, 0, 0.5])
     assert float(dynamics.tension([0, 0], lifted, THETA)) == pytest.approx(MASS * (G + 0.5), rel=1e-13)
+
+
+STAMPS = np.arange(0.0, 3.0, 0.005)
+
+
+STILL = Run(
+    "a.csv", {"swing_angle": Channel(STAMPS, 0 * STAMPS, "rad"), "load_force": Channel(STAMPS, 0 * STAMPS, "N")}
+)
+
+
+SIZES = {"bristle_friction.torque": 4e-3, "bristle_friction.deflection": 0.02, "initial_angle": 0.5}
+
+
+@effect("bristle_friction", acts_on="string", summary="dry friction of bristles that bend", source="Dahl 1968")
+def bristle_friction(
+    string,
+    torque=quantity("N m", typical=1e-3, lower=0),
+    deflection=quantity("rad", typical=0.02, null=0.02, lower=1e-3),
+):
+    speed = string.rate
+    string, bent = string.with_state(lambda z: speed - (speed**2 + 1e-12) ** 0.5 * z / deflection)
+    return string.with_torque(-torque * bent / deflection)
+
+
+def test_an_effect_brings_a_state_of_its_own():
+    model = pendulum_model(LENGTH, MASS, [bristle_friction]).with_values(SIZES)
+
+    def slow(_, s):
+        torque = 4e-3 * s[2] / 0.02
+        return [s[1], -G / LENGTH * np.sin(s[0]) - torque / (MASS * LENGTH**2), s[1] - abs(s[1]) * s[2] / 0.02]
+
+    reference = solve_ivp(slow, (0, 3), [0.5, 0.0, 0.0], "DOP853", STAMPS, rtol=1e-10, atol=1e-12, max_step=0.002)
+    predicted = model.predict(STILL, model.theta())
+    assert np.abs(predicted.values[predicted.slices["swing_angle"]] - reference.y[0]).max() < 1e-4
+
+
+def test_its_derivatives_are_exact():
+    model = pendulum_model(LENGTH, MASS, [bristle_friction]).with_values(SIZES)
+    exact = model.predict(STILL, model.theta()).sensitivities
+    steps = 1e-5 * np.array([p.typical for p in model.parameters.values()])
+    assert_jacobian(lambda theta: model.predict(STILL, theta).values, model.theta(), exact, steps, 1e-4)
+
+
+def test_control_leaves_the_state_as_it_is_at_the_start():
+    model = pendulum_model(LENGTH, MASS, [bristle_friction]).with_values(SIZES)
+    assert model.dynamics().states == 2
+    assert model.rest_angle() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_state_that_changes_the_length_is_refused():
+    @effect("creeping", acts_on="string", summary="", source="")
+    def creeping(string, rate=quantity("1/s", typical=1.0)):
+        string, z = string.with_state(lambda z: rate - z)
+        return string.with_length(string.length + z)
+
+    with pytest.raises(InputError, match="a force, a torque or a reading"):
+        pendulum_model(LENGTH, MASS, [creeping]).dynamics()

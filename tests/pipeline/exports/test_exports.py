@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import robots
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
@@ -90,12 +91,9 @@ def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
 
 def test_a_link_too_light_for_its_change_takes_over_what_is_fixed_to_it(tmp_path):
     """The moved link weighs nothing itself; all of it is in a link fixed to it, which is now lighter."""
-    urdf = """<robot name="a"><link name="base"/>
-    <link name="arm"/><link name="weight"><inertial><mass value="2"/><origin xyz="0 0 0.5"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-    <joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="9" velocity="1"/></joint>
-    <joint name="f" type="fixed"><parent link="arm"/><child link="weight"/></joint></robot>"""
+    parts = ('<link name="base"/>', '<link name="arm"/>', robots.link("weight", 2.0))
+    joints = (robots.joint("j", "base", "arm"), robots.joint("f", "arm", "weight", kind="fixed", limit=""))
+    urdf = robots.robot(*parts, *joints)
     (tmp_path / "a.urdf").write_text(urdf)
     model = arm_model(tmp_path / "a.urdf").with_effect(CATALOGUE["link_inertia"])
     model = model.with_values({"link_inertia.mass[j]": -0.5})
@@ -108,11 +106,8 @@ def test_a_link_too_light_for_its_change_takes_over_what_is_fixed_to_it(tmp_path
 
 
 def test_meshes_are_found_from_the_new_files_folder(tmp_path):
-    urdf = """<robot name="a"><link name="base"/><link name="arm"><inertial><mass value="2"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><geometry><mesh filename="meshes/arm.stl"/></geometry></visual></link>
-    <joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
+    shape = '<visual><geometry><mesh filename="meshes/arm.stl"/></geometry></visual>'
+    urdf = robots.robot('<link name="base"/>', robots.link("arm", shape=shape), robots.joint("j", "base", "arm"))
     (tmp_path / "robot/meshes").mkdir(parents=True)
     corners = "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0"
     mesh = f"solid a\nfacet normal 0 0 1\nouter loop\n{corners}\nendloop\nendfacet\nendsolid a"
