@@ -19,7 +19,7 @@ from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
-from armdyn.pendulum.start import phase_plane, pieces, rates_near, seen_from_rest
+from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulated import (
@@ -142,8 +142,8 @@ class PendulumModel(SimulatedModel):
         return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """See `start.pieces`."""
-        return pieces(run)
+        """See `start.pieces` and `start.free_swing`."""
+        return pieces(free_swing(run, self.swing(run, self.theta())))
 
     @cached_property
     def formulation(self) -> str:

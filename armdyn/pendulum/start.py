@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.differences import quiet_std
 from armdyn.gaps import between, in_pieces, told
 from armdyn.pendulum.path import run_path
 from armdyn.pendulum.physics import STANDARD_GRAVITY
@@ -25,6 +26,15 @@ BLIND = 0.25
 """s; longest gap in the gripper's positions over which a spline interpolates motions of up to 1.5 Hz to 2 %."""
 STILL = 1e-3
 """m that the gripper is displaced around a gap in which it rested."""
+HELD = 0.03
+"""Of the range of a swing, within which a hand holds a load still."""
+LOUD = 5.0
+"""Standard deviations of the noise, within which a held load seems still."""
+AWAY = 3
+"""Samples in a row that have left where it was held: no glitch."""
+CAUGHT = 3.5
+"""Range of a swing when it stops, over what it loses in a period, from which on it was caught: 1.75 at most where dry
+friction stops it."""
 
 
 def seen_from_rest(
@@ -60,6 +70,55 @@ def phase_plane(length: float) -> np.ndarray:
 def rates_near(length: float) -> np.ndarray:
     """(7,) rad/s by which a rate from a noisy angle may be off, 0 first; `length` m."""
     return np.sqrt(STANDARD_GRAVITY / length) * np.array([0.0, -0.03, 0.03, -0.1, 0.1, -0.3, 0.3])
+
+
+def free_swing(run: Run, swing: float) -> Run:
+    """The part of a run in which a load below a fixed pivot swings freely; see `Run.warnings`.
+
+    People record while they still hold the load, or let it hang and push it, and until they catch it. No free swing
+    stays where it is for half a period, but near the upright, which an inverted pendulum leaves as cosh(2 pi t / T),
+    and where dry friction stops it, which takes as much from every half swing and stops what is less than half of that.
+
+    Args:
+        run: with an angle or a rate; else it is returned as it is.
+        swing: period T, s.
+    """
+    name = next((n for n in ("swing_angle", "swing_rate") if n in run.channels), None)
+    if name is None or "gripper_x" in run.channels:
+        return run
+    time, value = run.channels[name].time, run.channels[name].value
+    near = max(LOUD * quiet_std(time, value), HELD * float(np.ptp(value)))
+    left, caught = _moves_at(value, near), len(value) - 1 - _moves_at(value[::-1], near)
+    begin, end, told = -np.inf, np.inf, list[str]()
+    away = abs(value[0] - np.median(value[left:])) if name == "swing_angle" else np.nan
+    longest = swing * max(0.5, np.arccosh(1.0 + near / max(np.pi - np.nan_to_num(away), 1e-6)) / np.pi)
+    if time[left] - time[0] > longest:
+        # Who pushes what hangs, or holds it nobody knows where, has let go after half a swing.
+        begin = time[left] + (0.0 if away > 2.0 * near else 0.5 * swing)
+        told.append(f"the load is held, or hangs, until {time[left]:.4g} s; what comes after {begin:.4g} s is compared")
+    if time[-1] - time[caught] > longest:
+        stop = time[caught] - 0.5 * swing
+        before, last = (_range(time, value, end - swing, end) for end in (stop - swing, stop))
+        # What seems still may be a small swing, which came through twice that range.
+        if stop > time[0] + 2.0 * swing and last > max(4.0 * near, CAUGHT * (before - last)):
+            end = stop
+            told.append(f"the load is caught at {time[caught]:.4g} s; what comes before {end:.4g} s is compared")
+    if not told or min(time[-1], end) - max(time[0], begin) < swing:
+        return run
+    return in_pieces(run, [between(run, begin, end)], f"{name}: {', and '.join(told)}")[0]
+
+
+def _range(time: np.ndarray, value: np.ndarray, begin: float, end: float) -> float:
+    """Of the values from `begin` to `end`, s; 0 where there are none."""
+    inside = value[(time > begin) & (time <= end)]
+    return float(np.ptp(inside)) if len(inside) else 0.0
+
+
+def _moves_at(value: np.ndarray, near: float) -> int:
+    """Number of the first sample that is no longer `near` the first ones, nor any of the next, which glitches are."""
+    away = np.abs(value - np.median(value[: AWAY + 1])) > near
+    left = np.convolve(away, np.ones(AWAY), "valid") == AWAY
+    return int(np.argmax(left)) if left.any() else 0
 
 
 def pieces(run: Run) -> tuple[Run, ...]:
