@@ -52,3 +52,13 @@ def test_a_column_that_one_of_several_files_lacks_is_optional(armdyn, table, tmp
     assert set(read_run("runs/second.csv").channels) == {"q.joint_1", "v.joint_1"}
     assert "tau.joint_1" in read_run("runs/log.csv").channels
     assert armdyn("import", second, "--output", "alone", "--map", "runs/map.toml")[0] == 2
+
+
+@pytest.mark.parametrize(("spare", "last"), [(8, "odd_7"), (9, "odd_7 and 1 more")])
+def test_columns_left_out_are_named_up_to_a_number(armdyn, table, spare, last):
+    lines = table.read_text().splitlines()
+    names = "".join(f",odd_{i}" for i in range(spare))
+    table.write_text("\n".join([lines[0] + names, *(line + ",0.5" * spare for line in lines[1:])]))
+    code, said, _ = armdyn("import", table, "--output", "runs", "--guess")
+    assert code == 0
+    assert f"left out: odd_0, odd_1, odd_2, odd_3, odd_4, odd_5, odd_6, {last}\n" in said
