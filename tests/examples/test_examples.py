@@ -30,7 +30,7 @@ def example(monkeypatch, tmp_path):
 BASES = ("double_pendulum", "crane")
 
 
-@pytest.mark.parametrize("path", EXAMPLES.glob("*.py"), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_an_example_is_short(path):
     assert len(path.read_text().splitlines()) <= (150 if path.stem in BASES else 60)
 
