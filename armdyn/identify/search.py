@@ -78,10 +78,11 @@ def search(study: Study, progress: Progress | None = None) -> Search:
 
 def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say: Progress) -> list[Step]:
     """The way to a set without what lowers the error by little; what ties with what is told without that, too."""
-    way = [given, *Leg(study, appraiser, whole, given.effects, given.fit).steps(say)]
-    told = without_little(study, way)
-    if len(told) == len(way):
-        return way
+    leg = Leg(study, appraiser, whole, given.effects, given.fit)
+    steps = leg.steps(say)
+    told = without_little(study, [given, *steps])
+    if len(told) == 1 + len(steps):
+        return [given, *leg.with_ties(steps)]
     return _way(study, given, appraiser, appraiser.of(appraiser.within(told[-1].effects)), say)
 
 

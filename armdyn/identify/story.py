@@ -24,7 +24,7 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[Summed, list[
     Few effects are hoped to explain everything; where many small errors remain, only what is large has a name.
     """
     around_given, legs = _told(study, given, say)
-    return around_given, [given, *(step for leg in legs for step in leg.steps(say))]
+    return around_given, [given, *(step for leg in legs for step in leg.with_ties(leg.steps(say)))]
 
 
 def _told(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Leg]]:

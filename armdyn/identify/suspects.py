@@ -22,12 +22,10 @@ class OrderedStep:
     Attributes:
         added: the effect, with all joints that it comes on.
         appraisal: of the set with it.
-        tied: other effects that do as well in its place in the whole set.
     """
 
     added: Candidate
     appraisal: Appraisal
-    tied: tuple[Candidate, ...]
 
 
 def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[OrderedStep]:
@@ -36,7 +34,7 @@ def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candida
     A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
     """
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
-    found: list[tuple[list[Candidate], Appraisal]] = []
+    found = list[OrderedStep]()
     while left:
         beside = appraiser.best_with_one_more(now, left)
         first = next(c for c in left if c in beside.effects)
@@ -49,10 +47,9 @@ def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candida
             and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
         ]
         after = appraiser.of((*now.effects, *joined))
-        found.append((joined, after))
+        found.append(OrderedStep(merged(joined)[0], after))
         now, left = after, [c for c in left if c not in joined]
-    whole = appraiser.settle(whole.effects)
-    return [OrderedStep(merged(new)[0], after, tied(appraiser, whole, new)) for new, after in found]
+    return found
 
 
 def tied(appraiser: Appraiser, whole: Appraisal, part: Sequence[Candidate]) -> tuple[Candidate, ...]:

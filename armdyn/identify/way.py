@@ -1,7 +1,7 @@
 """From the model as given to a chosen set of effects, step by step, the biggest first."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
@@ -9,7 +9,7 @@ from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit
 from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import ordered_steps
+from armdyn.identify.suspects import ordered_steps, tied
 
 Progress = Callable[[str], None]
 
@@ -66,7 +66,7 @@ class Leg:
         return self.study.converge(self._fitted(self.effects, self.whole))
 
     def steps(self, say: Progress) -> list[Step]:
-        """Every step, refitted to all samples; `say` is told each."""
+        """Every step, refitted to all samples, without ties; `say` is told each."""
         study, effects, found = self.study, self.before, list[Step]()
         way = ordered_steps(self.appraiser, self.whole, self.firm)
         for i, rise in enumerate(way):
@@ -74,8 +74,14 @@ class Leg:
             say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
             fit = self.fit if rise is way[-1] else self._fitted(effects, rise.appraisal)
             tests = study.tests(fit, effects)
-            found.append(Step((rise.added,), rise.tied, effects, fit, tests))
+            found.append(Step((rise.added,), (), effects, fit, tests))
         return found
+
+    def with_ties(self, steps: Sequence[Step]) -> list[Step]:
+        """Its steps with the effects that do as well in the place of each, in the whole set."""
+        whole = self.appraiser.settle(self.whole.effects)
+        ties = (tied(self.appraiser, whole, [a for c in step.added for a in c.apart()]) for step in steps)
+        return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
 
     def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
         given = self.study.present  # stays as it is, also where the same effect comes on further joints
