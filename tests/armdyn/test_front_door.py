@@ -13,7 +13,11 @@ from ik.errors import UnreachableError
 
 @pytest.mark.parametrize(
     ("module", "later"),
-    [("armdyn", "numpy scipy casadi pinocchio plotly pandas"), ("armdyn.run", "pint mcap plotly casadi")],
+    [
+        ("armdyn", "numpy scipy casadi pinocchio plotly pandas"),
+        ("armdyn.run", "pint mcap plotly casadi"),
+        ("pipeline.commands.trial", "numpy casadi pinocchio"),  # as `armdyn --help` loads every command
+    ],
 )
 def test_an_import_alone_loads_no_library(module, later):
     code = f"import sys, {module}; print(set('{later}'.split()) & set(sys.modules))"
