@@ -137,13 +137,11 @@ class Filtered(Appraiser):
 
         Above the noise something else is missing, which an exchange that changes the error by little may stand for.
         """
-        gap = self.standing(whole) - self.standing(other)
-        if gap < PROMISED:
-            tie = self.standing(whole) - self.standing(self._again(other, whole)) < TIE
-            self.settle(whole.effects)
-            if tie:
-                return True
-        if gap > MOSTLY * (self.standing(whole) - self.standing(without)):
+        standing = self.standing(whole)
+        gap = standing - self.standing(other)
+        if gap < PROMISED and standing - self.standing(self._again(other, whole)) < TIE:
+            return True
+        if gap > MOSTLY * (standing - self.standing(without)):
             return False
         study = self._study
         found = study.fit_with((*study.present, *whole.effects), None)
