@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from urdf.robot import UrdfError
 
+CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
+"""What Python sees of a C++ exception, by its kind."""
 SHOWN = 200
 """Characters of it that fit into a line."""
 
@@ -57,7 +59,7 @@ def told(what: str, remedy: str) -> Iterator[None]:
     try:
         with quiet() as said:
             yield
-    except Exception as error:  # Pinocchio and Coal raise whatever their parsers do
+    except CPP_ERRORS as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text
         text = text.partition("message:")[2] or text
         reason = " ".join(text.partition("Hint")[0].split())[:SHOWN]
