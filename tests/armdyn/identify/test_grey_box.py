@@ -222,3 +222,20 @@ def test_what_goes_on_has_no_end():
     time = np.arange(0.0, 20.0, 0.02)
     swinging = Channel(time, np.exp(-time / 60.0) * np.sin(5.0 * time), "rad")
     assert end_of_motion(swinging, 2.0 * np.pi / 5.0) == time[-1]
+
+
+def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_one():
+    """Of two dry frictions, whose torques differ by a tenth, evidence is sure of one as the camera bends the angle."""
+
+    def bent(run):
+        (seen,) = run.channels.values()
+        value = seen.value + 0.003 + 0.004 * np.sin(8.0 * seen.value)
+        return Run(run.name, {"swing_angle": Channel(seen.time, value, "rad")})
+
+    runs = [
+        swing(a, 10.0, coulomb=0.08, noise=5e-4, rate=50.0, seed=k, name=f"{k}.csv") for k, a in ((0, 0.5), (3, 0.4))
+    ]
+    train, held_out = (bent(run) for run in runs)
+    found = diagnose(Study(pendulum_model(0.38, 0.2), [train], [held_out], EFFECTS))
+    leading = found.suspects[0]
+    assert {leading.effect, *leading.tied_with} == {"pivot_coulomb_friction", "pivot_load_friction"}
