@@ -4,6 +4,8 @@ import numpy as np
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| over the standard deviation, for normal x."""
+FEWEST = 8
+"""Differences that show how noisy a signal is."""
 LONGEST_SPAN = 1.5
 """Times the usual one, beyond which samples are no neighbours: there is a gap between them."""
 
@@ -37,19 +39,18 @@ def normalised_differences(
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
 
 
-def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3) -> float:
+def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
     """Standard deviation of white noise on smooth samples, also with glitches: from the median of their differences.
 
     Args:
         time: (n,) s.
         value: (n,).
         order: of the differences; Gasser et al., Biometrika 73 (1986) 625.
+        unknown: what is returned where fewer than `FEWEST` of them reach across no gap.
 
     Returns:
-        In the unit of `value`; 0 where there are no samples without a gap.
+        In the unit of `value`.
     """
-    if len(value) <= order:
-        return 0.0
-    differences = normalised_differences(time, value, order)
+    differences = normalised_differences(time, value, order) if len(value) > order else np.zeros(0)
     whole = differences[np.isfinite(differences)]
-    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) else 0.0
+    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= FEWEST else unknown

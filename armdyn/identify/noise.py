@@ -21,8 +21,6 @@ ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
 FAINTEST = 0.1
 """Share of its stated noise that a channel has at least: an encoder at rest shows none."""
-FEWEST = 12
-"""Samples that show how noisy a channel is."""
 MOST_LAGS = 50
 """Lags that count for the variance of a mean."""
 
@@ -65,9 +63,7 @@ def quiet_noise(channel: Channel, noise: float) -> float:
         channel: its samples.
         noise: as stated or estimated otherwise; the result is at most that.
     """
-    if len(channel) < FEWEST:
-        return noise
-    return max(min(noise, quiet_std(channel.time, channel.value)), FAINTEST * noise)
+    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), FAINTEST * noise)
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
-from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest
+from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest, swing_shown
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulated import (
@@ -103,14 +103,12 @@ class PendulumModel(SimulatedModel):
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """See `SimulatedModel`; below a fixed pivot."""
-        channel = run.channels.get("swing_angle") or run.channels.get("swing_rate")
-        if channel is None or "gripper_x" in run.channels:
-            return np.inf
-        return end_of_motion(channel, swing)
+        name = swing_shown(run)
+        return np.inf if name is None or "gripper_x" in run.channels else end_of_motion(run.channels[name], swing)
 
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """See `SimulatedModel`: a free swing's period shows the length, nearly, where the swing is not small."""
-        if "gripper_x" in run.channels or not {"swing_angle", "swing_rate"} & set(run.channels):
+        if "gripper_x" in run.channels or swing_shown(run) is None:
             return {}
         return {"length": STANDARD_GRAVITY * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
 
@@ -119,8 +117,8 @@ class PendulumModel(SimulatedModel):
 
         What goes round and round has no period that its angle shows.
         """
-        seen, small = run.channels.get("swing_angle") or run.channels.get("swing_rate"), self.start_window(theta)
-        return small if seen is None else min(main_period(seen), SLOWEST * small)
+        name, small = swing_shown(run), self.start_window(theta)
+        return small if name is None else min(main_period(run.channels[name]), SLOWEST * small)
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """See `Model.guess_start`: angle and rate where an angle was measured."""
@@ -142,8 +140,8 @@ class PendulumModel(SimulatedModel):
         return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """See `start.pieces` and `start.free_swing`."""
-        return pieces(free_swing(run, self.swing(run, self.theta())))
+        """See `start.pieces`, and below a fixed pivot `start.free_swing`."""
+        return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
 
     @cached_property
     def formulation(self) -> str:

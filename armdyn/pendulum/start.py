@@ -72,6 +72,11 @@ def rates_near(length: float) -> np.ndarray:
     return np.sqrt(STANDARD_GRAVITY / length) * np.array([0.0, -0.03, 0.03, -0.1, 0.1, -0.3, 0.3])
 
 
+def swing_shown(run: Run) -> str | None:
+    """Name of the channel that shows the swing itself: the angle, else the rate; None where neither was measured."""
+    return next((name for name in ("swing_angle", "swing_rate") if name in run.channels), None)
+
+
 def free_swing(run: Run, swing: float) -> Run:
     """The part of a run in which a load below a fixed pivot swings freely; see `Run.warnings`.
 
@@ -80,32 +85,35 @@ def free_swing(run: Run, swing: float) -> Run:
     and where dry friction stops it, which takes as much from every half swing and stops what is less than half of that.
 
     Args:
-        run: with an angle or a rate; else it is returned as it is.
+        run: below a fixed pivot; returned as it is where neither angle nor rate was measured.
         swing: period T, s.
     """
-    name = next((n for n in ("swing_angle", "swing_rate") if n in run.channels), None)
-    if name is None or "gripper_x" in run.channels:
+    name = swing_shown(run)
+    if name is None:
         return run
     time, value = run.channels[name].time, run.channels[name].value
     near = max(LOUD * quiet_std(time, value), HELD * float(np.ptp(value)))
     left, caught = _moves_at(value, near), len(value) - 1 - _moves_at(value[::-1], near)
-    begin, end, told = -np.inf, np.inf, list[str]()
-    away = abs(value[0] - np.median(value[left:])) if name == "swing_angle" else np.nan
-    longest = swing * max(0.5, np.arccosh(1.0 + near / max(np.pi - np.nan_to_num(away), 1e-6)) / np.pi)
-    if time[left] - time[0] > longest:
+    away = np.zeros(2)  # from rest, at the beginning and at the end
+    if name == "swing_angle":  # a rate does not show that
+        ends, swung = (value[: AWAY + 1], value[-AWAY - 1 :]), value[left : max(left, caught) + 1]
+        away = np.abs([np.median(one) - np.median(swung) for one in ends])
+    longest = swing * np.maximum(0.5, np.arccosh(1.0 + near / np.maximum(np.pi - away, 1e-6)) / np.pi)
+    begin, end, said = -np.inf, np.inf, list[str]()
+    if time[left] - time[0] > longest[0]:
         # Who pushes what hangs, or holds it nobody knows where, has let go after half a swing.
-        begin = time[left] + (0.0 if away > 2.0 * near else 0.5 * swing)
-        told.append(f"the load is held, or hangs, until {time[left]:.4g} s; what comes after {begin:.4g} s is compared")
-    if time[-1] - time[caught] > longest:
+        begin = time[left] + (0.0 if away[0] > 2.0 * near else 0.5 * swing)
+        said.append(f"the load is held, or hangs, until {time[left]:.4g} s; what comes after {begin:.4g} s is compared")
+    if time[-1] - time[caught] > longest[1]:
         stop = time[caught] - 0.5 * swing
         before, last = (_range(time, value, end - swing, end) for end in (stop - swing, stop))
         # What seems still may be a small swing, which came through twice that range.
         if stop > time[0] + 2.0 * swing and last > max(4.0 * near, CAUGHT * (before - last)):
             end = stop
-            told.append(f"the load is caught at {time[caught]:.4g} s; what comes before {end:.4g} s is compared")
-    if not told or min(time[-1], end) - max(time[0], begin) < swing:
+            said.append(f"the load is caught at {time[caught]:.4g} s; what comes before {end:.4g} s is compared")
+    if not said or min(time[-1], end) - max(time[0], begin) < swing:
         return run
-    return in_pieces(run, [between(run, begin, end)], f"{name}: {', and '.join(told)}")[0]
+    return in_pieces(run, [between(run, begin, end)], f"{name}: {', and '.join(said)}")[0]
 
 
 def _range(time: np.ndarray, value: np.ndarray, begin: float, end: float) -> float:
@@ -123,9 +131,7 @@ def _moves_at(value: np.ndarray, near: float) -> int:
 
 def pieces(run: Run) -> tuple[Run, ...]:
     """The run, cut where the gripper moved while no position was recorded; see `Run.warnings` and `Run.began`."""
-    gripper = run.channels.get("gripper_x")
-    if gripper is None:
-        return (run,)
+    gripper = run.channels["gripper_x"]
     before = np.flatnonzero(np.diff(gripper.time) > BLIND)
     before = before[[_moved(gripper, int(i)) for i in before]] if len(before) else before
     if not len(before):
