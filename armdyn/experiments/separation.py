@@ -19,11 +19,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.identify.appraisal import TIE
 from armdyn.identify.least_squares import Expansion, descend
+from armdyn.linear.solve import solve_bounded
 
 MARGIN = 2.0 * TIE
 """Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""
@@ -31,8 +31,6 @@ DRAWS = 400
 """Outcomes of an experiment that are drawn to say how probable a right verdict is."""
 LITTLE = 1e-9
 """Share of its own size that is added to what is known of an unknown: what nothing determines stays where it is."""
-NEAR = 1e-9
-"""Of its typical size by which an unknown may pass a bound, by rounding."""
 STEPS = 12
 """Of a refit of the rival, at most."""
 
@@ -152,27 +150,7 @@ class _Around:
     def left(self, rest: np.ndarray) -> np.ndarray:
         """(r,) rise of chi2 for (n, r) readings minus predictions."""
         pull = self._slopes.T @ rest - (self._prior @ self._away)[:, None]
-        lower, upper = (room[:, None] for room in self._room)
-        held = np.zeros(pull.shape, dtype=int)  # -1 on the lower bound, 1 on the upper
-        change = self._solved(pull, held)
-        for _ in range(len(pull)):
-            beyond = np.where(change < lower - NEAR, -1, np.where(change > upper + NEAR, 1, 0))
-            beyond[held != 0] = 0
-            if not beyond.any():
-                break
-            held += beyond
-            change = self._solved(pull, held)
+        change = solve_bounded(self._normal, pull.T, *self._room).x.T
         squares = np.sum(rest**2, axis=0) + self._away @ self._prior @ self._away
         taken = np.sum((2.0 * pull - self._normal @ change) * change, axis=0)
         return np.asarray(squares - taken)
-
-    def _solved(self, pull: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """(m, r) changes of least cost, those that are `held` staying on their bounds."""
-        change = np.where(held < 0, self._room[0][:, None], np.where(held > 0, self._room[1][:, None], 0.0))
-        for pattern in np.unique(held, axis=1).T:
-            mine = np.all(held == pattern[:, None], axis=0)
-            free = pattern == 0
-            matrix = self._normal[np.ix_(free, free)]
-            right = pull[np.ix_(free, mine)] - self._normal[np.ix_(free, ~free)] @ change[np.ix_(~free, mine)]
-            change[np.ix_(free, mine)] = cho_solve(cho_factor(matrix), right)
-        return change

@@ -14,6 +14,7 @@ import numpy as np
 from armdyn.identify.grey_run import LOOSE, Around, Noise, scaled
 from armdyn.identify.innovations import Colour
 from armdyn.identify.problem import Problem
+from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
 KICKS = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
@@ -25,7 +26,6 @@ LEVELS = (0.6, 1.6)
 """Factors on the level of one of several channels that are tried beside the present one."""
 PULLED = float(np.log(100.0))
 """Nats that a value could gain beyond a bound from which on it is the bound that explains."""
-ROUNDING = 1e-13
 COARSE = (3, 3)
 """Every which of the colours, and of the kicks, is looked at first."""
 ROUNDS = 3
@@ -267,17 +267,16 @@ class Tables:
         part = self.tables[r].after(moved, change[moved], loose)
         A = np.diag(np.concatenate([self._width[c], self.problem.typical[own]]) ** -2.0)
         A[: len(c), : len(c)] += known
-        square = part.square - np.sum(part.slope * _solve(A + part.gram, part.slope), axis=1)
+        square = part.square - np.sum(part.slope * solve_positive(A + part.gram, part.slope), axis=1)
         level = np.sqrt(np.maximum(square / part.rows, 1.0))
-        over = replace(part, square=square).likelihood(level) - 0.5 * (_log_det(A + part.gram) - _log_det(A))
+        over = replace(part, square=square).likelihood(level) - 0.5 * (log_det(A + part.gram) - log_det(A))
         pick = int(np.argmax(over))
         return float(over[pick]) + _peak(over, pick, part.kicks), pick, float(level[pick])
 
     def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
         t = self._width[c]
-        # In units of the diagonal, a little off the singular: rounding may leave less than the one that was added.
-        d = _solve(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
+        d = solve_positive(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
         off = (d - self._centre[c]) / t
         squares = np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1)
         return d, squares + np.sum(off**2, axis=1)
@@ -285,7 +284,7 @@ class Tables:
     def _freedom(self, H: np.ndarray, c: np.ndarray) -> np.ndarray:
         """(S,) nats that the freedom of unknowns c costs, of (S, c, c) what runs say of them."""
         T = self._typical[c]
-        return 0.5 * _log_det(T[:, None] * H * T + np.eye(len(c)))
+        return 0.5 * log_det(T[:, None] * H * T + np.eye(len(c)))
 
     def _over(
         self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
@@ -305,40 +304,12 @@ class Tables:
         """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
         p, t = self.problem, self._width[c]
         lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
-        A, right = H + np.diag(t**-2.0), g + self._centre[c] / t**2
-        d, held = np.zeros(len(c)), np.zeros(len(c), dtype=bool)
-        for _ in range(len(c) + 1):
-            d[~held] = _solve(A[np.ix_(~held, ~held)], right[~held] - A[np.ix_(~held, held)] @ d[held])
-            out = ~held & ((d < lower - 1e-12) | (d > upper + 1e-12))
-            if not out.any():
-                break
-            worst = np.flatnonzero(out)[np.argmax((np.maximum(lower - d, d - upper) / t)[out])]
-            held[worst] = True
-            d[worst] = np.clip(d[worst], lower[worst], upper[worst])
+        A = H + np.diag(t**-2.0)
+        found = solve_bounded(A, g + self._centre[c] / t**2, lower, upper)
+        d = found.x
         off = (d - self._centre[c]) / t
-        pulled = np.where(held, 0.5 * (right - A @ d) ** 2 / np.diag(A), 0.0)
+        pulled = np.where(found.held != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
         return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
-
-
-def _scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(..., c) sizes of (..., c, c) positive definite matrices, and these over them, as far as rounding leaves them so.
-
-    Sizes are the roots of the diagonal.
-    """
-    size = np.sqrt(np.einsum("...ii->...i", A))
-    return size, A / (size[..., :, None] * size[..., None, :]) + ROUNDING * np.eye(A.shape[-1])
-
-
-def _solve(A: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(..., c) solutions of (..., c, c) positive definite matrices."""
-    size, alike = _scaled(A)
-    return np.asarray(np.linalg.solve(alike, (right / size)[..., None])[..., 0] / size)
-
-
-def _log_det(A: np.ndarray) -> np.ndarray:
-    """(...) logarithms of determinants of (..., c, c) positive definite matrices."""
-    size, alike = _scaled(A)
-    return np.asarray(2.0 * np.sum(np.log(size), axis=-1) + np.linalg.slogdet(alike)[1])
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 from scipy.special import chdtrc
 
 from armdyn.identify.candidate import Candidate
@@ -16,6 +15,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, deviates, samples_of
 from armdyn.identify.sums import WIDE
+from armdyn.linear.solve import solve_bounded
 
 IDENTIFIABLE = 1e-3
 """An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
@@ -82,11 +82,11 @@ def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
     columns = np.flatnonzero(fit.free | problem.of(names))
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
     width = WIDE * problem.typical[columns]
-    matrix = np.vstack([jacobian[:, columns] * width, np.eye(len(columns))])
+    scaled = jacobian[:, columns] * width
     lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
-    change = lsq_linear(matrix, np.append(residual, np.zeros(len(columns))), (lower, upper)).x
+    normal = scaled.T @ scaled + np.eye(len(columns))
     values = fit.values.copy()
-    values[columns] += width * change
+    values[columns] += width * solve_bounded(normal, scaled.T @ residual, lower, upper).x
     return values
 
 

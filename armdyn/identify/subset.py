@@ -8,10 +8,9 @@ from scipy.linalg.lapack import dposv
 
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.sums import Sums
+from armdyn.linear.solve import solve_bounded
 from armdyn.model import Bend
 
-REFINEMENTS = 6
-"""Rounds in which unknowns that leave their bounds are put on them."""
 BENT_STEPS = 25
 """Gauss-Newton steps on the sums, at most, for unknowns that predictions are not linear in: most links need 12."""
 SETTLED = 0.5
@@ -180,29 +179,11 @@ class Solver:
     ) -> np.ndarray:
         """(c,) change of the unknowns that fits units best, within their bounds; those not `free` are at `others`."""
         G, slope = self.normal(units)
-        width, lower, upper = self.width[columns], self._lower[columns], self._upper[columns]
-        moving = free.copy()
-        still = np.where(free, 0.0, self._to_null[columns] if others is None else others)
-        change = still.copy()
-        for _ in range(REFINEMENTS):
-            i = np.flatnonzero(moving)
-            if len(i) == 0:
-                break
-            C, t = columns[i], width[i]
-            right = slope[C]
-            if len(i) < len(columns):
-                right = right - G[C[:, None], columns[~moving]] @ change[~moving]
-            A = t[:, None] * G[C[:, None], C] * t
-            A.flat[:: len(i) + 1] += 1.0
-            _, solution, _ = dposv(A, t * right + self.centre[C] / t, lower=1, overwrite_a=1)
-            change[i] = t * solution
-            outside = moving & ((change < lower) | (change > upper))
-            if not outside.any():
-                break
-            change[outside] = np.clip(change, lower, upper)[outside]
-            moving &= ~outside
-        change = np.where(free, np.clip(change, lower, upper), change)
-        # Bounds may leave an answer that is worse than none.
-        G, weight = G[columns[:, None], columns], np.where(free, width**-2.0, 0.0)
-        costs = [self._cost(G, slope[columns], d, weight, d - self.centre[columns]) for d in (change, still)]
-        return change if costs[0] <= costs[1] else still
+        change = np.where(free, 0.0, self._to_null[columns] if others is None else others)
+        C, t = columns[free], self.width[columns][free]
+        right = slope[C] - G[C[:, None], columns[~free]] @ change[~free]
+        A = t[:, None] * G[C[:, None], C] * t
+        A.flat[:: len(C) + 1] += 1.0
+        found = solve_bounded(A, t * right + self.centre[C] / t, self._lower[C] / t, self._upper[C] / t)
+        change[free] = t * found.x
+        return change

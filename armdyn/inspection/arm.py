@@ -17,6 +17,7 @@ from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
+from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 
 MOMENTS = 120
@@ -206,14 +207,11 @@ class ArmRun:
         gap = y - described
         turned = np.swapaxes(X, 2, 3)
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
-        variance, used = 0.1 * scale, np.ones(slope.shape, dtype=bool)
+        variance, lower = 0.1 * scale, np.array([-np.inf, 0.0, 0.0, 0.0])
         for _ in range(2):
-            kept = used[..., :, None] & used[..., None, :]
-            A = np.where(kept, G / variance[..., None, None], 0.0) + np.eye(X.shape[3])
-            right = np.where(used, slope / variance[..., None], 0.0)
-            theta = np.linalg.solve(A, right[..., None])
-            used &= (theta[..., 0] >= 0.0) | (np.arange(X.shape[3]) == 0)
-            left = gap - (X @ np.where(used[..., None], theta, 0.0))[..., 0]
+            A = G / variance[..., None, None] + np.eye(X.shape[3])
+            theta = solve_bounded(A, slope / variance[..., None], lower, np.inf).x
+            left = gap - (X @ theta[..., None])[..., 0]
             variance = np.mean(left**2, axis=2) + FLOOR**2 * scale
         total = len(self.motion.time) * np.sum(weight * (volume - 0.5 * np.log(variance)), axis=1)
         return np.asarray(total - cost - self._too_strong(y))

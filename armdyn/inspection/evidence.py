@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.identify.noise import correlation_time
+from armdyn.linear.solve import log_det, solve_bounded
 
 SIZES = (0.1, 0.3, 1.0, 3.0)
 """s: how much a description lacks, in what effects typically are."""
@@ -76,24 +77,21 @@ def evidence(given: Channels) -> Evidence:
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
     size = np.array(SIZES)[:, None]
-    used = np.ones((len(SIZES), given.columns.shape[2]), dtype=bool)
+    lower = np.where(given.positive, 0.0, -np.inf)
     variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(SIZES), 1))
-    left, theta = np.tile(gap, (len(SIZES), 1, 1)), np.zeros(used.shape)
+    left, free = np.tile(gap, (len(SIZES), 1, 1)), np.ones((len(SIZES), given.columns.shape[2]), dtype=bool)
 
     def spread() -> np.ndarray:
         """(s, p, p) what the readings say of the sizes beside what is believed of them."""
-        G = np.tensordot(given.weight / variance, grams, axes=1) * used[:, :, None] * used[:, None, :]
+        G = np.tensordot(given.weight / variance, grams, axes=1)
         return np.asarray(np.eye(G.shape[1]) + size[:, :, None] ** 2 * G)
 
     for _ in range(ROUNDS):
-        pull = size**2 * ((given.weight / variance) @ slopes) * used
-        theta = np.linalg.solve(spread(), pull[:, :, None])[:, :, 0]
-        wrong = given.positive & (theta < 0.0)
-        used &= ~wrong
-        theta = np.where(wrong, 0.0, theta)
+        found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
+        theta, free = found.x, found.held == 0
         left = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
         variance = np.mean(left**2, axis=2) + (FLOOR * scale) ** 2
-    half = np.log(np.diagonal(np.linalg.cholesky(spread()), axis1=1, axis2=2)).sum(axis=1)
+    half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
     value = -0.5 * (np.sum(share * np.sum(left**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
     value += gap.shape[1] * np.sum(given.weight * (given.volume - 0.5 * np.log(variance)), axis=1)

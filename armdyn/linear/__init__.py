@@ -1,0 +1,1 @@
+"""Linear algebra that fits, evidence and designs of experiments share."""
