@@ -1,26 +1,18 @@
 """Find the effects that are missing, and add them one after the other, what explains most first."""
 
 from dataclasses import dataclass
-from itertools import combinations
-
-import numpy as np
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
-from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.fit import channel_rmse
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.story import whole_story
 from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.suspects import Suspect, suspects
 from armdyn.identify.way import Leg, Progress, Step
-
-COMPARED, PAIRED = 12, 6
-"""Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
-CLEARLY = 2
-"""Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
+from armdyn.identify.whole_runs import improved
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +62,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     if study.model.linear:
         appraiser, steps = whole_story(study, given, say)
     else:
-        appraiser, whole = _by_evidence(study, first, say)
+        appraiser, whole = _by_evidence(study, say)
         steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
     return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
@@ -86,42 +78,10 @@ def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say:
     return _way(study, given, appraiser, appraiser.of(appraiser.within(told[-1].effects)), say)
 
 
-def _by_evidence(study: Study, first: Fit, say: Progress) -> tuple[Filtered, Appraisal]:
+def _by_evidence(study: Study, say: Progress) -> tuple[Filtered, Appraisal]:
     """The set chosen around the motion, and by which appraiser."""
     appraiser = Filtered(study)
-    whole = appraiser.best_set(say)
-    fit = study.fit_with((*study.present, *whole.effects), first)
-    if fit.chi2_per_sample > GROSS and appraiser.candidates:
-        say("comparing pairs over whole runs")
-        whole = appraiser.settle(_pair_or(study, appraiser, whole))
-        fit = study.fit_with((*study.present, *whole.effects), first)
-    # What came first may have stood for what came later.
-    useless = [c for c in whole.effects if np.all(_at_null(fit, c))]
-    return appraiser, appraiser.settle([c for c in whole.effects if c not in useless])
-
-
-def _pair_or(study: Study, appraiser: Filtered, whole: Appraisal) -> tuple[Candidate, ...]:
-    """A set, or one of one or two effects that leaves clearly less in output error.
-
-    Far above the noise kicks excuse what adds up over many swings; a friction that large swings hide shows in whole
-    runs only.
-    """
-
-    def left(effects: tuple[Candidate, ...]) -> float:
-        return study.left((*study.present, *effects))
-
-    appraiser.settle(())
-    promised = sorted(appraiser.candidates, key=lambda c: -appraiser.of((c,)).worth)[:COMPARED]
-    alone = sorted(promised, key=lambda c: left((c,)))[:PAIRED]
-    sets = [*((c,) for c in alone), *combinations(alone, 2)]
-    best = min(sets, key=lambda one: left(one) / (1.0 - LITTLE) ** len(one))
-    more = max(len(best) - len(whole.effects), 0) + CLEARLY
-    return best if left(best) < (1.0 - LITTLE) ** more * left(whole.effects) else whole.effects
-
-
-def _at_null(fit: Fit, candidate: Candidate) -> np.ndarray:
-    own = fit.problem.of(candidate.names) & fit.free
-    return fit.values[own] == fit.problem.null[own]
+    return appraiser, improved(study, appraiser, appraiser.best_set(say), say)
 
 
 def without_little(study: Study, steps: list[Step]) -> list[Step]:

@@ -149,8 +149,12 @@ class Study:
 
     def squared_error(self, fit: Fit) -> float:
         """Mean squared error above the noise, over it, of training plus that of held-out runs; at least by chance."""
+        return float(self.excess(fit).sum())
+
+    def excess(self, fit: Fit) -> np.ndarray:
+        """(1,) or (2,) mean squared error above the noise, over it: training, held-out runs; at least by chance."""
         excess, by_chance = self._excess(fit)
-        return float(np.sum(np.maximum(excess, by_chance)))
+        return np.maximum(excess, by_chance)
 
     def leaves_noise(self, fit: Fit) -> bool:
         """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels.

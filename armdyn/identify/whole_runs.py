@@ -1,0 +1,133 @@
+"""Sets of effects compared by what whole runs leave: what evidence with process noise does not see.
+
+Process noise excuses what adds up over many swings, so that far above the sensor's noise a wrong friction may have the
+better evidence. What a set leaves of whole runs, fitted ones and held-out ones, is then compared as well: one or two
+effects alone, and every effect exchanged for another. What is nothing at the end, or makes held-out runs worse, goes.
+"""
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+from scipy.special import chdtri
+
+from armdyn.identify.appraisal import HARM, Appraisal
+from armdyn.identify.candidate import Candidate
+from armdyn.identify.filtered import MOSTLY, Filtered
+from armdyn.identify.fit import Fit
+from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.uncertainty import uncertainty
+from armdyn.linear.solve import solve_positive
+
+COMPARED, PAIRED = 12, 6
+"""Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
+CLEARLY = 2
+"""Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
+RIVALS = 2
+"""Effects, those with the best evidence, that are tried in the place of each effect of a set."""
+BY_CHANCE = 0.0455
+"""Probability of two standard deviations: values that are nothing reach it by chance."""
+
+Effects = tuple[Candidate, ...]
+
+
+def improved(study: Study, appraiser: Filtered, whole: Appraisal, say: Callable[[str], None]) -> Appraisal:
+    """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
+    effects = whole.effects
+    if appraiser.candidates and not study.is_at_noise(_fitted(study, effects)):
+        say("comparing pairs over whole runs")
+        effects = _pair_or(study, appraiser, effects)
+        say("comparing rivals over whole runs")
+        effects = _exchanged(study, appraiser, effects)
+    return appraiser.settle(_without_nothing(study, effects))
+
+
+def _fitted(study: Study, effects: Effects) -> Fit:
+    return study.fit_with((*study.present, *effects), None)
+
+
+def _left(study: Study, effects: Effects) -> float:
+    return study.left((*study.present, *effects))
+
+
+def _pair_or(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
+    """A set, or one of one or two effects that leaves clearly less of whole runs."""
+    appraiser.settle(())
+    promised = sorted(appraiser.candidates, key=lambda c: -appraiser.of((c,)).worth)[:COMPARED]
+    alone = sorted(promised, key=lambda c: _left(study, (c,)))[:PAIRED]
+    sets = [*((c,) for c in alone), *combinations(alone, 2)]
+    best = min(sets, key=lambda one: _left(study, one) / (1.0 - LITTLE) ** len(one))
+    more = max(len(best) - len(whole), 0) + CLEARLY
+    return best if _left(study, best) < (1.0 - LITTLE) ** more * _left(study, whole) else whole
+
+
+def _exchanged(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
+    """A set with effects exchanged for others that have no more values and leave clearly less of every kind of runs.
+
+    Both sides of a tie are asked: evidence that is alike, or better for what leaves more, does not decide between them.
+    """
+    refused = {frozenset(whole)}
+    while True:
+        now = appraiser.settle(whole)
+        most = study.excess(study.quick_fit((*study.present, *whole)))
+        options = list[Effects]()
+        for gone in whole:
+            rest = tuple(c for c in whole if c != gone)
+            rivals = [c for c in appraiser.candidates if c not in whole and len(c.names) <= len(gone.names)]
+            sets = [appraiser.of((*rest, c)) for c in rivals]
+            least = now.worth - MOSTLY * (now.worth - appraiser.of(rest).worth)
+            near = sorted((one for one in sets if one.worth > least), key=lambda one: -one.worth)[:RIVALS]
+            options += [one.effects for one in near if frozenset(one.effects) not in refused]
+        refused |= {frozenset(one) for one in options}
+        left = {one: study.excess(study.quick_fit((*study.present, *one))) for one in options}
+        better = [one for one in options if np.all(left[one] < (1.0 - LITTLE) * most)]
+        if not better:
+            return whole
+        whole = min(better, key=lambda one: float(left[one].sum()))
+
+
+def _without_nothing(study: Study, effects: Effects) -> Effects:
+    """A set without effects that end at nothing, and without those that make held-out runs worse."""
+    while True:
+        found = _fitted(study, effects)
+        useless = tuple(c for c in effects if np.all(_distance(found, c) == 0.0))  # it stood for what came later
+        unsure = [c for c in effects if c.effect not in study.asked]
+        effects = tuple(c for c in effects if c not in useless)
+        if useless:
+            continue
+        gone = next((c for c in unsure if _superfluous(study, found, effects, c)), None)
+        if gone is None:
+            return effects
+        effects = tuple(c for c in effects if c is not gone)
+
+
+def _superfluous(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
+    """Whether an effect is no larger than its uncertainty, or held-out runs are predicted better without it.
+
+    Where the error is clearly larger without it all the same, the uncertainty is what is wrong.
+    """
+    unsure = _is_nothing(study, found, one)
+    if not (unsure or study.held_out):
+        return False
+    without = _fitted(study, tuple(c for c in effects if c is not one))
+    before, after = study.excess(found), study.excess(without)
+    if study.held_out and before[1] + 1.0 > (1.0 + HARM) ** 2 * (after[1] + 1.0):
+        return True
+    return unsure and bool(np.all(after * (1.0 - LITTLE) < before))
+
+
+def _distance(found: Fit, one: Candidate) -> np.ndarray:
+    """(k,) how far the fitted values of an effect are from those at which it is absent."""
+    own = found.problem.of(one.names) & found.free
+    return found.values[own] - found.problem.null[own]
+
+
+def _is_nothing(study: Study, found: Fit, one: Candidate) -> bool:
+    """Whether the values of an effect are within two standard deviations of those at which it is absent (Wald 1943)."""
+    own = found.problem.of(one.names) & found.free
+    covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
+    known = np.diag(covariance) > 0.0
+    if not known.any():
+        return False  # a bound holds it
+    square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
+    return bool(square < chdtri(int(known.sum()), BY_CHANCE))
