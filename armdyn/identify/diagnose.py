@@ -143,7 +143,8 @@ def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
     """What is missing, how much it explains, and what is left."""
     steps = [repair_step(study, step) for step in found.steps]
     scale = Scale.of(found.last.fit.blocks)
-    left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "")
+    further = found.further.spoken if found.further is not None else ""
+    left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "", further=further)
     return repair_sentences(steps, study.judges[0], scale, left)
 
 

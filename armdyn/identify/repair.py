@@ -142,6 +142,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         something=verdict is not Verdict.EXPLAINED,
         looks_like=unknown.sentence if unknown is not None else "",
         searched=searched,
+        further=found.further.spoken if found.further is not None else "",
         warnings=[link.warning for link in links if link.warning],
     )
     repaired = len(path) > 1

@@ -1,5 +1,6 @@
 """Find the effects that are missing, and add them one after the other, what explains most first."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
@@ -17,10 +18,17 @@ from armdyn.identify.whole_runs import improved
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """All steps, the model as given first, and what could have been the first effect, best first."""
+    """How a search went.
+
+    Attributes:
+        steps: the model as given first.
+        suspects: what could have been the first effect, best first.
+        further: of the effects that the last step lacks, the one that is worth most; None where none is worth anything.
+    """
 
     steps: tuple[Step, ...]
     suspects: tuple[Suspect, ...] = ()
+    further: Candidate | None = None
 
     @property
     def last(self) -> Step:
@@ -65,7 +73,16 @@ def search(study: Study, progress: Progress | None = None) -> Search:
         appraiser, whole = _by_evidence(study, say)
         steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
-    return Search(tuple(steps), suspects(appraiser, appraiser.within(named.added), named.tied))
+    found = suspects(appraiser, appraiser.within(named.added), named.tied)
+    around = study.appraiser(steps[-1].fit, sparse=True) if study.model.linear else appraiser
+    return Search(tuple(steps), found, _further(around, around.within(steps[-1].effects)))
+
+
+def _further(appraiser: Appraiser, effects: Sequence[Candidate]) -> Candidate | None:
+    now = appraiser.settle(effects)
+    options = (appraiser.of((*now.effects, c)) for c in appraiser.candidates if c not in now.effects)
+    best = max(options, key=lambda one: one.worth, default=now)
+    return next((c for c in best.effects if c not in now.effects), None) if best.worth > now.worth else None
 
 
 def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say: Progress) -> list[Step]:

@@ -51,12 +51,14 @@ class Left:
         something: whether it is more than noise.
         looks_like: what is known of it, without a full stop; may be empty.
         searched: whether the catalogue was asked for more.
+        further: an effect that would still explain a little; empty where there is none.
         warnings: what must not be overlooked, such as a link of 241 kg.
     """
 
     something: bool
     looks_like: str = ""
     searched: bool = True
+    further: str = ""
     warnings: Sequence[str] = ()
 
 
@@ -143,8 +145,12 @@ def _left(last: RepairStep, scale: Scale, after: Mapping[str, float], left: Left
         return f"{size} {'shows no structure that armdyn looks for' if ratio > AT_THE_NOISE else 'is noise'}{warned}."
     text = f"{size} {'is more than noise' if ratio > AT_THE_NOISE else 'is not white noise'}"
     text += f" ({left.looks_like})" if left.looks_like else ""
-    more = ", and nothing in the catalogue explains it" if left.searched else ": run `armdyn diagnose` to look for more"
-    text += more
+    if not left.searched:
+        text += ": run `armdyn diagnose` to look for more"
+    elif left.further:
+        text += f"; {left.further} would explain a little of it, too little to be named"
+    else:
+        text += ", and nothing in the catalogue explains it"
     return f"{text}{warned}."
 
 

@@ -34,6 +34,11 @@ def test_the_headline_names_the_effect_and_its_joint_and_the_fall_of_the_error()
     )
 
 
+def test_the_catalogue_is_not_said_to_be_at_an_end_where_an_effect_would_still_explain_a_little():
+    text = said([GIVEN, SPRING], left=Left(True, further="rotor_inertia on left_e0"))
+    assert text.endswith("rotor_inertia on left_e0 would explain a little of it, too little to be named.")
+
+
 def test_runs_that_took_part_in_choosing_are_called_so_and_an_exam_goes_before_them():
     assert "on held-out runs, which took part in choosing, falls from 50 to 5 N m" in said([GIVEN, SPRING])
     steps = [

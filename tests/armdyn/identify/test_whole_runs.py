@@ -1,0 +1,97 @@
+"""Sets of effects that are compared by what they leave of whole runs, with errors made by hand."""
+
+from types import SimpleNamespace as Plain
+
+import numpy as np
+import pytest
+
+from armdyn.identify import whole_runs
+from armdyn.identify.candidate import Candidate
+
+LOAD, DRY, DRAG, BIAS = (Candidate.of(name, {"": (f"{name}.size",)}) for name in ("load", "dry", "drag", "bias"))
+TRAINING, HELD_OUT = 0, 1
+
+
+class Runs:
+    """A study whose fits leave what a table says; an effect is worth as much evidence as another table says."""
+
+    present: tuple[Candidate, ...] = ()
+    asked: frozenset[str] = frozenset()
+    held_out = ("held out",)
+    candidates = (LOAD, DRY, DRAG, BIAS)
+
+    def __init__(self, left, evidence):
+        self._left = {frozenset(key): np.array(value) for key, value in left.items()}
+        self._evidence = evidence
+
+    def quick_fit(self, effects):
+        return frozenset(effects)
+
+    def fit_with(self, effects, _near):
+        return frozenset(effects)
+
+    def excess(self, fit):
+        return self._left.get(fit, np.array([100.0, 100.0]))
+
+    def left(self, effects):
+        return float(self.excess(frozenset(effects)).sum())
+
+    def is_at_noise(self, fit):
+        return bool(np.all(self.excess(fit) < 0.1))
+
+    def of(self, effects):
+        effects = tuple(c for c in self.candidates if c in set(effects))
+        return Plain(effects=effects, worth=sum(self._evidence[c] for c in effects))
+
+    settle = of
+
+
+@pytest.fixture
+def all_are_there(monkeypatch):
+    """No effect ends at nothing."""
+    monkeypatch.setattr(whole_runs, "_distance", lambda *_: np.ones(1))
+    monkeypatch.setattr(whole_runs, "_is_nothing", lambda *_: False)
+
+
+def chosen(left, evidence, *effects):
+    runs = Runs(left, {LOAD: 0.0, DRY: 0.0, DRAG: 0.0, BIAS: 0.0, **evidence})
+    return set(whole_runs.improved(runs, runs, runs.of(effects), lambda _: None).effects)
+
+
+EVIDENCE = {LOAD: 50.0, DRY: 40.0}
+
+
+@pytest.mark.parametrize(
+    ("rival", "kept"),
+    [
+        ((3.0, 4.0), DRY),
+        ((7.0, 9.9), LOAD),  # better in training alone
+        ((9.0, 9.0), LOAD),  # better by little
+    ],
+)
+@pytest.mark.usefixtures("all_are_there")
+def test_a_rival_that_leaves_clearly_less_of_every_kind_of_runs_takes_the_place_of_what_evidence_prefers(rival, kept):
+    left = {(): (50.0, 50.0), (LOAD, DRAG): (10.0, 10.0), (DRY, DRAG): rival, (LOAD,): (12.0, 12.0), (DRAG,): (60, 60)}
+    assert chosen(left, {**EVIDENCE, DRAG: 30.0}, LOAD, DRAG) == {kept, DRAG}
+
+
+@pytest.mark.usefixtures("all_are_there")
+def test_a_pair_that_leaves_much_less_than_one_effect_is_taken_also_where_training_runs_leave_little():
+    left = {(): (5.0, 50.0), (LOAD,): (0.5, 9.0), (DRY, DRAG): (0.4, 1.0)}
+    assert chosen(left, EVIDENCE, LOAD) == {DRY, DRAG}
+
+
+@pytest.mark.usefixtures("all_are_there")
+def test_what_makes_held_out_runs_worse_goes():
+    left = {(): (50.0, 50.0), (LOAD, BIAS): (0.05, 0.09), (LOAD,): (0.06, 0.0), (BIAS,): (40.0, 40.0)}
+    assert chosen(left, {**EVIDENCE, BIAS: 20.0}, LOAD, BIAS) == {LOAD}
+
+
+@pytest.mark.parametrize(("value", "stays"), [(1.9, False), (2.1, True)])
+def test_a_value_within_two_standard_deviations_of_nothing_goes(monkeypatch, value, stays):
+    problem = Plain(
+        of=lambda names: np.array([name.startswith("bias") for name in ("load.size", *names)]), null=np.zeros(2)
+    )
+    found = Plain(problem=problem, free=np.ones(2, dtype=bool), values=np.array([5.0, 3.0 * value]))
+    monkeypatch.setattr(whole_runs, "uncertainty", lambda *_: Plain(covariance=np.diag([1.0, 9.0])))
+    assert whole_runs._is_nothing(Plain(), found, BIAS) is not stays
