@@ -15,6 +15,7 @@ from armdyn.identify.appraisal import HARM, Appraisal
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.filtered import MOSTLY, Filtered
 from armdyn.identify.fit import Fit
+from armdyn.identify.least_squares import GROSS
 from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
@@ -23,6 +24,9 @@ COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
 CLEARLY = 2
 """Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
+OVERRULED = 0.25
+"""Share of the squared error above the noise, of what evidence left, that a pair may leave where that is not `GROSS`:
+a wrong pair left 0.41 of it beside small errors of an encoder, right ones that evidence missed 0.18 or less."""
 RIVALS = 2
 """Effects, those with the best evidence, that are tried in the place of each effect of a set."""
 BY_CHANCE = 0.0455
@@ -33,10 +37,11 @@ Effects = tuple[Candidate, ...]
 
 def improved(study: Study, appraiser: Filtered, whole: Appraisal, say: Callable[[str], None]) -> Appraisal:
     """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
-    effects = whole.effects
-    if appraiser.candidates and not study.is_at_noise(_fitted(study, effects)):
+    effects, found = whole.effects, _fitted(study, whole.effects)
+    if appraiser.candidates and not study.is_at_noise(found):
         say("comparing pairs over whole runs")
-        effects = _pair_or(study, appraiser, effects)
+        needed = (1.0 - LITTLE) ** CLEARLY if found.chi2_per_sample > GROSS else OVERRULED
+        effects = _pair_or(study, appraiser, effects, needed)
         say("comparing rivals over whole runs")
         effects = _exchanged(study, appraiser, effects)
     return appraiser.settle(_without_nothing(study, effects))
@@ -50,15 +55,15 @@ def _left(study: Study, effects: Effects) -> float:
     return study.left((*study.present, *effects))
 
 
-def _pair_or(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
-    """A set, or one of one or two effects that leaves clearly less of whole runs."""
+def _pair_or(study: Study, appraiser: Filtered, whole: Effects, needed: float) -> Effects:
+    """A set, or one of one or two effects that leaves at most the share `needed` of what it leaves of whole runs."""
     appraiser.settle(())
     promised = sorted(appraiser.candidates, key=lambda c: -appraiser.of((c,)).worth)[:COMPARED]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:PAIRED]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
     best = min(sets, key=lambda one: _left(study, one) / (1.0 - LITTLE) ** len(one))
-    more = max(len(best) - len(whole), 0) + CLEARLY
-    return best if _left(study, best) < (1.0 - LITTLE) ** more * _left(study, whole) else whole
+    more = max(len(best) - len(whole), 0)
+    return best if _left(study, best) < (1.0 - LITTLE) ** more * needed * _left(study, whole) else whole
 
 
 def _exchanged(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
