@@ -1,6 +1,5 @@
 """Inverse kinematics side by side on the same targets: armdyn, pink, pytracik, scipy; cold targets and a line."""
 
-# First, so that BLAS keeps to one thread.
 from _timing import Claim, arguments, conclude, print_table, race, ratio, rounds_of  # isort: skip
 
 from collections.abc import Callable

@@ -1,23 +1,18 @@
 """Side-by-side timing for the benchmarks.
 
-Import it first: it keeps BLAS to one thread, and has this directory searched last, because a benchmark here has the
-name of the package that it measures.
+Import it first: it has this directory searched last, because a benchmark here has the name of the package that it
+measures.
 
 The machine's speed drifts with what else runs on it, so the contenders take turns (A B A B ...) in one process run and
 are compared round by round. Ratios are what is claimed; milliseconds are printed for orientation only.
 """
-
-import os
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["MKL_NUM_THREADS"] = "1"
 
 import argparse
 import gc
 import importlib.metadata
 import json
 import multiprocessing
+import os
 import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,6 +24,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+
+from armdyn.threads import one_thread
 
 _here = str(Path(__file__).resolve().parent)
 sys.path[:] = [*(directory for directory in sys.path if directory != _here), _here]
@@ -82,6 +79,7 @@ def timed(work: Callable[[], object]) -> Contender:
     return run
 
 
+@one_thread  # the rivals as well: methods are compared
 def race(contenders: Mapping[str, Contender], rounds: int) -> dict[str, np.ndarray]:
     """Let the contenders take turns; every second round runs backwards, so that none always follows the same other.
 

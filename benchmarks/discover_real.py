@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import real as pendulums  # isort: skip (BLAS keeps to one thread: before NumPy)
-
 import numpy as np
+import real as pendulums
 import real_arms as arms
 from discover import effects_found
 

@@ -26,7 +26,6 @@ import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import mujoco
 import numpy as np

@@ -16,7 +16,6 @@ import zlib
 from functools import cache
 from pathlib import Path
 
-# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import numpy as np
 

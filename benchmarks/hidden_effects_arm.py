@@ -23,7 +23,6 @@ What counts as right:
 import time
 from functools import cache
 
-# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import numpy as np
 

@@ -21,11 +21,8 @@ What is counted:
   any that comes later.
 """
 
-import os
 import time
 from collections.abc import Mapping, Sequence
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import _hidden_table as hidden_table
 import numpy as np

@@ -26,7 +26,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
-# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import _timing as bench
 import numpy as np

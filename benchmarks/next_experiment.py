@@ -20,7 +20,6 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-# First, because it keeps numpy to one thread.
 import _hidden_table as hidden_table
 import _timing as bench
 import numpy as np

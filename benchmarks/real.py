@@ -25,7 +25,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# First, because it keeps numpy to one thread.
 import _timing as bench
 
 from armdyn.effects.catalogue import CATALOGUE

@@ -14,8 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import _timing as bench  # isort: skip (BLAS keeps to one thread: before NumPy)
-
+import _timing as bench
 import numpy as np
 
 from armdyn.arm.model import arm_model

@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import _timing as bench  # isort: skip (BLAS keeps to one thread: before NumPy)
+import _timing as bench
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from multiprocessing import connection, get_context
 from typing import Any
 
+from armdyn.threads import one_thread
+
 GONE = 1
 """Exit status of a child whose parent is gone."""
 
@@ -44,6 +46,7 @@ def begin_child(begin: Callable[..., object] | None = None, arguments: tuple[Any
     """To be called first in a process that `multiprocessing` has started."""
     leave_signals_to_parent()
     end_with_parent()
+    one_thread.__enter__()  # never left: it computes for nobody else
     if begin is not None:
         begin(*arguments)
 

@@ -1,7 +1,9 @@
 """The command `armdyn`: takes care of signals before anything that takes time is imported, then runs the command."""
 
+import os
 import sys
 
+from armdyn.threads import ENVIRONMENT
 from pipeline.interrupts import Interrupt, Interrupts
 
 
@@ -10,6 +12,7 @@ def main() -> None:
     interrupts = Interrupts()
     try:
         interrupts.install()
+        os.environ.update(ENVIRONMENT)  # numpy, and whatever this process starts, is loaded later
         from pipeline.console.app import run
 
         interrupts.check()

@@ -17,7 +17,7 @@ def free_port():
 def dask_cluster(folder, threads=1):
     """Address, and the processes: scheduler first."""
     address = f"tcp://127.0.0.1:{free_port()}"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
     def start(*arguments):
         command = [sys.executable, "-m", "dask", *arguments]

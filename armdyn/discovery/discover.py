@@ -31,6 +31,7 @@ from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.run import Run
+from armdyn.threads import one_thread
 
 BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
     "arm": (arm_terms, arm_curves),
@@ -39,6 +40,7 @@ BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator
 """By base: its terms, and its curves."""
 
 
+@one_thread
 def discover(
     model: Model,
     runs: Sequence[Run],

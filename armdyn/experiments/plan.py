@@ -17,6 +17,7 @@ from armdyn.experiments.search import Say
 from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
 from armdyn.pendulum.path import GripperPath
 from armdyn.shown import Shown
+from armdyn.threads import one_thread
 
 INSEPARABLE = 1.0
 """Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
@@ -211,6 +212,7 @@ class Plan(Shown):
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
 
 
+@one_thread
 def plan(
     rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Plan:

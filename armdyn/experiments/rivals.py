@@ -18,6 +18,7 @@ from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Run
+from armdyn.threads import one_thread
 
 LIKELY = 2.0
 """Standard deviations: the size that an effect may well have which the runs do not see."""
@@ -62,6 +63,7 @@ def require_gripper(study: Study) -> None:
             raise InputError(f"{run.name}: has none of {', '.join(CHANNELS)}, by which an experiment would be judged")
 
 
+@one_thread
 def undecided(
     study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[str, str, Rivals | None]:

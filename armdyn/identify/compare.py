@@ -29,6 +29,7 @@ from armdyn.identify.unknown import behaves_like, process_error_share
 from armdyn.parameter import Parameter
 from armdyn.preparation import of_all_runs, sentence
 from armdyn.shown import Shown
+from armdyn.threads import one_thread
 
 NOT_WHITE = 0.01
 
@@ -198,6 +199,7 @@ class Comparison(Shown):
         return text + "." + (f" {self.correction.sentence}" if self.correction is not None else "")
 
 
+@one_thread
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()

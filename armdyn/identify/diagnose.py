@@ -25,6 +25,7 @@ from armdyn.identify.uncertainty import FAR_ABOVE_STATED
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.way import Progress, Step
 from armdyn.shown import Shown
+from armdyn.threads import one_thread
 
 IDEALISED = 0.97
 """Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
@@ -99,6 +100,7 @@ class Diagnosis(Shown):
         return " ".join((text, *unseen))
 
 
+@one_thread
 def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     """Find out what is missing from the model of a study."""
     found = search(study, progress)

@@ -12,6 +12,7 @@ from armdyn.identify.noise import variance_inflation
 from armdyn.identify.problem import Part, Problem
 from armdyn.model import Model
 from armdyn.run import Run
+from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
 Method = Literal["levenberg_marquardt", "gradient_descent"]
@@ -52,6 +53,7 @@ class Estimate:
         return float(np.sqrt(self.covariance[i, i]))
 
 
+@one_thread
 def estimate(
     model: Model,
     runs: Sequence[Run],

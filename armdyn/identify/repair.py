@@ -35,6 +35,7 @@ from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.shown import Shown
+from armdyn.threads import one_thread
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
@@ -107,11 +108,13 @@ class Repair(Shown):
         return Level.IMPROVED if self.explained > MUCH else Level.CAUTION
 
 
+@one_thread
 def repair(study: Study, progress: Progress | None = None) -> Repair:
     """Diagnose and add until nothing is left to explain or nothing in the catalogue helps."""
     return _concluded(study, search(study, progress))
 
 
+@one_thread
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
     """Add these effects, one after the other, whether or not the runs ask for them."""
     effects, now = study.present, study.first()

@@ -25,6 +25,7 @@ from armdyn.identify.sums import sums
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
+from armdyn.threads import one_thread
 
 QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
@@ -58,6 +59,7 @@ class Study:
         InputError: see `prepare.prepared`.
     """
 
+    @one_thread
     def __init__(
         self,
         model: Model,

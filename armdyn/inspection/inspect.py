@@ -20,6 +20,7 @@ from armdyn.inspection.signals import SIGNAL_CHECKS, ranges, steps_of
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
+from armdyn.threads import one_thread
 
 LONGEST = 60.0
 """s of a recording, in its middle, that the physics looks at: a mistake shows in all of it."""
@@ -27,6 +28,7 @@ FEWEST = 60
 """Samples of every channel below which the physics says nothing."""
 
 
+@one_thread
 def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable[Effect] | None = None) -> Inspection:
     """Check recordings, by themselves and against a model.
 

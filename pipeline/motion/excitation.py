@@ -16,6 +16,7 @@ from armdyn.experiments.limits import MotionLimits
 from armdyn.experiments.search import NEARLY, Say, improve, random_motions, scale, search, shrink
 from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
+from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
 from pipeline.motion.feasibility.clearance import CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
@@ -127,6 +128,7 @@ ONE_BY_ONE = CheckSettings(singular_value=0.0)
 """Joints that are led one by one race for no tool."""
 
 
+@one_thread
 def excitation(
     goal: Goal,
     seconds: float,

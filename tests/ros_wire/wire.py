@@ -180,7 +180,7 @@ class Trial:
 
 
 def environment():
-    return {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 def suspend(pid, seconds):

@@ -76,7 +76,7 @@ def started(folder, *arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "pipeline.cli", "batch", "spec.toml", "--output", "out", "--workers", "1", *arguments],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
 
 
