@@ -10,7 +10,6 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.cache import cache_directory, entry_name
 from armdyn.errors import InputError
-from armdyn.threads import one_thread
 from ik.errors import UnreachableError
 from ik.misses import find_misses
 from ik.path import Path
@@ -55,7 +54,6 @@ def build_path_table(robot: Robot, path: Path, progress: Progress | None = None)
     return PathTable(**_content(robot, path, progress))
 
 
-@one_thread
 def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, Any]:
     """Everything that a table holds."""
     say = progress or (lambda _: None)

@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from multiprocessing import connection, get_context
 from typing import Any
 
-from armdyn.threads import one_thread
-
 GONE = 1
 """Exit status of a child whose parent is gone."""
 
@@ -44,9 +42,11 @@ def worker_pool(
 
 def begin_child(begin: Callable[..., object] | None = None, arguments: tuple[Any, ...] = ()) -> None:
     """To be called first in a process that `multiprocessing` has started."""
+    from armdyn.threads import keep_one_thread  # takes half a second, which a parent may not need
+
     leave_signals_to_parent()
     end_with_parent()
-    one_thread.__enter__()  # never left: it computes for nobody else
+    keep_one_thread()
     if begin is not None:
         begin(*arguments)
 

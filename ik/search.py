@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armdyn.errors import InputError
-from armdyn.threads import one_thread
 from ik.branch import in_core
 from ik.chain import Chain
 from ik.errors import UnreachableError
@@ -67,7 +66,6 @@ class Demand:
             raise InputError(f"a line from {self.s_min:g} to {self.s_max:g} m: give one of {LONGEST:g} m at most")
 
 
-@one_thread
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
     """Vary distance, height and centre of a line; maximise usable speed and joint margin.
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from armdyn.threads import one_thread
 from ik.chain import POSE, Chain, shortened
 from urdf import Limits, Robot
 from urdf.robot import Array
@@ -121,7 +120,6 @@ class Solver:
         motion = self.chain.motion(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
-    @one_thread
     def solve(self, rotation: Array, position: Array, tolerance: float = TOLERANCE, starts: int = STARTS) -> Answers:
         """Postures that hold the tool at the targets.
 

@@ -3,8 +3,12 @@
 import os
 import sys
 
-from armdyn.threads import ENVIRONMENT
 from pipeline.interrupts import Interrupt, Interrupts
+
+ONE_THREAD = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS"), "1"
+)
+"""What libraries of linear algebra read when they are loaded; why one, `armdyn.threads` says."""
 
 
 def main() -> None:
@@ -12,7 +16,7 @@ def main() -> None:
     interrupts = Interrupts()
     try:
         interrupts.install()
-        os.environ.update(ENVIRONMENT)  # numpy, and whatever this process starts, is loaded later
+        os.environ.update(ONE_THREAD)
         from pipeline.console.app import run
 
         interrupts.check()

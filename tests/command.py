@@ -2,7 +2,9 @@
 
 import contextlib
 import io
+import os
 import sys
+from unittest import mock
 
 import pytest
 
@@ -12,10 +14,11 @@ from pipeline.cli import main
 def called(*arguments):
     """Exit status of a command, what it printed, what it complained of."""
     out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.setattr(sys, "argv", ["armdyn", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
+    words = mock.patch.object(sys, "argv", ["armdyn", *map(str, arguments)])
+    environment = mock.patch.dict(os.environ)  # which a command changes
+    redirected = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
+    with words, environment, redirected[0], redirected[1], pytest.raises(SystemExit) as stop:
+        main()
     return stop.value.code, out.getvalue(), err.getvalue()
 
 

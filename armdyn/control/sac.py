@@ -27,7 +27,6 @@ from armdyn.control.horizon import WEIGHTS, horizon_functions
 from armdyn.control.questions import LENGTH, Question
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
-from armdyn.threads import one_thread
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,6 @@ class SequentialActionControl:
             self.settings.dt,
         )
 
-    @one_thread
     def act(self, state: SacState, model: PendulumModel, rival: PendulumModel | None = None) -> SacAction:
         """The action from now on.
 

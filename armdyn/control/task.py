@@ -11,7 +11,6 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
-from armdyn.threads import one_thread
 
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values through which a plan is followed where it is not found at once."""
@@ -160,7 +159,6 @@ class TaskPlanner:
         """The optimiser of the task; it is faster where walls, slack and the ends of the line do not count."""
         return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
-    @one_thread
     def plan(
         self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, tolerance: float = 1e-6,
     ) -> SwingPlan:  # fmt: skip

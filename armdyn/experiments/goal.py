@@ -12,6 +12,7 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.columns import Columns, present
 from armdyn.experiments.criteria import Conditioned, Criterion, Determined, Hidden, Separated
 from armdyn.experiments.structure import Structure
+from armdyn.threads import one_thread
 
 USUAL = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
 """Effects that every arm may have: unknown beside what is wanted, or wanted themselves where nothing is named."""
@@ -50,6 +51,7 @@ class Goal:
         return Conditioned(self.structure.independent(), self.columns.typical)
 
 
+@one_thread
 def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
     """The goal to determine the unknowns of effects; those of `USUAL` where none is given.
 
@@ -85,6 +87,7 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
     )  # fmt: skip
 
 
+@one_thread
 def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
     """The goal to tell two effects apart, whichever of both is there.
 

@@ -10,7 +10,6 @@ from armdyn.gaps import until
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
 from armdyn.run import Channel, Run
-from armdyn.threads import one_thread
 
 DEPENDENT = 1e-5
 """A sensitivity of which the others leave less than this share cannot be told from them."""
@@ -99,7 +98,6 @@ def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
-@one_thread
 def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
     """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
     found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)

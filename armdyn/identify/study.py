@@ -126,6 +126,7 @@ class Study:
         again = determined(self.problem, wanted, found.values)
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
+    @one_thread
     def first(self) -> Fit:
         """The fit of the model as given."""
         return self._first

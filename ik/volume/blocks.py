@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armdyn.threads import one_thread
 from ik.chain import Chain
 from ik.solver import TOLERANCE, descend
 from ik.volume.grid import Block, Grid, Status
@@ -42,7 +41,6 @@ class BlockSolver:
     skeleton: Array
     collisions: bool
 
-    @one_thread
     def __call__(self, block: Block) -> Solved:
         """Postures of a block, each the nearest to the skeleton's at its position.
 

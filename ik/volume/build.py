@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.threads import one_thread
 from ik.volume.blocks import BlockSolver
 from ik.volume.grid import Grid
 from ik.volume.skeleton import build_skeleton
@@ -34,7 +33,6 @@ class VolumeReport:
     seconds: float
 
 
-@one_thread
 def build_volume(
     robot: Robot,
     grid: Grid,

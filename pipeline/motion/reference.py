@@ -9,7 +9,6 @@ import numpy as np
 from scipy import sparse
 
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.threads import one_thread
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.planner import LinePlanner
 from pipeline.motion.smoother import LineSmoother
@@ -38,7 +37,6 @@ NARROWING = (3, 0.4)
 """Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
 
 
-@one_thread
 def smooth_reference(
     s_ref: Array,
     v_ref: Array,

@@ -11,7 +11,6 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import urdf
 from armdyn.errors import InputError
-from armdyn.threads import one_thread
 from ik import LineTable
 from ik.torque import JointTorque
 from pipeline.motion.feasibility.clearance import Obstacle, Swing, collision_series, swing_series
@@ -46,7 +45,6 @@ class CheckSettings:
     singular_value: float = 0.01
 
 
-@one_thread
 def check_line(
     table: LineTable,
     robot: urdf.Robot,
@@ -87,7 +85,6 @@ def check_line(
     return FeasibilityReport.of(series)
 
 
-@one_thread
 def check_joints(
     robot: urdf.Robot,
     trajectory: JointTrajectory,
