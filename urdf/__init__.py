@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from urdf.loader import known_robots, load
     from urdf.robot import DescriptionWarning, Limits, Line, Robot, Spring, UrdfError
 
-__all__ = ["Clearance", "CollisionModel", "DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError", "known_robots", "load"]
+__all__ = [
+    "Clearance", "CollisionModel", "DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError",
+    "known_robots", "load",
+]  # fmt: skip
 __getattr__ = lazy_names(
     __name__,
     {

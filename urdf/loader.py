@@ -110,15 +110,17 @@ class _Description:
         """What it says of the joints of an arm and is not part of the arm."""
         if self.mjcf is not None:
             return []
-        said = {"damping": [], "friction": []}
+        said: dict[tuple[str, str], list[str]] = {
+            ("damping", "joint_viscous_friction"): [], ("friction", "joint_coulomb_friction"): [],
+        }  # fmt: skip
         for joint in self.root.findall("joint"):
             element = joint.find("dynamics")
-            for key, names in said.items():
+            for (key, _), names in said.items():
                 if element is not None and joint.get("name") in joints and float(element.get(key, "0")):
                     names.append(f"{joint.get('name')} {float(element.get(key, '0')):g}")
         return [
-            f"{key} in <dynamics> is left out ({', '.join(names)}): add {effect}, or let repair find it"
-            for (key, names), effect in zip(said.items(), ("joint_viscous_friction", "joint_coulomb_friction"))
+            f"{key} of <dynamics> ({', '.join(names)}) is no part of the model: add {effect}, or let repair find it"
+            for (key, effect), names in said.items()
             if names
         ]
 
@@ -291,7 +293,7 @@ def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
     said = [one.sentence for one in judged if one.link in moved and not one.possible]
     if replaced:
         said.append(
-            f"inertia of {', '.join(replaced)} replaced by that of the collision shapes, as no body of their size has it"
+            f"inertia of {', '.join(replaced)} replaced by that of the collision shapes: no body of their size has it"
         )
     return said
 

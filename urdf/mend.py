@@ -49,7 +49,7 @@ def tell_apart(root: ET.Element) -> list[str]:
 
 
 def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give every joint a ``<limit>``, without which urdfdom reads none; 0 and 0 to 0 stand for a limit that is not given.
+    """Give every joint a ``<limit>``, without which urdfdom reads none; zeros stand for a limit that is not given.
 
     The arm's endless joints get one turn to either side, so that each has one coordinate and a margin.
 
@@ -183,7 +183,8 @@ def no_body(inertia: Array) -> str:
     if principal[0] >= -slack and principal[2] <= principal[0] + principal[1] + slack:
         return ""
     values = ", ".join(f"{value:.3g}" for value in principal)
-    return f"principal moments {values} kg m^2 belong to no body, as each must be positive and at most the sum of the others"
+    why = "as each must be positive and at most the sum of the others"
+    return f"principal moments {values} kg m^2 belong to no body, {why}"
 
 
 def _boxes(

@@ -156,11 +156,10 @@ class _Tree:
         first = int(m.body_jntadr[body])
         every = range(first, first + int(m.body_jntnum[body]))
         single = [j for j in every if m.jnt_type[j] in (HINGE, SLIDE)]
-        self.held += [
-            f"'{self._joints[j]}' {'is a ball joint' if m.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_BALL) else 'floats'}; taken as fixed"
-            for j in every
-            if j not in single
-        ]
+        for j in every:
+            if j not in single:
+                kind = "is a ball joint" if m.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_BALL) else "floats"
+                self.held.append(f"'{self._joints[j]}' {kind}; taken as fixed")
         placement = _pose(m.body_pos[body] - self._shifts[parent], m.body_quat[body])
         inner, shift = self._bodies[parent], np.zeros(3)
         for j in single:
@@ -231,9 +230,8 @@ def _efforts(model: Any) -> dict[int, float]:
         if size and model.actuator_trntype[i] in OF_JOINTS:
             j = int(model.actuator_trnid[i, 0])
             found[j] = max(found.get(j, 0.0), size * abs(float(model.actuator_gear[i, 0])))
-    for j in np.flatnonzero(model.jnt_actfrclimited):
-        found[int(j)] = float(np.abs(model.jnt_actfrcrange[j]).max())
-    return found
+    limited = np.flatnonzero(model.jnt_actfrclimited).tolist()
+    return found | {j: float(np.abs(model.jnt_actfrcrange[j]).max()) for j in limited}
 
 
 def _pose(position: Array, quaternion: Array) -> pin.SE3:

@@ -83,8 +83,8 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
         apart = np.abs(own - theirs)
         if not apart.max() <= ALIKE * max(1.0, float(np.abs(theirs).max())):
             raise UrdfError(
-                f"{mjcf.path}: on joint '{names[int(apart.argmax())]}' MuJoCo's torque differs by {apart.max():.2g} from "
-                "that of bodies, springs and damping; take out what else acts on it"
+                f"{mjcf.path}: on joint '{names[int(apart.argmax())]}' MuJoCo's torque differs by {apart.max():.2g} "
+                "from that of bodies, springs and damping; take out what else acts on it"
             )
 
 

@@ -223,8 +223,8 @@ class Dynamics:
 
 
 IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
-"""Gravity alone: the ``<dynamics>`` of public URDFs are placeholders. Of the 51 in the package example-robot-data that have
-some, 19 hold zeros only, 14 one pair of values for all joints, and of the others most hold ones and powers of ten."""
+"""Gravity alone: the ``<dynamics>`` of public URDFs are placeholders. Of the 51 in the package example-robot-data that
+have some, 19 hold zeros only, 14 one pair of values for all joints, and most others ones and powers of ten."""
 
 
 def missing_limits(model: pin.Model) -> list[str]:
@@ -298,7 +298,9 @@ class Robot:
             UrdfError: the description lacks one.
         """
         if self.given_limits is None:
-            raise UrdfError(f"{self.urdf_path}: {missing_limits(self.model)[0]}: write it into its description, it is needed here")
+            raise UrdfError(
+                f"{self.urdf_path}: {missing_limits(self.model)[0]}: write it into its description, it is needed here"
+            )
         return self.given_limits
 
     @property

@@ -176,9 +176,10 @@ def _refuse_xacro(root: ET.Element, path: Path) -> None:
         if space.endswith("xacro"):
             raise _is_xacro(path, f"<xacro:{shown(tag)}>")
     for part in (*root.findall("link"), *root.findall("joint")):
-        for text in (text for element in part.iter() for text in element.attrib.values()):
-            if "${" in text or "$(" in text:
-                raise _is_xacro(path, shown(text))
+        for element in part.iter():
+            for key in NUMBERS.get(element.tag, ()):
+                if "$" in element.get(key, ""):
+                    raise _is_xacro(path, f'{key}="{shown(element.get(key, ""))}"')
 
 
 def _is_xacro(path: Path, found: str) -> UrdfError:

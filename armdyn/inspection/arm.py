@@ -182,9 +182,7 @@ class ArmRun:
 
     def _beyond(self, motion: Motion) -> float:
         described = self.model.arm.model
-        beyond = (motion.q < described.lowerPositionLimit - MARGIN) | (
-            motion.q > described.upperPositionLimit + MARGIN
-        )
+        beyond = (motion.q < described.lowerPositionLimit - MARGIN) | (motion.q > described.upperPositionLimit + MARGIN)
         return BEYOND * float(np.count_nonzero(beyond.mean(axis=0) > SELDOM))
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:

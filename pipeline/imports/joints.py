@@ -28,7 +28,7 @@ IN_AMPERE = "UR's drivers publish currents as efforts"
 
 @dataclass(frozen=True)
 class Range:
-    """What a joint may do: slides or turns; how far it is from zero at most in rad or m, effort in N m or N; infinite if unknown."""
+    """What a joint may do: slides or turns; distance from zero, rad or m; effort, N m or N; infinite if unknown."""
 
     slides: bool
     reach: float

@@ -171,9 +171,10 @@ def _arm_of(path: Path) -> Dropped:
     from armdyn.arm.model import arm_model
 
     made = with_described_effects(arm_model(path))
-    said = (*made.arm.robot.warnings, *made.arm.robot.notes)
+    said = [f"{path.name}: an arm with the joints {', '.join(made.joints)}"]
+    said += [*made.arm.robot.warnings, *made.arm.robot.notes]
     model = _write_model(path.with_suffix(".toml"), ModelFile(made, {"joints": list(made.joints)}))
-    return Dropped("model", model, f"{path.name}: an arm with the joints {', '.join(made.joints)}{'. '.join(('', *said))}")
+    return Dropped("model", model, ". ".join(said))
 
 
 def _toml(path: Path) -> Dropped:

@@ -53,7 +53,12 @@ def read(path, joints):
 @pytest.mark.parametrize("parts", [pytest.param(parts, id=name) for name, parts in variants().items()])
 def test_torques_of_an_mjcf_are_those_of_mujoco(written, parts):
     path = written(**parts)
-    assert_torques_alike(path, read(path, parts.get("joints", ("s", "e"))))
+    assert_torques_alike(path, read(path, ("s", "e")))
+
+
+def test_two_joints_in_one_body_are_two_of_the_arms(written):
+    path = written(**variants()["two joints in a body"])
+    assert_torques_alike(path, read(path, ("s", "e", "x")))
 
 
 @pytest.mark.parametrize(("parts", "says"), [pytest.param(*case, id=name) for name, case in REFUSED.items()])
