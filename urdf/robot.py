@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -215,7 +214,7 @@ class Dynamics:
     """
 
     gravity: Array
-    joints: Mapping[str, JointDynamics] = field(default_factory=lambda: MappingProxyType({}))
+    joints: Mapping[str, JointDynamics] = field(default_factory=dict)
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
