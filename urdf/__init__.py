@@ -10,14 +10,17 @@ from urdf.lazy import lazy_names
 if TYPE_CHECKING:
     from urdf.collision import Clearance, CollisionModel
     from urdf.loader import known_robots, load
-    from urdf.robot import Limits, Line, Robot, Spring, UrdfError
+    from urdf.robot import DescriptionWarning, Limits, Line, Robot, Spring, UrdfError
 
-__all__ = ["Clearance", "CollisionModel", "Limits", "Line", "Robot", "Spring", "UrdfError", "known_robots", "load"]
+__all__ = [
+    "Clearance", "CollisionModel", "DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError",
+    "known_robots", "load",
+]  # fmt: skip
 __getattr__ = lazy_names(
     __name__,
     {
         **dict.fromkeys(("Clearance", "CollisionModel"), "urdf.collision"),
         **dict.fromkeys(("known_robots", "load"), "urdf.loader"),
-        **dict.fromkeys(("Limits", "Line", "Robot", "Spring", "UrdfError"), "urdf.robot"),
+        **dict.fromkeys(("DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError"), "urdf.robot"),
     },
 )

@@ -7,6 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
+from urdf.gripper import gripper_joints
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
 from urdf.validate import MOVING, link_of
@@ -19,9 +20,7 @@ SOURCE = (
 )
 TRIED = 2000  # random postures among which a home is chosen
 GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
-"""Parts of the names of joints that hold things; but for the first, which a wrist may carry, of their links too."""
-LEFT_OUT = "left out as the gripper's: "
-"""How the sentence begins that names them."""
+"""Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
 
 
 def infer(
@@ -53,9 +52,6 @@ def infer(
         counted = [[name for name in chain if name in moving and name not in grippers] for chain, _ in chains]
         longest = max(counted, key=len)
         joints = tuple(longest)
-        held = {name: None for chain, _ in chains if joints[-1] in chain for name in chain if name in grippers}
-        if held:
-            said.append(f"{LEFT_OUT}{', '.join(held)}; name the joints to take them in")
         if len({tuple(names) for names in counted if len(names) == len(longest)}) > 1 or len(longest) < len(
             moving.keys() - grippers
         ):
@@ -64,7 +60,7 @@ def infer(
         if name not in moving:
             raise UrdfError(f"{path}: there is no moving joint '{name}'; choose among {', '.join(moving)}")
     if tool is None:
-        tool = _tool(root, chains, joints, moving)
+        tool = _tool(root, chains, joints)
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
     settings = Settings(
         name=path.name,
@@ -76,32 +72,9 @@ def infer(
     return settings, tuple(said)
 
 
-def is_gripper(name: str, parts: tuple[str, ...] = GRIPPERS) -> bool:
+def is_gripper(name: str) -> bool:
     """Whether a name is that of a part which holds things."""
-    return any(part in name.lower() for part in parts)
-
-
-def gripper_joints(root: ET.Element) -> frozenset[str]:
-    """Joints of grippers: called so, copied by others or copying, and with nothing but such joints beyond them.
-
-    Nothing where all joints would be a gripper's, as in the description of a hand alone.
-    """
-    joints = {str(joint.get("name")): joint for joint in root.findall("joint") if joint.get("type") in MOVING}
-    mimics = {
-        name: str(mimic.get("joint")) for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None
-    }
-    beyond: dict[str, set[str]] = {name: set() for name in joints}
-    for chain, _ in _chains(root):
-        moving = [name for name in chain if name in joints]
-        for i, name in enumerate(moving):
-            beyond[name] |= set(moving[i + 1 :])
-    alike = {
-        name
-        for name, joint in joints.items()
-        if is_gripper(name) or is_gripper(link_of(joint, "child"), GRIPPERS[1:]) or name in {*mimics, *mimics.values()}
-    }
-    found = frozenset(name for name in alike if beyond[name] <= alike)
-    return found if len(found) < len(joints) else frozenset()
+    return any(part in name.lower() for part in GRIPPERS)
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:
@@ -143,10 +116,9 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
     return chains
 
 
-def _tool(
-    root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...], moving: dict[str, ET.Element]
-) -> str:
+def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...]) -> str:
     """The last link that moves with the last of the joints and with no other."""
+    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING}
     best: list[str] = []
     for chain, links in chains:
         if joints[-1] not in chain:

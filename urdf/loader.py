@@ -2,9 +2,11 @@
 
 import difflib
 import hashlib
+import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -12,12 +14,14 @@ import pinocchio as pin
 
 from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
-from urdf.mend import add_frames, bound_continuous_joints, mend_inertias, tell_apart
-from urdf.mjcf import as_urdf
+from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
 from urdf.quiet import told
-from urdf.robot import Limits, Robot, UrdfError
+from urdf.robot import IN_A_URDF, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
 from urdf.validate import MJCF, check_plain
+
+if TYPE_CHECKING:
+    from urdf.mjcf import Mjcf
 
 SETTINGS = Path(__file__).parent / "robots"
 
@@ -65,24 +69,76 @@ def load(
         if joints is not None or tool is not None:
             settings = _narrowed(settings, joints, tool)
             text = f"{text}\n{settings.arm.joints} {tool}"
-        return _assemble(urdf_path, *_read(urdf_path), srdf, settings, text, meshes)
-    root, changed = _read(path)
-    settings, said = infer.infer(root, path, None if joints is None else tuple(joints), tool)
-    text = f"{path.name} {settings.arm.joints} {settings.tool.frame}"
-    return _assemble(path, root, [*said, *changed], None, settings, text, meshes)
+        robot = _assemble(_read(urdf_path), srdf, settings, text, meshes)
+    else:
+        description = _read(path)
+        settings, said = infer.infer(description.root, path, None if joints is None else tuple(joints), tool)
+        text = f"{path.name} {settings.arm.joints} {settings.tool.frame}"
+        robot = _assemble(replace(description, notes=(*said, *description.notes)), None, settings, text, meshes)
+    for sentence in robot.warnings:
+        warnings.warn(f"{robot.name}: {sentence}", DescriptionWarning, stacklevel=2)
+    return robot
 
 
-def _read(path: Path) -> tuple[ET.Element, list[str]]:
-    """The URDF in a file, or of the robot in an MJCF, checked, and a sentence per change that it needed to be one."""
-    root, changed = validate.parse(path), list[str]()
-    converted = root.tag == MJCF
-    if converted:
-        root, changed = as_urdf(path)
+@dataclass(frozen=True)
+class _Description:
+    """A file, checked.
+
+    Attributes:
+        path: the file.
+        root: as a URDF.
+        notes: sentences that whoever makes a model must know.
+        changed: further ones.
+        mjcf: what MuJoCo made of it, if it is an MJCF.
+    """
+
+    path: Path
+    root: ET.Element
+    notes: tuple[str, ...]
+    changed: tuple[str, ...]
+    mjcf: "Mjcf | None" = None
+
+    def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
+        """What it says of an arm that a URDF has no place for."""
+        if self.mjcf is None:
+            return IN_A_URDF
+        from urdf.mjcf_dynamics import arm_dynamics
+
+        return arm_dynamics(self.mjcf, joints)
+
+    def left_out(self, joints: tuple[str, ...]) -> list[str]:
+        """What it says of the joints of an arm and is not part of the arm."""
+        if self.mjcf is not None:
+            return []
+        said: dict[tuple[str, str], list[str]] = {
+            ("damping", "joint_viscous_friction"): [], ("friction", "joint_coulomb_friction"): [],
+        }  # fmt: skip
+        for joint in self.root.findall("joint"):
+            element = joint.find("dynamics")
+            for (key, _), names in said.items():
+                if element is not None and joint.get("name") in joints and float(element.get(key, "0")):
+                    names.append(f"{joint.get('name')} {float(element.get(key, '0')):g}")
+        return [
+            f"{key} of <dynamics> ({', '.join(names)}) is no part of the model: add {effect}, or let repair find it"
+            for (key, effect), names in said.items()
+            if names
+        ]
+
+
+def _read(path: Path) -> _Description:
+    """The URDF in a file, or of the robot in an MJCF."""
+    root = validate.parse(path)
+    mjcf, changed = None, list[str]()
+    if root.tag == MJCF:
+        from urdf.mjcf import read_mjcf
+
+        mjcf = read_mjcf(path)
+        root = mjcf.root
     validate.check_tree(root, path)
     check_plain(root, path)
-    if not converted:
+    if mjcf is None:
         changed = validate.check_schema(path)
-    return root, [*changed, *tell_apart(root)]
+    return _Description(path, root, mjcf.sentences if mjcf else (), (*changed, *tell_apart(root)), mjcf)
 
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
@@ -121,13 +177,11 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
     )
 
 
-def _assemble(
-    path: Path, root: ET.Element, changed: list[str], srdf: Path | None, settings: Settings, text: str, meshes: bool
-) -> Robot:
-    """The robot of a URDF, mended in place, and its settings, whose text is part of the fingerprint."""
-    joints = settings.arm.joints
-    defects = [*changed, *bound_continuous_joints(root, joints)]
+def _assemble(described: _Description, srdf: Path | None, settings: Settings, text: str, meshes: bool) -> Robot:
+    """The robot of a description, mended in place, and its settings, whose text is part of the fingerprint."""
+    joints, root, path = settings.arm.joints, described.root, described.path
     validate.check_limits(root, path, joints)
+    defects = [*described.changed, *complete_limits(root, joints)]
     directories, missing = find_meshes(root, path)
     if missing and meshes:
         raise UrdfError(
@@ -136,9 +190,10 @@ def _assemble(
         )
     defects += leave_out_shapes(root, missing)
     try:
-        defects += mend_inertias(root, path, directories)
+        judged = mend_inertias(root, path, directories)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
+    dynamics = described.dynamics(joints)
     links = {link.get("name") for link in root.findall("link")}
     for frame in settings.frames:
         if frame.parent not in links | {other.name for other in settings.frames} or frame.name in links:
@@ -148,21 +203,27 @@ def _assemble(
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
     make_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
-    model, tool = _reduced(xml, joints, path), settings.tool
+    (model, held), tool = _reduced(xml, joints, path, dynamics), settings.tool
+    if described.mjcf is not None:
+        from urdf.mjcf_dynamics import check_torques
+
+        check_torques(described.mjcf, model, dynamics)
     if not model.existFrame(tool.frame):
         raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
-    defects += _weightless(model)
+    defects += [*(one.sentence for one in judged), *_weightless(model)]
+    lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limits(model)]
+    notes = [*described.notes, *described.left_out(joints), *held, *lacking]
     try:
         limits = _limits(model, settings.limits)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from error
     home = np.array(settings.arm.home or infer.assumed_home(model, model.getFrameId(tool.frame)))
-    margin = limits.margin(home)
-    worst = int(np.argmin(margin))
-    if margin[worst] < 0.0:
+    outside = np.flatnonzero((home < model.lowerPositionLimit) | (home > model.upperPositionLimit))
+    if outside.size:
+        worst = int(outside[0])
         raise UrdfError(
             f"robot '{settings.name}': home puts '{joints[worst]}' at {home[worst]:g}, outside its range "
-            f"{limits.lower[worst]:g} to {limits.upper[worst]:g}; choose a posture inside"
+            f"{model.lowerPositionLimit[worst]:g} to {model.upperPositionLimit[worst]:g}; choose a posture inside"
         )
     return Robot(
         name=settings.name,
@@ -174,29 +235,45 @@ def _assemble(
         model=model,
         tool_frame=tool.frame,
         tool_offset=np.array(tool.offset),
-        limits=limits,
+        given_limits=limits,
         home=home,
-        springs=settings.springs,
+        springs=(*settings.springs, *dynamics.springs),
+        joint_dynamics=dynamics.joints,
         collision_exclusions=settings.collision.exclude,
         limits_source=" ".join(settings.limits.source.split()),
-        defects=tuple(defects),
-        fingerprint=hashlib.sha256(f"{digest}\n{text}".encode()).hexdigest(),
+        defects=(*notes, *defects),
+        notes=tuple(notes),
+        warnings=tuple(_warnings(model, judged)),
+        fingerprint=hashlib.sha256(f"{digest}\n{text}\n{dynamics}".encode()).hexdigest(),
         given_line=None if settings.line is None else settings.line.line(),
     )
 
 
-def _reduced(xml: str, joints: tuple[str, ...], path: Path) -> pin.Model:
-    """Model of the arm alone, in the order of its joints from base to tool."""
+def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
+    """Model of the arm alone, in the order of its joints from base to tool; a sentence on joints that it holds."""
     with told(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
     if tuple(model.names[1:]) != joints:
         raise UrdfError(f"{path}: the arm's joints in order are {', '.join(model.names[1:])}; list them so")
-    return model
+    model.gravity.linear = np.array(dynamics.gravity)
+    model.armature = np.array([dynamics.joints[name].armature if name in dynamics.joints else 0.0 for name in joints])
+    unknown = model.lowerPositionLimit == model.upperPositionLimit
+    model.lowerPositionLimit = np.where(unknown, -np.inf, model.lowerPositionLimit)
+    model.upperPositionLimit = np.where(unknown, np.inf, model.upperPositionLimit)
+    for limit in ("velocityLimit", "effortLimit"):
+        values = np.array(getattr(model, limit))
+        setattr(model, limit, np.where(values > 0.0, values, np.inf))
+    moved = {index for index in range(1, full.njoints) if full.names[index] in joints}
+    carried = [full.names[i] for i in locked if moved.intersection(list(full.supports[i]))]
+    return model, [f"{', '.join(carried)} held at 0; name the joints to let them move"] if carried else []
 
 
-def _limits(model: pin.Model, given: AssumedLimits) -> Limits:
+def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
+    """What the joints may do; None where their description does not say it."""
+    if missing_limits(model):
+        return None
     velocity = np.array(model.velocityLimit)
     acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP
     return Limits(
@@ -207,6 +284,18 @@ def _limits(model: pin.Model, given: AssumedLimits) -> Limits:
         jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_TIME,
         effort=np.array(model.effortLimit),
     )
+
+
+def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
+    """What was found wrong with the inertias of links that the arm moves, where it changes the torques."""
+    moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
+    replaced = [one.link for one in judged if one.link in moved and one.moments is not None]
+    said = [one.sentence for one in judged if one.link in moved and not one.possible]
+    if replaced:
+        said.append(
+            f"inertia of {', '.join(replaced)} replaced by that of the collision shapes: no body of their size has it"
+        )
+    return said
 
 
 def _weightless(model: pin.Model) -> list[str]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -12,6 +13,7 @@ from urdf.find import locate_mesh
 from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
+from urdf.validate import LIMITS, MOVING
 
 TURN = 2 * math.pi
 
@@ -46,31 +48,35 @@ def tell_apart(root: ET.Element) -> list[str]:
     return [f"link '{old}' is called as a joint is; renamed to '{new}'" for old, new in renamed.items()]
 
 
-def bound_continuous_joints(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give the arm's endless joints one turn to either side, so that each has one coordinate and a margin.
+def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
+    """Give every joint a ``<limit>``, without which urdfdom reads none; zeros stand for a limit that is not given.
+
+    The arm's endless joints get one turn to either side, so that each has one coordinate and a margin.
 
     Args:
         root: the URDF; changed in place.
         joints: of the arm.
 
     Returns:
-        A sentence per joint.
+        A sentence per endless joint.
     """
     sentences = []
     for joint in root.findall("joint"):
-        if joint.get("name") not in joints:
+        if joint.get("type") not in MOVING:
             continue
         limit = joint.find("limit")
         # Exporters write joints that turn without end as revolute ones whose limit holds effort and velocity only.
         turns = joint.get("type") == "revolute"
         unlimited = turns and limit is not None and {"lower", "upper"}.isdisjoint(limit.keys())
-        if joint.get("type") == "continuous" or unlimited:
+        limit = ET.SubElement(joint, "limit") if limit is None else limit
+        if joint.get("name") in joints and (joint.get("type") == "continuous" or unlimited):
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit = ET.SubElement(joint, "limit") if limit is None else limit
             limit.set("lower", repr(-TURN))
             limit.set("upper", repr(TURN))
+        for key in LIMITS:
+            limit.set(key, limit.get(key, "0"))
     return sentences
 
 
@@ -85,7 +91,24 @@ PRODUCTS = ("ixy", "ixz", "iyz")
 Box = tuple[Array, Array]
 
 
-def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[str]:
+@dataclass(frozen=True)
+class Judged:
+    """What is wrong with the inertia of a link.
+
+    Attributes:
+        link: its name.
+        sentence: what, and what was done about it.
+        moments: of the shapes, (3,) [kg m^2], that it got; None where it was left as it is.
+        possible: whether some body has the inertia as it is now.
+    """
+
+    link: str
+    sentence: str
+    moments: Array | None = None
+    possible: bool = True
+
+
+def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
     """Hold every link's inertia against its mass and its collision shapes.
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
@@ -98,12 +121,12 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         directories: where packages are looked up.
 
     Returns:
-        A sentence per link, with what was done.
+        One per link with which something is wrong.
 
     Raises:
         UrdfError: a mesh cannot be read.
     """
-    sentences = []
+    found = []
     for link in root.iter("link"):
         mass_element, inertia_element = link.find("inertial/mass"), link.find("inertial/inertia")
         if mass_element is None or inertia_element is None:
@@ -112,23 +135,20 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
         mass = float(mass_element.get("value", "0"))
         moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENTS, PRODUCTS))
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
-        said = _judge(name, mass, moments, products, boxes)
-        if said is None:
+        judged = _judge(name, mass, moments, products, boxes)
+        if judged is None:
             continue
-        sentence, mended = said
-        sentences.append(sentence)
-        if mended is not None:
-            for key, value in zip(MOMENTS, mended, strict=True):
+        found.append(judged)
+        if judged.moments is not None:
+            for key, value in zip(MOMENTS, judged.moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
             for key in PRODUCTS:
                 inertia_element.set(key, "0")
-    return sentences
+    return found
 
 
-def _judge(
-    name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]
-) -> tuple[str, Array | None] | None:
-    """What is wrong with an inertia and, where it was mended, the moments (3,) [kg m^2] that it gets."""
+def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
+    """What is wrong with an inertia."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= PLACEHOLDER and mass > 0 else None
     if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
@@ -137,25 +157,34 @@ def _judge(
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg needs a body of {body:.2g} m; "
             f"replaced by that of its collision shapes, {max(solid):.2g} kg m^2"
         )
-        return sentence, solid
+        return Judged(name, sentence, solid)
+    tensor = np.diag(moments)
+    tensor[np.triu_indices(3, 1)] = products
+    wrong = no_body(tensor)
+    if wrong:
+        return Judged(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
     if solid is not None and mass >= LIGHTEST and largest < SMALLEST_SHARE**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
             f"collision shapes suggest {max(solid):.2g} kg m^2; left as it is"
         )
-        return sentence, None
-    tensor = np.diag(moments)
-    tensor[np.triu_indices(3, 1)] = products
-    principal = np.linalg.eigvalsh(tensor, UPLO="U")
-    if principal[0] < -BALANCE * largest or principal[2] > (1 + BALANCE) * (principal[0] + principal[1]):
-        values = ", ".join(f"{value:.3g}" for value in principal)
-        sentence = (
-            f"link '{name}': principal moments {values} kg m^2 belong to no body, as each must be positive and at "
-            "most the sum of the others; left as they are"
-        )
-        return sentence, None
+        return Judged(name, sentence)
     return None
+
+
+def no_body(inertia: Array) -> str:
+    """Why no body has an inertia about its centre, (3, 3) upper triangle [kg m^2]; empty where one has it.
+
+    A principal moment is a sum of squares over the body, and at most the sum of the two others.
+    """
+    principal = np.linalg.eigvalsh(inertia, UPLO="U")
+    slack = BALANCE * max(principal[2], 0.0)
+    if principal[0] >= -slack and principal[2] <= principal[0] + principal[1] + slack:
+        return ""
+    values = ", ".join(f"{value:.3g}" for value in principal)
+    why = "as each must be positive and at most the sum of the others"
+    return f"principal moments {values} kg m^2 belong to no body, {why}"
 
 
 def _boxes(

@@ -1,163 +1,240 @@
-"""A robot in MuJoCo's own XML, an MJCF, written as a URDF: everything else goes on from there.
+"""A robot in MuJoCo's own XML, an MJCF: compiled by MuJoCo, and taken over from what MuJoCo made of it.
 
-Pinocchio reads it, includes, defaults and the inertias of shapes. What a URDF needs and an MJCF does not say, speeds
-and sometimes torques, is assumed and told; what a URDF of armdyn has no place for is told as well.
+Defaults, includes, frames, orientations of every kind and the inertias of shapes are MuJoCo's work. Bodies and joints
+become a URDF here, from which everything else goes on; `urdf.mjcf_dynamics` has what a URDF cannot say.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 
 from urdf.quiet import told
-from urdf.robot import Array, UrdfError
+from urdf.robot import ASSUMED, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
 SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
 """rad/s or m/s that are assumed: an MJCF has no speed limits; 0.25 m/s is the reduced speed of ISO 10218-1."""
-EFFORT = 50.0
-"""N m or N that are assumed where the file gives none."""
-FARTHEST = 2.0
-"""m that a sliding joint without a range is given to either side."""
-ASSUMED = "of an MJCF: "
-"""How sentences begin that say what was assumed or left out."""
-GRAVITY = (0.0, 0.0, -9.81)
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+"""Transmissions of actuators that drive one joint."""
 
 
-def as_urdf(path: Path) -> tuple[ET.Element, list[str]]:
-    """The URDF of the robot in an MJCF, and a sentence per thing that was assumed or left out.
+@dataclass(frozen=True)
+class Mjcf:
+    """What MuJoCo made of a file.
+
+    Attributes:
+        path: the file.
+        model: compiled, an ``MjModel``.
+        bodies: by index the name of each body.
+        joints: likewise of each joint; one without a name is called after its body.
+        root: bodies, hinges and slides as a URDF.
+        sentences: what was assumed or left out.
+    """
+
+    path: Path
+    model: Any
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    root: ET.Element
+    sentences: tuple[str, ...]
+
+
+def read_mjcf(path: Path) -> Mjcf:
+    """Let MuJoCo compile a file, and write its bodies and joints as a URDF.
 
     Raises:
-        UrdfError: Pinocchio cannot read it, or a joint neither turns about an axis nor slides along one.
+        UrdfError: MuJoCo refuses the file, told in its own words; or a number in it is none.
     """
-    with told(f"{path}: Pinocchio cannot read it as an MJCF", "correct it"):
-        model = pin.buildModelFromMJCF(str(path))
-    document = ET.parse(path).getroot()
-    forces = _forces(document)
-    root = ET.Element("robot", name=str(document.get("model") or path.stem))
-    names = _body_names(model)
-    sentences: list[str] = []
-    weak, loose = [], []
-    axes = _axes(model)
-    for link in dict.fromkeys(names.values()):
-        ET.SubElement(root, "link", name=link)
-    links = {link.get("name"): link for link in root.findall("link")}
-    for i in range(1, model.njoints):
-        joint, name = model.joints[i], str(model.names[i])
-        if joint.nv != 1:
-            if joint.nv == 6 and int(model.parents[i]) == 0:
-                sentences.append(f"'{name}' floats; taken as fixed to the world")
-                _join(root, name, "fixed", names[0], names[i], model.jointPlacements[i])
-                _weigh(links[names[i]], model.inertias[i])
-                continue
-            raise UrdfError(
-                f"{path}: joint '{name}' is neither one hinge nor one slide; give every joint a body of its own, and "
-                "no ball joints"
-            )
-        slides = bool(np.abs(axes[i][:3]).max() > 0.5)
-        lower, upper = (float(limit[joint.idx_q]) for limit in (model.lowerPositionLimit, model.upperPositionLimit))
-        bounded = joint.nq == 1 and np.isfinite(lower) and np.isfinite(upper) and lower < upper
-        kind = "prismatic" if slides else "revolute" if bounded else "continuous"
-        element = _join(root, name, kind, names[int(model.parents[i])], names[i], model.jointPlacements[i])
-        ET.SubElement(element, "axis", xyz=numbers_text(axes[i][:3] if slides else axes[i][3:]))
-        effort = float(model.effortLimit[joint.idx_v])
-        effort = effort if np.isfinite(effort) and effort > 0 else forces.get(name, 0.0)
-        if not effort:
-            weak.append(name)
-        limit = ET.SubElement(element, "limit", effort=repr(effort or EFFORT), velocity=repr(SPEED[kind]))
-        if kind != "continuous":
-            limit.set("lower", repr(lower if bounded else -FARTHEST))
-            limit.set("upper", repr(upper if bounded else FARTHEST))
-        if not slides and not bounded:
-            loose.append(name)
-        _weigh(links[names[i]], model.inertias[i])
-    _add_frames(root, model, names)
-    _couple(root, document)
+    model, noticed = _compiled(path)
+    if any("NaN" in text for text in noticed):  # MuJoCo takes it as if nothing were written there
+        raise UrdfError(f"{path}: {_nan_in(path)} holds 'nan', which is no number; correct it")
+    bodies = _names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, lambda i: f"body_{i}")
+    joints = _names(model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, lambda j: f"{bodies[model.jnt_bodyid[j]]}_joint")
+    _check_numbers(path, model, bodies, joints)
+    tree = _Tree(path.stem, model, bodies, joints)
+    sentences = [*tree.held, *noticed]
     sentences.append(f"it has no speed limits; {SPEED['revolute']:g} rad/s and {SPEED['prismatic']:g} m/s were assumed")
-    if weak:
-        sentences.append(f"no limit of force on {', '.join(weak)}; {EFFORT:g} N m or N was assumed")
-    dynamics = [
-        what for what in ("armature", "damping", "frictionloss") if document.find(f".//joint[@{what}]") is not None
-    ]
-    if dynamics:
-        sentences.append(f"{', '.join(dynamics)} of its joints are left out: add the effects, or let repair find them")
-    return root, [f"{ASSUMED}{sentence}" for sentence in (*sentences, *_gravity(document))]
+    if model.opt.density or model.opt.viscosity:
+        sentences.append("the drag of what the robot moves in is left out")
+    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED}{sentence}" for sentence in sentences))
 
 
-def _axes(model: pin.Model) -> dict[int, Array]:
-    """By joint with one degree of freedom: (6,) linear and angular motion in its own frame, per unit."""
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    found = {}
-    for i in range(1, model.njoints):
-        columns = pin.getJointJacobian(model, data, i, pin.LOCAL).reshape(6, model.nv)
-        if model.joints[i].nv == 1:
-            found[i] = np.asarray(columns[:, model.joints[i].idx_v])
-    return found
+def _compiled(path: Path) -> tuple[Any, list[str]]:
+    """The compiled model, and what MuJoCo warns of."""
+    noticed: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: noticed.append(f"MuJoCo warns: {' '.join(str(text).split())}"))
+    try:
+        with told(f"{path}: MuJoCo refuses it", "correct it"):
+            model = mujoco.MjModel.from_xml_path(str(path))
+    finally:
+        mujoco.set_mju_user_warning(before)
+    return model, noticed
 
 
-def _body_names(model: pin.Model) -> dict[int, str]:
-    """By joint the name of the body that it moves; of the world ``world``, or that of its first body."""
-    names = {0: "world"}
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and int(frame.parentJoint) and int(frame.parentJoint) not in names:
-            names[int(frame.parentJoint)] = str(frame.name)
-    taken: set[str] = set()
-    for i in range(model.njoints):
-        name = names.get(i) or f"{model.names[i]}_link"
-        names[i] = name if name not in taken else f"{name}_{i}"
-        taken.add(names[i])
-    return names
+def _nan_in(path: Path) -> str:
+    """The element of a file that holds a number which is none."""
+    for element in ET.parse(path).iter():
+        for key, text in element.attrib.items():
+            if "nan" in text.lower().split():
+                return f"{key} of <{element.tag}>" + (f" '{element.get('name')}'" if element.get("name") else "")
+    return "a file that it includes"
 
 
-def _add_frames(root: ET.Element, model: pin.Model, names: dict[int, str]) -> None:
-    """Sites and further bodies as massless links, so that one can be the tool."""
-    taken = set(names.values())
-    for frame in model.frames:
-        name = str(frame.name)
-        if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME) and name not in taken and name != "universe":
-            taken.add(name)
-            ET.SubElement(root, "link", name=name)
-            _join(root, f"{name}_fixed", "fixed", names[int(frame.parentJoint)], name, frame.placement)
+def _names(model: Any, kind: Any, count: int, otherwise: Callable[[int], str]) -> tuple[str, ...]:
+    """By index the names of bodies or joints, and one for each that has none."""
+    given = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
+    taken, found = set(filter(None, given)), list[str]()
+    for i, own in enumerate(given):
+        found.append(own or _free(otherwise(i), taken))
+    return tuple(found)
 
 
-def _join(root: ET.Element, name: str, kind: str, parent: str, child: str, placement: pin.SE3) -> ET.Element:
-    rpy = pin.rpy.matrixToRpy(np.asarray(placement.rotation))
-    return add_joint(root, name, kind, parent, child, placement.translation, rpy)
+def _free(name: str, taken: set[str]) -> str:
+    """The name, longer where it is taken; taken from now on."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
-def _weigh(link: ET.Element, inertia: pin.Inertia) -> None:
-    if inertia.mass > 0.0:
-        link.append(inertial_element(inertia.mass, inertia.lever, inertia.inertia))
+def _check_numbers(path: Path, model: Any, bodies: tuple[str, ...], joints: tuple[str, ...]) -> None:
+    """Refuse a number that is none: MuJoCo lets it pass.
+
+    Raises:
+        UrdfError: names the body, joint, tendon or actuator.
+    """
+    dofs = tuple(joints[j] for j in model.dof_jntid)
+    owners: dict[str, tuple[str, tuple[str, ...]]] = {
+        "body": ("body", bodies), "jnt": ("joint", joints), "dof": ("joint", dofs), "tendon": ("tendon", ()),
+        "actuator": ("actuator", ()), "site": ("site", ()),
+    }  # fmt: skip
+    for field in dir(model):
+        prefix, _, what = field.partition("_")
+        values = getattr(model, field) if prefix in owners else None
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f" and not np.isfinite(values).all():
+            i, (kind, names) = int(np.argwhere(~np.isfinite(values))[0][0]), owners[prefix]
+            who = f"'{names[i]}'" if names else str(i + 1)
+            raise UrdfError(f"{path}: {kind} {who}: its {what} holds what is no finite number; correct it")
 
 
-def _forces(document: ET.Element) -> dict[str, float]:
-    """By joint: the largest force of the actuators that name it, where they say one themselves."""
-    found: dict[str, float] = {}
-    for actuator in document.findall("./actuator/*"):
-        text, gear = actuator.get("forcerange"), abs(float((actuator.get("gear") or "1").split()[0]))
-        if text is None and actuator.tag == "motor":
-            text = actuator.get("ctrlrange")
-        joint = actuator.get("joint")
-        if joint and text:
-            found[joint] = max(abs(float(word)) for word in text.split()) * gear
-    return found
+class _Tree:
+    """The URDF of a compiled model, a link for every body.
+
+    A link's origin is on the axis of the joint that moves it, and its axes are those of the body.
+
+    Attributes:
+        root: of the URDF.
+        held: a sentence per joint that has no place in a URDF.
+    """
+
+    def __init__(self, name: str, model: Any, bodies: tuple[str, ...], joints: tuple[str, ...]) -> None:
+        self.root, self.held = ET.Element("robot", name=name), list[str]()
+        self._model, self._bodies, self._joints = model, bodies, joints
+        self._taken, self._efforts = {*bodies, *joints}, _efforts(model)
+        self._shifts = np.zeros((model.nbody, 3))  # of a link's origin from its body's
+        self._link(bodies[0])
+        for body in range(1, model.nbody):
+            self._add_body(body)
+        for i in range(model.nsite):
+            name, body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SITE, i), int(model.site_bodyid[i])
+            if name and name not in self._taken:
+                self._taken.add(name)
+                self._link(name)
+                self._fix(bodies[body], name, _pose(model.site_pos[i] - self._shifts[body], model.site_quat[i]))
+        self._couple()
+
+    def _add_body(self, body: int) -> None:
+        m, name, parent = self._model, self._bodies[body], int(self._model.body_parentid[body])
+        first = int(m.body_jntadr[body])
+        every = range(first, first + int(m.body_jntnum[body]))
+        single = [j for j in every if m.jnt_type[j] in (HINGE, SLIDE)]
+        for j in every:
+            if j not in single:
+                kind = "is a ball joint" if m.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_BALL) else "floats"
+                self.held.append(f"'{self._joints[j]}' {kind}; taken as fixed")
+        placement = _pose(m.body_pos[body] - self._shifts[parent], m.body_quat[body])
+        inner, shift = self._bodies[parent], np.zeros(3)
+        for j in single:
+            # MuJoCo turns a body by one of its joints after the other, each where those before have brought it.
+            placement = placement * pin.SE3(np.eye(3), m.jnt_pos[j] - shift) * self._to_zero(j)
+            link = name if j == single[-1] else _free(f"{name}_{self._joints[j]}", self._taken)
+            self._link(link)
+            self._move(j, inner, link, placement)
+            placement, inner, shift = pin.SE3.Identity(), link, np.array(m.jnt_pos[j])
+        self._shifts[body] = shift
+        if not single:
+            self._link(name)
+            self._fix(inner, name, placement)
+        if m.body_mass[body] > 0.0:
+            R = _pose(np.zeros(3), m.body_iquat[body]).rotation
+            inertia = R @ np.diag(m.body_inertia[body]) @ R.T
+            self.root.findall("link")[-1].append(
+                inertial_element(m.body_mass[body], m.body_ipos[body] - shift, inertia)
+            )
+
+    def _to_zero(self, j: int) -> pin.SE3:
+        """From where the file has a joint, at its ``ref``, to where its position is 0."""
+        back, axis = -float(self._model.qpos0[self._model.jnt_qposadr[j]]), np.array(self._model.jnt_axis[j])
+        if self._model.jnt_type[j] == SLIDE:
+            return pin.SE3(np.eye(3), back * axis)
+        return pin.SE3(pin.AngleAxis(back, axis).toRotationMatrix(), np.zeros(3))
+
+    def _move(self, j: int, inner: str, link: str, placement: pin.SE3) -> None:
+        m = self._model
+        kind = "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if m.jnt_limited[j] else "continuous"
+        element = self._join(kind, self._joints[j], inner, link, placement)
+        ET.SubElement(element, "axis", xyz=numbers_text(m.jnt_axis[j]))
+        limit = ET.SubElement(element, "limit", velocity=repr(SPEED[kind]))
+        if j in self._efforts:
+            limit.set("effort", repr(self._efforts[j]))
+        if m.jnt_limited[j]:
+            for key, bound in zip(("lower", "upper"), m.jnt_range[j].tolist(), strict=True):
+                limit.set(key, repr(bound))
+
+    def _couple(self) -> None:
+        """Joints that follow others, as the fingers of a gripper do."""
+        m, elements = self._model, {joint.get("name"): joint for joint in self.root.findall("joint")}
+        for i in np.flatnonzero(m.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)):
+            if m.eq_active0[i] and m.eq_obj2id[i] >= 0:
+                follower, leader = self._joints[m.eq_obj1id[i]], self._joints[m.eq_obj2id[i]]
+                ET.SubElement(elements[follower], "mimic", joint=leader, multiplier=repr(float(m.eq_data[i, 1])))
+
+    def _link(self, name: str) -> None:
+        ET.SubElement(self.root, "link", name=name)
+
+    def _fix(self, inner: str, link: str, placement: pin.SE3) -> None:
+        self._join("fixed", _free(f"{link}_fixed", self._taken), inner, link, placement)
+
+    def _join(self, kind: str, name: str, inner: str, link: str, placement: pin.SE3) -> ET.Element:
+        rpy = pin.rpy.matrixToRpy(np.asarray(placement.rotation))
+        return add_joint(self.root, name, kind, inner, link, placement.translation, rpy)
 
 
-def _couple(root: ET.Element, document: ET.Element) -> None:
-    """Joints that follow others, as the fingers of a gripper do."""
-    joints = {joint.get("name"): joint for joint in root.findall("joint")}
-    for equality in document.findall("./equality/joint"):
-        first, second = equality.get("joint1"), equality.get("joint2")
-        if first in joints and second in joints:
-            ET.SubElement(joints[first], "mimic", joint=str(second))
+def _efforts(model: Any) -> dict[int, float]:
+    """By joint the largest force of its own limit, or of the actuators that drive it, where they say one."""
+    found: dict[int, float] = {}
+    for i in range(model.nu):
+        size = 0.0
+        if model.actuator_forcelimited[i]:
+            size = float(np.abs(model.actuator_forcerange[i]).max())
+        elif model.actuator_ctrllimited[i] and model.actuator_biastype[i] == int(mujoco.mjtBias.mjBIAS_NONE):
+            size = float(np.abs(model.actuator_ctrlrange[i]).max() * abs(model.actuator_gainprm[i, 0]))
+        if size and model.actuator_trntype[i] in OF_JOINTS:
+            j = int(model.actuator_trnid[i, 0])
+            found[j] = max(found.get(j, 0.0), size * abs(float(model.actuator_gear[i, 0])))
+    limited = np.flatnonzero(model.jnt_actfrclimited).tolist()
+    return found | {j: float(np.abs(model.jnt_actfrcrange[j]).max()) for j in limited}
 
 
-def _gravity(document: ET.Element) -> list[str]:
-    option = document.find("./option[@gravity]")
-    given = GRAVITY if option is None else tuple(float(word) for word in str(option.get("gravity")).split())
-    if len(given) == 3 and np.abs(np.subtract(given, GRAVITY)).max() > 0.05:
-        shown = " ".join(f"{value:g}" for value in given)
-        return [f"its gravity {shown} is left out; the base is taken to stand upright"]
-    return []
+def _pose(position: Array, quaternion: Array) -> pin.SE3:
+    """A frame from a position (3,), m, and a quaternion (4,), the scalar first."""
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix(), np.array(position))

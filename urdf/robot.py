@@ -1,7 +1,7 @@
 """A robot: kinematic model, limits, tool, line."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 class UrdfError(Exception):
     """A robot description that cannot be used: the message says what, where and what to do, in one line."""
 
+
+class DescriptionWarning(UserWarning):
+    """A robot's torques are not those of its description as it was written: the message says of which links and why."""
+
+
+ASSUMED = "of an MJCF: "
+"""How sentences begin that say what was assumed of an MJCF, or left out."""
 
 Array = NDArray[np.float64]
 
@@ -152,16 +159,19 @@ class Line:
 
 @dataclass(frozen=True)
 class Spring:
-    """What springs add to the torque of a joint's motor, ``sine sin(q) + cosine cos(q)``, which a URDF cannot say.
+    """What springs add to the torque of a joint's motor, which a URDF cannot say.
 
-    The motor gives gravity, inertia and this; a spring that carries the arm has the sign against gravity's.
+    The motor gives gravity, inertia and ``sine sin(q) + cosine cos(q) + stiffness (q - rest)``; a spring that carries
+    the arm has the sign against gravity's.
 
     Attributes:
         joint: name of the joint.
         sine: factor of sin(q) [N m].
         cosine: factor of cos(q) [N m].
-        enabled: whether the robot's settings count it in.
+        enabled: whether the robot's description or settings count it in.
         source: where the values come from.
+        stiffness: of a spring in the joint [N m/rad or N/m].
+        rest: position at which that does not pull [rad or m].
     """
 
     joint: str
@@ -169,11 +179,61 @@ class Spring:
     cosine: float
     enabled: bool
     source: str
+    stiffness: float = 0.0
+    rest: float = 0.0
 
     def torque(self, q: ArrayLike) -> Array:
-        """What the motor gives on top [N m] at a joint position q [rad], of the same shape as q."""
-        angle = np.asarray(q, dtype=np.float64)
-        return self.sine * np.sin(angle) + self.cosine * np.cos(angle)
+        """What the motor gives on top [N m or N] at a joint position q [rad or m], of the same shape as q."""
+        at = np.asarray(q, dtype=np.float64)
+        return self.sine * np.sin(at) + self.cosine * np.cos(at) + self.stiffness * (at - self.rest)
+
+
+@dataclass(frozen=True)
+class JointDynamics:
+    """What a joint's drive feels beside its links: ``armature a + damping v + friction sign(v)``.
+
+    Attributes:
+        damping: torque per speed [N m s/rad or N s/m].
+        friction: size of the dry friction [N m or N].
+        armature: inertia of the rotor, seen through the gears [kg m^2 or kg].
+    """
+
+    damping: float
+    friction: float
+    armature: float
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What a description says of an arm and a URDF has no place for, or which in a URDF means nothing.
+
+    Attributes:
+        gravity: in the frame of the base, (3,) [m/s^2].
+        joints: by joint.
+        springs: of the joints.
+    """
+
+    gravity: Array
+    joints: Mapping[str, JointDynamics] = field(default_factory=dict)
+    springs: tuple[Spring, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gravity", read_only(self.gravity))
+
+
+IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
+"""Gravity alone: the ``<dynamics>`` of public URDFs are placeholders. Of the 51 in the package example-robot-data that
+have some, 19 hold zeros only, 14 one pair of values for all joints, and most others ones and powers of ten."""
+
+
+def missing_limits(model: pin.Model) -> list[str]:
+    """A sentence per joint of a model that has no limit of position, velocity or effort, which are infinite then."""
+    kinds = {
+        "position": np.isinf(model.lowerPositionLimit), "velocity": np.isinf(model.velocityLimit),
+        "effort": np.isinf(model.effortLimit),
+    }  # fmt: skip
+    lacking = {name: [kind for kind, none in kinds.items() if none[i]] for i, name in enumerate(list(model.names)[1:])}
+    return [f"joint '{name}' has no limit of {' and '.join(which)}" for name, which in lacking.items() if which]
 
 
 @dataclass(frozen=True)
@@ -187,15 +247,19 @@ class Robot:
         urdf_xml: the URDF after mending, as text.
         srdf_path: the file that lists pairs of links which need no collision check, if there is one.
         joint_names: the arm's joints from base to tool.
-        model: Pinocchio model of the arm alone; every other joint is locked at its neutral position.
+        model: Pinocchio model of the arm alone, with rotors and gravity; every other joint is locked at its neutral
+            position. A limit that its description does not give is infinite.
         tool_frame: frame that carries the tool.
         tool_offset: tool point (string attachment) in the tool frame, (3,) [m].
-        limits: limits of the arm's joints.
+        given_limits: limits of the arm's joints, if its description gives all of them.
         home: a posture that picks the arm's branch, (n,) [rad or m].
         springs: known extra joint torques.
+        joint_dynamics: by joint, where the description says it of a real model and not as a URDF does.
         collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
         limits_source: where acceleration and jerk limits come from.
-        defects: a sentence per defect that was found and what was done about it.
+        defects: a sentence per choice that was made, and per defect that was found with what was done about it.
+        notes: those of them that whoever makes a model must know, such as what an MJCF does not say.
+        warnings: what makes the torques others than those of the file, or those of no body: known to every command.
         fingerprint: sha256 over the mended URDF and the settings.
         given_line: the line of the settings, if they have one.
     """
@@ -209,18 +273,34 @@ class Robot:
     model: pin.Model
     tool_frame: str
     tool_offset: Array
-    limits: Limits
+    given_limits: Limits | None
     home: Array
     springs: tuple[Spring, ...]
+    joint_dynamics: Mapping[str, JointDynamics]
     collision_exclusions: tuple[tuple[str, str], ...]
     limits_source: str
     defects: tuple[str, ...]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     fingerprint: str
     given_line: Line | None
 
     def __post_init__(self) -> None:
         for name in ("tool_offset", "home"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the arm's joints, for whoever moves it.
+
+        Raises:
+            UrdfError: the description lacks one.
+        """
+        if self.given_limits is None:
+            raise UrdfError(
+                f"{self.urdf_path}: {missing_limits(self.model)[0]}: write it into its description, it is needed here"
+            )
+        return self.given_limits
 
     @property
     def line(self) -> Line:

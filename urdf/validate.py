@@ -9,6 +9,7 @@ import math
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from shlex import quote
 from xml.etree import ElementTree as ET
 
 from urdf.bounds import DEEPEST_XML, LARGEST_XML, LONGEST_NAME, MOST_LINKS, number, shown
@@ -37,6 +38,7 @@ NUMBERS = {
     "calibration": {"rising": 1, "falling": 1},
 }
 """By element: its numbers, and how many each attribute holds."""
+LIMITS = tuple(NUMBERS["limit"])
 NEEDED = {
     "mass": ("value",),
     "inertia": tuple(NUMBERS["inertia"]),
@@ -149,7 +151,10 @@ def parse(path: Path) -> ET.Element:
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:  # also an encoding that nobody knows
-        raise UrdfError(f"{path}: not an XML file ({error}); expand xacro files first, with 'xacro'") from error
+        if b"<xacro:" in data:
+            raise _is_xacro(path, "<xacro: ...>") from error
+        raise UrdfError(f"{path}: not an XML file ({error}); correct it") from error
+    _refuse_xacro(root, path)
     if root.tag not in ("robot", MJCF):
         raise UrdfError(f"{path}: the root element is <{root.tag[:60]}>, not <robot>; give a URDF file")
     level = [root]
@@ -158,6 +163,31 @@ def parse(path: Path) -> ET.Element:
     if level:  # elements in one another without end, which no program can write again
         raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
     return root
+
+
+def _refuse_xacro(root: ET.Element, path: Path) -> None:
+    """Refuse macros, which a reader of URDFs leaves out without a word; that their namespace is declared means nothing.
+
+    Raises:
+        UrdfError: names the first, and says how to expand it.
+    """
+    for element in root.iter():
+        space, _, tag = str(element.tag).rpartition("}")
+        if space.endswith("xacro"):
+            raise _is_xacro(path, f"<xacro:{shown(tag)}>")
+    for part in (*root.findall("link"), *root.findall("joint")):
+        for element in part.iter():
+            for key in NUMBERS.get(element.tag, ()):
+                if "$" in element.get(key, ""):
+                    raise _is_xacro(path, f'{key}="{shown(element.get(key, ""))}"')
+
+
+def _is_xacro(path: Path, found: str) -> UrdfError:
+    file = quote(str(path))
+    return UrdfError(
+        f"{path}: is a xacro file, as it holds {found}: expand it with 'xacro {file} > robot.urdf' (xacro is a part of "
+        "ROS, or: pip install xacro), and give robot.urdf"
+    )
 
 
 def check_tree(root: ET.Element, path: Path) -> None:
@@ -221,10 +251,10 @@ def check_schema(path: Path) -> list[str]:
 
 
 def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
-    """Check that every joint of the arm says how far, how fast and how strongly it moves.
+    """Check what the joints of the arm say of how far, how fast and how strongly they move; they need not say it.
 
     Raises:
-        UrdfError: an unknown joint, or one without usable limits.
+        UrdfError: an unknown joint, or a limit that contradicts itself.
     """
     by_name = {joint.get("name"): joint for joint in root.findall("joint")}
     for name in joints:
@@ -232,17 +262,11 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         if joint is None:
             raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
         limit = joint.find("limit")
-        needed = ["effort", "velocity"]
-        if joint.get("type") != "continuous":
-            needed = ["lower", "upper", *needed]
-        missing = [key for key in needed if limit is None or limit.get(key) is None]
-        if missing:
-            raise UrdfError(f"{path}: joint '{name}' has no limit {', '.join(missing)}; add it to its <limit>")
-        values = {key: float(limit.get(key, "")) for key in needed} if limit is not None else {}
+        values = {key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMITS}
         for key in ("effort", "velocity"):
-            if not values[key] > 0:
+            if values.get(key, 0.0) < 0.0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")
-        if "lower" in values and not values["lower"] < values["upper"]:
+        if values.get("lower", 0.0) > values.get("upper", 0.0):
             raise UrdfError(
                 f"{path}: joint '{name}' has limits {values['lower']:g} to {values['upper']:g}; "
                 "the lower one must be the smaller"

@@ -48,10 +48,12 @@ class Arm:
         """Names from base to tool."""
         return self.robot.joint_names
 
-    @property
+    @cached_property
     def model(self) -> pin.Model:
-        """For Pinocchio."""
-        return self.robot.model
+        """Rigid bodies for Pinocchio; rotors, which an MJCF may describe, are effects here."""
+        model = self.robot.model.copy()
+        model.armature = np.zeros(model.nv)
+        return model
 
     @cached_property
     def slides(self) -> tuple[bool, ...]:
@@ -70,8 +72,15 @@ class Arm:
 
     @cached_property
     def without_inertia(self) -> tuple[str, ...]:
-        """Links that the joints move and that weigh nothing, with all that is fixed to them."""
-        weightless = {i + 1 for i, mass in enumerate(self.described[:, 0]) if not mass > 0.0}
+        """Links that the joints move and that weigh nothing, with all that is fixed to them.
+
+        Not those between two joints of one place, as in a wrist, where nothing could weigh anything.
+        """
+        between = {
+            parent for parent, place in zip(self.model.parents, self.model.jointPlacements, strict=True)
+            if not np.any(place.translation)
+        }  # fmt: skip
+        weightless = {i + 1 for i, mass in enumerate(self.described[:, 0]) if not mass > 0.0} - between
         bodies = {f.parentJoint: f.name for f in reversed(list(self.model.frames)) if f.type == pin.FrameType.BODY}
         return tuple(bodies[joint] for joint in sorted(weightless))
 
@@ -99,9 +108,9 @@ class Arm:
         if joint == BASE:
             return quantity.parameter(effect, short)
         i = self.joints.index(joint)
-        effort = float(self.robot.limits.effort[i])
+        effort = float(self.model.effortLimit[i])
         torque, angle = _powers(quantity.unit)
-        strength = effort / USUAL_EFFORT if np.isfinite(effort) and effort > 0 else 1.0
+        strength = effort / USUAL_EFFORT if np.isfinite(effort) else 1.0
         length = METRES_PER_RADIAN if self.slides[i] else 1.0
         scale = strength**torque * length**angle
         adapted = replace(

@@ -58,8 +58,8 @@ class ArmPosture:
         parameters: p, ten numbers per link as in `PER_LINK`, (10 n,) [kg, kg m, kg m^2].
         jacobian: of the tool point in base axes, linear rows first, (6, n) [m/rad or 1, 1 or 0].
         manipulability: Yoshikawa's measure for shifting the tool; 0 at a singularity.
-        speed: what the joints' velocity limits let the tool point reach; its orientation is free.
-        force: what the torque limits, less gravity, let the tool point exert at rest.
+        speed: what the joints' velocity limits let the tool point reach; its orientation is free. None without limits.
+        force: what the torque limits, less gravity, let the tool point exert at rest. None without limits.
     """
 
     q: Array
@@ -78,8 +78,8 @@ class ArmPosture:
     parameters: Array
     jacobian: Array
     manipulability: float
-    speed: Ellipsoid
-    force: Ellipsoid
+    speed: Ellipsoid | None
+    force: Ellipsoid | None
 
 
 def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = None) -> ArmPosture:
@@ -109,7 +109,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
         v=read_only(rate),
         tool_position=read_only(pose.translation),
         tool_rotation=read_only(pose.rotation),
-        margin=read_only(robot.limits.margin(at)),
+        margin=read_only(_margin(robot, at)),
         gravity=read_only(gravity),
         springs=read_only(robot.spring_torque(at)),
         inertia=read_only(upper + np.triu(upper, 1).T),
@@ -121,8 +121,8 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
         parameters=read_only(np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])),
         jacobian=read_only(jacobian),
         manipulability=float(np.sqrt(max(0.0, volume))),
-        speed=_speed(linear, robot.limits.velocity),
-        force=_force(linear, robot.limits.effort, gravity),
+        speed=_speed(linear, model.velocityLimit) if np.isfinite(model.velocityLimit).all() else None,
+        force=_force(linear, model.effortLimit, gravity) if np.isfinite(model.effortLimit).all() else None,
     )
 
 
@@ -190,16 +190,21 @@ def _checked(robot: Robot, values: ArrayLike, kind: str) -> Array:
     return array
 
 
+def _margin(robot: Robot, q: Array) -> Array:
+    """Distance (n,) of each joint to its nearer position limit, infinite where it has none."""
+    return np.asarray(np.minimum(q - robot.model.lowerPositionLimit, robot.model.upperPositionLimit - q))
+
+
 def _check_limits(robot: Robot, q: Array) -> None:
-    margin = robot.limits.margin(q)
+    margin = _margin(robot, q)
     if margin.min() >= -1e-9:
         return
     joint = int(margin.argmin())
     message = (
         f"robot '{robot.name}': joint '{robot.joint_names[joint]}' at {q[joint]:g} is outside its limits "
-        f"{robot.limits.lower[joint]:g} to {robot.limits.upper[joint]:g}"
+        f"{robot.model.lowerPositionLimit[joint]:g} to {robot.model.upperPositionLimit[joint]:g}"
     )
-    inside = robot.limits.margin(np.deg2rad(q)).min() >= 0
+    inside = _margin(robot, np.deg2rad(q)).min() >= 0
     if inside and np.abs(q).max() > LOOKS_LIKE_DEGREES:
         raise InputError(f"{message}; these look like degrees: give radians")
     raise InputError(f"{message}; choose a posture within them")

@@ -74,7 +74,7 @@ class Columns:
         return self._columns(self._states(motion))
 
     def torque(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj) what the motors give for the arm as described, N m or N; damping and springs counted in."""
+        """(n, nj) what the motors give for the arm as described, N m or N; damping, rotors and springs counted in."""
         return self._torque(self._states(motion))
 
     def _states(self, motion: AxisMotion) -> Stretch:
@@ -89,7 +89,8 @@ class Columns:
     def _torque(self, states: Stretch) -> np.ndarray:
         robot, motion = self.arm.robot, states.motion
         springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
-        return states.described + np.asarray(self.arm.model.damping) * motion.v + springs
+        drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a
+        return states.described + drives + springs
 
     def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, Gradient]:
         """Columns (n, nj, P) and torques (n, nj), and how a number follows from them by the chain rule.

@@ -181,13 +181,13 @@ class ArmRun:
         return self._beyond(motion) + float(self._too_strong(torques))
 
     def _beyond(self, motion: Motion) -> float:
-        limits = self.model.arm.robot.limits
-        beyond = (motion.q < limits.lower - MARGIN) | (motion.q > limits.upper + MARGIN)
+        described = self.model.arm.model
+        beyond = (motion.q < described.lowerPositionLimit - MARGIN) | (motion.q > described.upperPositionLimit + MARGIN)
         return BEYOND * float(np.count_nonzero(beyond.mean(axis=0) > SELDOM))
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
         """(...) nats of (..., J, n) torques."""
-        limit = STRONGER * self.model.arm.robot.limits.effort[self.of_joint, None]
+        limit = STRONGER * self.model.arm.model.effortLimit[self.of_joint, None]
         return BEYOND * np.count_nonzero((np.abs(torques) > limit).mean(axis=-1) > SELDOM, axis=-1)
 
     def rough(self, meanings: Sequence[Meaning]) -> np.ndarray:
@@ -285,11 +285,11 @@ class ArmRun:
     @cached_property
     def _effort(self) -> np.ndarray:
         """(nj,) N m or N: what the joints are made for, or, where nobody wrote it, what they hold."""
-        limits = np.array(self.model.arm.robot.limits.effort)
+        limits = np.array(self.model.arm.model.effortLimit)
         held = np.abs(inverse_dynamics(self.model.arm.model, *(self.motion.q, self.motion.v, self.motion.a))).max(
             axis=0
         )
-        return np.where(np.isfinite(limits) & (limits > 0.0) & (limits < 1e4), limits, 2.0 * held + 1e-6)
+        return np.where(limits < 1e4, limits, 2.0 * held + 1e-6)
 
     @cached_property
     def _own(self) -> ArmModel:

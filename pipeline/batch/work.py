@@ -6,6 +6,7 @@ import hashlib
 import json
 import threading
 import time
+import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import ArmdynError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
+from urdf import DescriptionWarning
 from urdf.table_file import read_table
 
 if TYPE_CHECKING:
@@ -103,7 +105,8 @@ class Outcome:
 
 def work(job: Job) -> Outcome:
     """Do a job; whatever is wrong with the recording becomes part of the outcome."""
-    with _one_at_a_time:
+    with _one_at_a_time, warnings.catch_warnings():
+        warnings.simplefilter("ignore", DescriptionWarning)  # whoever asks for the batch has been told
         began = time.perf_counter()
         try:
             found = _found(job)

@@ -65,7 +65,7 @@ def _document(robot: "Robot", posture: "ArmPosture") -> Document:
             Column("velocity", posture.v.tolist(), ".3f"),
             Column("gravity", posture.gravity.tolist(), ".3f"),
             Column("springs", posture.springs.tolist(), ".2f"),
-            Column("limit", robot.limits.effort.tolist(), ".1f"),
+            Column("limit", robot.model.effortLimit.tolist(), ".1f"),
             Column("", torques),
         ]
     )
@@ -75,8 +75,8 @@ def _document(robot: "Robot", posture: "ArmPosture") -> Document:
     ]
     if posture.v.any():
         sections.append(Section("Coriolis C [N m s]", tables=[_matrix(robot, posture.coriolis)]))
-    sections.append(_ellipsoid("speed of the tool [m/s]", posture.speed))
-    sections.append(_ellipsoid("force at the tool, at rest [N]", posture.force))
+    sections += _ellipsoid("speed of the tool [m/s]", posture.speed)
+    sections += _ellipsoid("force at the tool, at rest [N]", posture.force)
     x, y, z = posture.tool_position
     return Document(
         f"Posture of {robot.name}",
@@ -101,12 +101,14 @@ def _matrix(robot: "Robot", values: "FloatArray") -> Table:
     return Table([Column("", robot.joint_names), *columns])
 
 
-def _ellipsoid(title: str, ellipsoid: "Ellipsoid") -> Section:
+def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
+    if ellipsoid is None:
+        return []
     x, y, z = ellipsoid.along
     axes = [Column(name, row.tolist(), ".3f") for name, row in zip("xyz", ellipsoid.axes, strict=True)]
     sentence = f"Straight along x {x:.3f}, y {y:.3f}, z {z:.3f}, joint by joint; the semi-axes of the ellipsoid:"
     table = Table([Column("length", ellipsoid.lengths.tolist(), ".3f"), *axes])
-    return Section(title, sentence, tables=[table])
+    return [Section(title, sentence, tables=[table])]
 
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
@@ -129,9 +131,8 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in PER_LINK],
         **fields(posture, "parameters jacobian manipulability"),
         **{
-            f"{name}_ellipsoid": fields(
-                ellipsoid, "axes= lengths along_xyz=", axes=ellipsoid.axes.T, along_xyz=ellipsoid.along
-            )
+            f"{name}_ellipsoid": ellipsoid
+            and fields(ellipsoid, "axes= lengths along_xyz=", axes=ellipsoid.axes.T, along_xyz=ellipsoid.along)
             for name, ellipsoid in (("speed", posture.speed), ("force", posture.force))
         },
         "defects": list(robot.defects),

@@ -10,7 +10,7 @@ import typer
 import typer.core
 
 from armdyn.errors import InputError
-from pipeline.console.options import JointsOption, JsonOption, ToolOption, choices, names_in
+from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
 
@@ -78,21 +78,21 @@ def arm(
     tool: ToolOption = None,
 ) -> None:
     """The rigid bodies of any URDF or MJCF, held against joint torques; the longest chain where no joints are given."""
+    from armdyn.arm.described import with_described_effects
     from armdyn.arm.model import arm_model
     from armdyn.model_file import ModelFile
 
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
-    made = arm_model(urdf or mjcf, robot, names_in(joints), tool=tool)
+    made = with_described_effects(arm_model(urdf or mjcf, robot, names_in(joints), tool=tool))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
-    _write(target, ModelFile(made, description), choices(made.arm.robot))
-    if target.json_file != Path("-"):
-        for link in made.arm.without_inertia:
-            typer.echo(
-                f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs "
-                "will be told as an effect: write its mass, centre and inertia into the URDF"
-            )
+    weightless = [
+        f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs will be "
+        "told as an effect: write its mass, centre and inertia into the URDF"
+        for link in made.arm.without_inertia
+    ]
+    _write(target, ModelFile(made, description), (*made.arm.robot.notes, *weightless))
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
@@ -124,8 +124,9 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
 
     def answer() -> dict[str, Any]:
         parameters = {name: {"value": p.value, "unit": p.unit} for name, p in shared.items()}
-        about = {"schema": "armdyn.model/1", "file": str(path), "effects": [], "parameters": parameters}
-        return {**about, **model.described(path.parent), **description}
+        effects = [effect.label for effect in model.effects]
+        about = {"schema": "armdyn.model/1", "file": str(path), "effects": effects, "parameters": parameters}
+        return {**about, **model.described(path.parent), **description, **({"notes": list(notes)} if notes else {})}
 
     if write_answer(target.json_file, answer):
         what = [f"{name} {p.value:g} {p.unit}" for name, p in shared.items()]

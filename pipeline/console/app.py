@@ -16,6 +16,7 @@ from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline import commands
 from pipeline.console.groups import with_groups
+from pipeline.console.noticed import noticed, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
 from urdf.bounds import LARGEST, is_sane, shown
@@ -72,9 +73,11 @@ def run(interrupts: Interrupts) -> int:
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """
-    with tolerant_streams() as problem_of_output:
+    with tolerant_streams() as problem_of_output, noticing():
         try:
             status = _run_command(interrupts)
+            for sentence in noticed():
+                _say(f"CHECK: {sentence}", status)
         except BaseException as error:
             status = _say_why(error, interrupts)
         problem = problem_of_output()

@@ -138,14 +138,6 @@ def missing_meshes(robot: "Robot") -> list[str]:
     return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
 
 
-def choices(robot: "Robot") -> list[str]:
-    """Sentences on the gripper's joints that an arm was taken without, and on what an MJCF did not say."""
-    from urdf.infer import LEFT_OUT
-    from urdf.mjcf import ASSUMED
-
-    return [sentence for sentence in robot.defects if sentence.startswith((LEFT_OUT, ASSUMED))]
-
-
 def numbers(text: str, option: str) -> list[float]:
     """Numbers separated by commas.
 

@@ -16,6 +16,7 @@ import typer
 
 from armdyn.document import MOST_ROWS
 from armdyn.errors import InputError
+from pipeline.console.noticed import noticed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -138,7 +139,8 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
     """
     from armdyn import atomic
 
-    text = json.dumps(answer, indent=1, allow_nan=False)
+    said = {"warnings": list(noticed())} if noticed() else {}
+    text = json.dumps({**answer, **said}, indent=1, allow_nan=False)
     if file == Path("-"):
         if sys.__stdout__ is None:
             raise InputError("cannot write to standard output: it is closed; give --json a file")

@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import about_centre, is_physical, joint_axes
+from armdyn.arm.rigid import about_centre, joint_axes
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, parts_of
+from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, need_body, parts_of
 from urdf.write import numbers_text
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
@@ -21,6 +21,8 @@ DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1
 without armature slides through it at 2 rad/s, and its sign changes with the acceleration at speeds of 0.03 rad/s."""
 LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
+LEAST = 1e-12
+"""kg and kg m^2; MuJoCo refuses bodies that have less than 1e-15, and no torque shows this much."""
 THICKNESS = 0.02
 """m; radius of the capsules that show the links."""
 
@@ -30,12 +32,7 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     arm, parts = model.arm.model, parts_of(model)
     notes = [*left_over(model, HELD["mujoco"], "MuJoCo"), "shapes: capsules stand for the links, nothing collides"]
     root = ET.Element("mujoco", model=arm.name or "arm")
-    unphysical = [joint.name for joint in parts.joints if not is_physical(joint.link)]
-    compiler = {"angle": "radian", "autolimits": "true"}
-    if unphysical:
-        compiler["balanceinertia"] = "true"
-        notes.append(f"the links of {', '.join(unphysical)} have inertias that no body has: MuJoCo changes them")
-    ET.SubElement(root, "compiler", compiler)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
@@ -43,8 +40,8 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
     actuators = ET.SubElement(root, "actuator")
-    for joint, effort in zip(parts.joints, model.arm.robot.limits.effort.tolist(), strict=True):
-        limited = {"ctrlrange": f"{-effort!r} {effort!r}"} if np.isfinite(effort) and effort > 0 else {}
+    for joint, effort in zip(parts.joints, arm.effortLimit.tolist(), strict=True):
+        limited = {"ctrlrange": f"{-effort!r} {effort!r}"} if np.isfinite(effort) else {}
         ET.SubElement(actuators, "motor", {"name": joint.name, "joint": joint.name, **limited})
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
@@ -52,7 +49,7 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:
     """A body for every joint, in their order, and the tool's place."""
-    arm, limits = model.arm.model, model.arm.robot.limits
+    arm = model.arm.model
     names = _link_names(model)
     bodies: list[ET.Element] = []
     axes = joint_axes(arm)
@@ -66,9 +63,14 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.
             quat=_quaternion(np.asarray(placement.rotation)),
         )
         mass, centre, inertia = about_centre(joint.link)
+        inertia = _for_mujoco(names[i], inertia)
         moments = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
         ET.SubElement(
-            body, "inertial", pos=numbers_text(centre), mass=repr(mass), fullinertia=numbers_text(np.array(moments))
+            body,
+            "inertial",
+            pos=numbers_text(centre),
+            mass=repr(max(mass, LEAST)),
+            fullinertia=numbers_text(np.array(moments)),
         )
         slides = model.arm.slides[i]
         axis = axes[i][:3] if slides else axes[i][3:]
@@ -78,7 +80,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.
         attributes = {key: repr(value) for key, value in dynamics.items() if value}
         if joint.friction:
             attributes |= DRY
-        lower, upper = float(limits.lower[i]), float(limits.upper[i])
+        lower, upper = float(arm.lowerPositionLimit[i]), float(arm.upperPositionLimit[i])
         if np.isfinite(lower) and np.isfinite(upper):
             attributes["range"] = f"{lower!r} {upper!r}"
         ET.SubElement(
@@ -97,6 +99,19 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.
         size="0.01",
     )
     return bodies
+
+
+def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
+    """The inertia (3, 3), kg m^2, of a link that may be a point, a rod or a plate, within MuJoCo's bounds.
+
+    Raises:
+        InputError: no body has it.
+    """
+    need_body(link, inertia)
+    moments, axes = np.linalg.eigh(inertia)
+    low, middle, high = np.maximum(moments, LEAST)
+    bounded = np.array([low, middle, min(high, low + middle)])
+    return inertia if np.array_equal(bounded, moments) else (axes * bounded) @ axes.T
 
 
 def _add_shapes(bodies: list[ET.Element], model: ArmModel) -> None:

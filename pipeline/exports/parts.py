@@ -7,6 +7,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from armdyn.arm.model import ArmModel
+from armdyn.errors import InputError
+from urdf.mend import no_body
 
 LINKS = frozenset({"link_inertia", "payload"})
 HELD = {
@@ -92,6 +94,17 @@ def parts_of(model: ArmModel) -> ArmParts:
         for i, name in enumerate(model.joints)
     )
     return ArmParts(joints, model.gravity())
+
+
+def need_body(link: str, inertia: np.ndarray) -> None:
+    """Refuse to write an inertia about the centre, (3, 3) kg m^2, that no body has: other programs refuse to read it.
+
+    Raises:
+        InputError: names the link and the condition.
+    """
+    wrong = no_body(inertia)
+    if wrong:
+        raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 
 
 def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True) -> list[str]:

@@ -12,7 +12,8 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
 from pipeline.exports.format import Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, child_link, left_over, parts_of
+from pipeline.exports.parts import HELD, JointParts, child_link, left_over, need_body, parts_of
+from urdf.robot import IN_A_URDF
 from urdf.write import MOMENTS, add_joint, inertial_element
 
 MOUNTING = "armdyn_world"
@@ -24,12 +25,19 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     robot = model.arm.robot
     root = ET.fromstring(robot.urdf_xml)
     notes = left_over(model, HELD["urdf"], "a URDF")
+    gravity = robot.model.gravity.linear
+    if not np.array_equal(gravity, IN_A_URDF.gravity):
+        notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
     bare = model.without_effect("payload") if model.joints_with("payload") else model
     for joint in parts_of(bare).joints:
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
             notes += _set_link(root, str(child_link(element)), joint)
+    moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
+    for link in root.findall("link"):
+        if link.get("name") in moved:
+            need_body(str(link.get("name")), about_centre(_inertial(link))[2])
     if bare is not model:
         _add_payload(root, model)
     if any(effect.reach == "base" for effect in model.effects):

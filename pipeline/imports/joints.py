@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.imports.words import IDLE, Label, words_of
 from urdf import Robot
-from urdf.infer import gripper_joints
+from urdf.gripper import gripper_joints
 from urdf.validate import MOVING
 
 MESSAGE = ("position", "velocity", "effort")
@@ -28,7 +28,7 @@ IN_AMPERE = "UR's drivers publish currents as efforts"
 
 @dataclass(frozen=True)
 class Range:
-    """What a joint may do: slides or turns; how far it is from zero at most in rad or m, effort in N m or N."""
+    """What a joint may do: slides or turns; distance from zero, rad or m; effort, N m or N; infinite if unknown."""
 
     slides: bool
     reach: float
@@ -58,13 +58,14 @@ class Joints:
     @classmethod
     def of(cls, robot: Robot) -> "Joints":
         """Of a robot, and of everything else in its description."""
-        root, limits = ET.fromstring(robot.urdf_xml), robot.limits
+        root, model = ET.fromstring(robot.urdf_xml), robot.model
         moving = [str(j.get("name")) for j in root.findall("joint") if j.get("type") in MOVING]
         grippers = {name for name in gripper_joints(root) if name not in robot.joint_names}
         mimics = {str(j.get("name")) for j in root.findall("joint") if j.find("mimic") is not None}
         arm = robot.joint_names
-        slides = [joint.shortname().startswith("JointModelP") for joint in list(robot.model.joints)[1:]]
-        reach, effort = np.maximum(np.abs(limits.lower), np.abs(limits.upper)).tolist(), limits.effort.tolist()
+        slides = [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
+        reach = np.maximum(np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)).tolist()
+        effort = model.effortLimit.tolist()
         ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, effort, strict=True)}
         others = tuple(name for name in moving if name not in {*arm, *grippers, *mimics})
         return cls(arm, others, tuple(grippers), ranges)

@@ -167,11 +167,14 @@ def known_arm(folder: Path, robot: str) -> Path:
 
 
 def _arm_of(path: Path) -> Dropped:
+    from armdyn.arm.described import with_described_effects
     from armdyn.arm.model import arm_model
 
-    made = arm_model(path)
+    made = with_described_effects(arm_model(path))
+    said = [f"{path.name}: an arm with the joints {', '.join(made.joints)}"]
+    said += [*made.arm.robot.warnings, *made.arm.robot.notes]
     model = _write_model(path.with_suffix(".toml"), ModelFile(made, {"joints": list(made.joints)}))
-    return Dropped("model", model, f"{path.name}: an arm with the joints {', '.join(made.joints)}")
+    return Dropped("model", model, ". ".join(said))
 
 
 def _toml(path: Path) -> Dropped:

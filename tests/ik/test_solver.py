@@ -81,7 +81,8 @@ def test_targets_beyond_reach_are_named_with_their_distance(baxter, collisions) 
 def test_a_target_that_only_limits_forbid_names_the_joint(baxter, collisions) -> None:
     q = np.array([0.3, 0.2, 0.1, 1.0, 0.2, 1.2, 0.1])
     narrow = replace(
-        baxter, limits=replace(baxter.limits, lower=q - 0.5, upper=q + np.array([0.5, 0.5, 0.5, -0.2, 0.5, 0.5, 0.5]))
+        baxter,
+        given_limits=replace(baxter.limits, lower=q - 0.5, upper=q + np.array([0.5, 0.5, 0.5, -0.2, 0.5, 0.5, 0.5])),
     )
     pose = baxter.tool_pose(q)
     line = replace(baxter.line, origin=pose.translation, rotation=pose.rotation)

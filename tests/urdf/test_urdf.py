@@ -35,6 +35,7 @@ def third(limit: str, kind: str = "revolute") -> str:
     return arm(third=joint("j2", "l2", "l3", kind=kind, limit=limit))
 
 
+XACRO = '<xacro:if xmlns:xacro="http://www.ros.org/wiki/xacro" value="1"/>'
 AB, ABC = link("a") + link("b"), link("a") + link("b") + link("c")
 REFUSED = {
     "empty": ("", "not an XML file"),
@@ -47,10 +48,7 @@ REFUSED = {
     "cycle": (robot(AB, joint("j", "a", "b"), joint("k", "b", "a")), "the links form a cycle, . -> . -> .;"),
     "two roots": (robot(ABC, joint("j", "a", "b")), r"2 links have no parent \(a, c\)"),
     "same name": (robot(AB, link("b"), joint("j", "a", "b")), "link 'b' is defined twice"),
-    "no limit": (third(""), "joint 'j2' has no limit lower, upper, effort, velocity"),
-    "endless, no limit": (third("", "continuous"), "joint 'j2' has no limit effort, velocity"),
-    "no speed": (third('<limit lower="-1" upper="1" effort="1"/>'), "joint 'j2' has no limit velocity"),
-    "speed 0": (third(LIMIT.replace('velocity="2"', 'velocity="0"')), "'j2' has velocity limit 0; it must be positive"),
+    "speed below 0": (third(LIMIT.replace('"2" effort', '"-2" effort')), "velocity limit -2; it must be positive"),
     "range reversed": (third(LIMIT.replace("-1.5", "3")), "'j2' has limits 3 to 2; the lower one must be the smaller"),
     "text": (third(LIMIT.replace('"2"', '"fast"', 1)), "'j2': limit has upper=\"fast\"; it must be a finite number"),
     "nan": (third(LIMIT.replace('"30"', '"nan"')), "'j2': limit has effort=\"nan\"; it must be a finite number"),
@@ -63,6 +61,9 @@ REFUSED = {
     "mimics nobody": (third(f'{LIMIT}<mimic joint="j9"/>'), "mimics 'j9'; name another joint"),
     "no name": (robot('<link name=" "/>', link("a"), joint("j", " ", "a")), "has no usable name"),
     "universe": (robot(AB, joint("universe", "a", "b")), "Pinocchio uses this name itself"),
+    "xacro": (robot(XACRO), "is a xacro file, as it holds <xacro:if>: expand it with 'xacro"),
+    "xacro, not declared": (robot("<xacro:if/>"), "is a xacro file"),
+    "xacro, a value": (arm(last=link("l6", "${m}")), r'is a xacro file, as it holds value="\${m}": expand it'),
     "deep": (robot(60 * "<x>" + 60 * "</x>"), "nested more than 50 deep"),
 }
 
@@ -114,6 +115,50 @@ def test_what_can_be_mended_or_left_is_listed(toy, text: str, sentence: str) -> 
         assert (loaded.limits.lower[2], loaded.limits.upper[2]) == pytest.approx((-2 * np.pi, 2 * np.pi))
     if "moments" in sentence:
         assert loaded.model.inertias[6].inertia[0, 0] == 0.05
+
+
+LACKING = {
+    "no limit": (third(""), "position and velocity and effort"),
+    "endless, no limit": (third("", "continuous"), "velocity and effort"),
+    "no speed": (third('<limit lower="-1" upper="1" effort="1"/>'), "velocity"),
+    "zeros": (third('<limit lower="0" upper="0" effort="0" velocity="0"/>'), "position and velocity and effort"),
+    "effort 0": (third(LIMIT.replace('"30"', '"0"')), "effort"),
+}
+
+
+@pytest.mark.parametrize(("text", "lacking"), LACKING.values(), ids=LACKING)
+def test_a_limit_that_is_not_given_is_missed_only_by_what_moves_the_arm(toy, text: str, lacking: str) -> None:
+    loaded = urdf.load(toy(text))
+    assert f"joint 'j2' has no limit of {lacking}, which check, excite and trials need" in loaded.notes
+    whole = urdf.load(toy(arm()))
+    q = np.full(6, 0.3)
+    np.testing.assert_array_equal(tool(loaded, q), tool(whole, q))
+    with pytest.raises(urdf.UrdfError, match=f"toy.urdf: joint 'j2' has no limit of {lacking}: write it"):
+        _ = loaded.limits
+
+
+def tool(loaded: urdf.Robot, q: np.ndarray) -> np.ndarray:
+    return loaded.tool_pose(q).homogeneous
+
+
+def test_a_joint_that_the_arm_carries_and_lacks_is_named(toy) -> None:
+    notes = urdf.load(toy(arm()), joints=("j0", "j1", "j3")).notes
+    assert "j2, j4, j5 held at 0; name the joints to let them move" in notes
+
+
+def test_friction_of_a_urdf_is_no_part_of_the_model_and_named(toy) -> None:
+    (note,) = (n for n in urdf.load(toy(third(f'{LIMIT}<dynamics damping="0.7" friction="0"/>'))).notes if "<dyn" in n)
+    assert note.startswith("damping of <dynamics> (j2 0.7) is no part of the model: add joint_viscous_friction")
+
+
+def test_an_inertia_of_the_arm_that_was_replaced_or_is_impossible_is_warned_of(toy) -> None:
+    shape = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    heavy, impossible = link("l6", ixx=9.0, shape=shape), link("l6", ixx=-0.01)
+    for last, said in ((heavy, "inertia of l6 replaced by"), (impossible, "link 'l6': principal moments -0.01")):
+        with pytest.warns(urdf.DescriptionWarning, match=said):
+            assert any(said in warning for warning in urdf.load(toy(arm(last=last))).warnings)
+    far = urdf.load(toy(arm(last=impossible)), joints=("j0", "j1"))
+    assert len(far.warnings) == 1  # it still hangs on them
 
 
 def test_the_longest_chain_is_the_arm_and_its_last_link_the_tool(toy) -> None:
