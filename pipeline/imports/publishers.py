@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import FloatArray
+from armdyn.channels import MIN_SAMPLES, FloatArray
 from armdyn.errors import InputError
 from armdyn.tracks import second_track
 from pipeline.imports.foreign import SECOND, Account, Column
@@ -120,7 +120,7 @@ class _Series:
         said: dict[str, bool] = {}
         for samples in self.columns.values():
             quantity = samples.channel.partition(".")[0]
-            said[quantity] = said.get(quantity, False) or len(set(samples.value)) > 1
+            said[quantity] = said.get(quantity, False) or len(set(samples.value)) >= MIN_SAMPLES
         return said.get("q", True), said.get("tau", False), len(self.stamps)
 
 
@@ -158,11 +158,15 @@ class Publishers:
 
         Raises:
             InputError: there are too many messages.
+            ValueError: it says nothing.
         """
         for part, found in values.items():
             if found is not None and len(found) not in (0, len(names)):
                 self._odd[topic, part, len(found), len(names)] += 1
-        self.take(topic, publisher, stamp, received, list(_joint_entries(topic, names, values)), tuple(names))
+        entries = list(_joint_entries(topic, names, values))
+        if not entries:
+            raise ValueError("it says nothing of its joints")
+        self.take(topic, publisher, stamp, received, entries, tuple(names))
 
     def take(
         self,

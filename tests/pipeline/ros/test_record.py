@@ -83,7 +83,7 @@ def state(baxter, k, late=0.0, **fields):
     ("messages", "says", "lacks"),
     [
         (lambda b, k: [state(b, k, late=-0.48 * (k % 40 == 20))], "whose stamp", ()),
-        (lambda b, k: [state(b, k, late=1e4 * (k % 40 == 20))], "whose stamp goes back", ()),
+        (lambda b, k: [state(b, k, late=50.0 * (k % 40 == 20))], "whose stamp goes back", ()),
         (lambda b, k: [state(b, k), state(b, k)], "whose stamp was there already", ()),
         (lambda b, k: [state(b, k), state(b, k, position=[0.0] * 7, velocity=[], effort=[])],
          "of a second publisher that does not move", ()),
