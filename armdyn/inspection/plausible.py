@@ -96,7 +96,7 @@ def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
 def _effort(model: ArmModel, p: Parameter) -> float | None:
     if not p.effect or p.joint not in model.joints:
         return None
-    limit = float(model.arm.robot.limits.effort[model.joints.index(p.joint)])
+    limit = float(model.arm.robot.limits.effort[model.arm.joints.index(p.joint)])
     return limit if 0.0 < limit < 1e4 else None
 
 
