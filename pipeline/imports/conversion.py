@@ -71,6 +71,7 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     notes = [*foreign.notes, *mapping.notes]
     table: tuple[FloatArray, Rows] | None = None
     accounts: list[Account] = []
+    silent: list[str] = []
     if foreign.is_table:
         with collect(problems):
             *table, account = _table_time(foreign, mapping)
@@ -85,12 +86,13 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
         elif taken.setdefault(entry.channel, name) != name:
             problems.append(f"'{taken[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
         elif why := _says_nothing(foreign.columns[name], entry):
-            notes.append(f"'{name}' {why}: no {entry.channel}")
+            silent.append(f"'{name}' {why}: no {entry.channel}")
         else:
             with collect(problems, f"'{name}'"):
                 channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
     if not (problems or channels):
-        problems.append("it has none of the columns of the mapping, or no numbers in them")
+        problems += silent or ["it has none of the columns of the mapping"]
+    notes += silent
     with collect(problems):
         check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
@@ -192,4 +194,7 @@ def _table_time(foreign: Foreign, mapping: ColumnMap) -> tuple[FloatArray, Rows,
     with at(f"'{mapping.time}'"):
         time = column.value * si_factor(mapping.time_unit or column.unit or "s", "s")
     found = dated(time)
-    return found.time, found.rows, Account("", count, len(found.rows), dict(found.left_out), found.steps)
+    account = Account("", count, len(found.rows), dict(found.left_out), found.steps)
+    if account.kept < MIN_SAMPLES:
+        raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_LINE}")
+    return found.time, found.rows, account

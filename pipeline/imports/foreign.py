@@ -104,6 +104,7 @@ class Foreign:
         notes: sentences on what was left out while reading.
         texts: by name: what a column of text says that says the same throughout, such as a joint's name.
         accounts: by topic: what became of its messages; of a table that is not known before its time is.
+        headed: False of a table without a header, whose columns are called by their place.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Foreign:
     notes: tuple[str, ...] = field(default=())
     texts: Mapping[str, str] = field(default_factory=dict)
     accounts: Mapping[str, Account] = field(default_factory=dict)
+    headed: bool = True
 
     @property
     def is_table(self) -> bool:

@@ -136,12 +136,35 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     else:
         claims, known = pendulum_claims(labels), PARTS
     seconds = first.columns[time].value * si_factor(unit, "s") if time else None
+    if not first.headed:
+        claims = _by_place(first, time, known)
     free = [claim for claim in claims if claim.channel not in {entry.channel for entry in entries.values()}]
     entries |= judged_entries(best_claims(free), columns, known, first, seconds)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
     return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why, rate=rate)
+
+
+def _by_place(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
+    """What columns without a header may be: positions, speeds and torques of all joints, in this order.
+
+    Raises:
+        InputError: they are not so many.
+    """
+    names, arm = [name for name in foreign.columns if name != time], known.arm
+    quantities = {1: ("q",), 2: ("q", "tau"), 3: ("q", "v", "tau")}.get(len(names) // len(arm) if arm else 0, ())
+    if len(names) != len(quantities) * len(arm) or not names:
+        raise InputError(
+            f"{foreign.name}: has no header: say which column is what with a mapping, --map, whose columns are "
+            f"{_some(map(repr, foreign.columns))}"
+        )
+    doubt = f"no header says so: taken in the order {', '.join(quantities)}"
+    places = [(quantity, joint) for quantity in quantities for joint in arm]
+    return [
+        Claim(name, f"{quantity}.{joint}", joint, Label((), quantity, "", True, ()), (doubt,))
+        for name, (quantity, joint) in zip(names, places, strict=True)
+    ]
 
 
 def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:

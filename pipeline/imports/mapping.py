@@ -28,7 +28,7 @@ from armdyn.toml_file import read_toml
 from armdyn.units import parse_quantity
 from urdf.table_file import Check, TableFileError, join_problems, read_as
 
-TIME_LINE = 'time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" }'
+TIME_LINE = 'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" }'
 SLOWEST_RATE, FASTEST_RATE = 0.1, 1e5
 """Hz, of the rows of a recording."""
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
@@ -103,7 +103,7 @@ def read_map(path: Path) -> ColumnMap:
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
     if not isinstance(time, dict) or not (set(time) <= {"column", "unit"} or set(time) == {"rate"}):
-        problems.append(f"time: write it as {TIME_LINE}")
+        problems.append(f"time: {TIME_LINE}")
         time = {}
     with collect(problems, "time"):
         check_rate(str(time.get("rate", "")))
