@@ -142,7 +142,13 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     entries |= judged_entries(best_claims(free), columns, known, first, seconds)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
-        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
+        places = {"x", "y"} <= {word for label in labels.values() for word in label.words}
+        how = (
+            "x and y of a load are no channels: let the video's program write its angle, 0 hanging, besides"
+            if places
+            else "write a mapping, --map"
+        )
+        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
     return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why, rate=rate)
 
 
@@ -220,7 +226,7 @@ def _is_arm(labels: Mapping[str, Label]) -> bool:
     )
 
 
-_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha"}
+_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha", "gyro", "gyroscope"}
 
 
 def _name_column(name: str, label: Label) -> str:
