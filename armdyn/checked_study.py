@@ -5,7 +5,7 @@ value told before the recordings are inspected, nor where nothing can have the v
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -116,6 +116,7 @@ class CheckedStudy:
             [run if isinstance(run, Run) else read_run(run) for run in given] for given in (runs, held_out, exam)
         )
         every = [*training, *others, *last]
+        known = replace(known, file=replace(known.file, model=known.file.model.following(every)))
         for run in every:
             check_run(known.file.model, run, [find(adding, known.catalogue)] if adding is not None else ())
         found = known.inspect(every)

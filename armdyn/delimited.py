@@ -25,6 +25,10 @@ MISSING = frozenset({"", "nan", "-nan", "+nan"})
 IntArray = npt.NDArray[np.int64]
 
 
+class CutOffError(InputError):
+    """A file ends in the middle of its last row, or may do so."""
+
+
 @dataclass(frozen=True, eq=False)
 class Delimited:
     """A table of n rows and c columns.
@@ -102,8 +106,8 @@ def parse_delimited(
         decimal_comma: whether a cell ``0,5`` is a number.
 
     Raises:
-        InputError: it has too many rows or columns, a row has another number of cells than the header, or the file ends
-            in the middle of a row.
+        CutOffError: the file ends in the middle of a row.
+        InputError: it has too many rows or columns, or a row has another number of cells than the header.
     """
     header = header_of(text)
     start = text.find(header) + len(header) + 1
@@ -139,7 +143,7 @@ def parse_delimited(
         tail = text[text.find(header) + len(header) :][-BLOCK:].split("\n")[1:]
         ends = [line.rpartition(separator)[2] for line in tail[-LOOKED_AT - 1 :] if line.strip()]
         if not is_whole(ends):
-            raise InputError(cut_off(row, ends[-1], name_and_unit(labels[-1])[0]))
+            raise CutOffError(cut_off(row, ends[-1], name_and_unit(labels[-1])[0]))
     return Delimited(labels, np.concatenate(tables), np.concatenate(rows), texts)
 
 
@@ -177,7 +181,7 @@ def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str
 def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str], unfinished: bool) -> None:
     for row, cells in lines:
         if len(cells) < len(labels) and unfinished and row == lines[-1][0]:
-            raise InputError(cut_off(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
+            raise CutOffError(cut_off(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
         if len(cells) != len(labels):
             raise InputError(
                 f"row {row} has {len(cells)} cells where the header has {len(labels)}: mend or remove the row"

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.channels import MIN_SAMPLES, Channel, FloatArray
 from armdyn.run import Run
 
 GAP, CUT = 5.0, 0.25
@@ -21,7 +21,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
     for channel in run.channels.values():
         steps = np.diff(channel.time)
         if len(steps) >= MIN_SAMPLES:
-            for i in np.flatnonzero(steps > max(GAP * float(np.median(steps)), CUT)):
+            for i in np.flatnonzero(steps > shortest_gap(channel.time)):
                 spans.append((float(channel.time[i]), float(channel.time[i + 1])))
     merged: list[tuple[float, float]] = []
     for begin, end in sorted(spans):
@@ -30,6 +30,12 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
         else:
             merged.append((begin, end))
     return merged
+
+
+def shortest_gap(time: FloatArray) -> float:
+    """s between two of (n,) stamps beyond which samples between them are missing."""
+    steps = np.diff(time)
+    return max(GAP * float(np.median(steps)), CUT) if len(steps) else CUT
 
 
 def until(run: Run, end: float) -> Run:

@@ -290,6 +290,11 @@ class Model(Shown):
         del needed
         return self
 
+    def following(self, runs: Sequence[Run]) -> Self:
+        """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
+        del runs
+        return self
+
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run as this model is compared with it; prepare every run once, before its noise is estimated.
 

@@ -22,6 +22,8 @@ _PLUS_MINUS = re.compile(r"\s*(?:\+/-|±|\+-)\s*")
 _NEWTON_METRE = re.compile(r"\bNm\b")
 
 
+ENERGY = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
+"""Units of energy, and of power for a time, by their names in pint: their dimensions are those of a torque."""
 LONGEST = 80
 """Characters of a unit."""
 _POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
@@ -64,6 +66,8 @@ def si_factor(unit: str, expected: str) -> float:
     given, wanted = _from_zero(unit), _from_zero(expected)
     if given.dimensions != wanted.dimensions:
         raise InputError(f"'{unit}' is of another kind than '{expected}': write it in '{expected}' or a multiple of it")
+    if expected == "N m" and any(name in given.names for name in ENERGY):
+        raise InputError(f"'{unit}' is a unit of energy, and a torque is none: write it in 'N m', or leave it out")
     # To pint an angle, a cycle and a per cent are all plain numbers: 3 Hz would silently become 3 rad/s.
     plain = given.factor == 1.0 and "hertz" not in given.names
     if wanted.is_angle and not given.is_angle and not plain:

@@ -38,15 +38,22 @@ class Arm:
     Attributes:
         robot: from its URDF, reduced to the arm's joints.
         file: of the URDF or settings that it was read from; None where the robot is known by name.
+        carried: joints among them that move as they were recorded, and of which nothing is asked: see `following`.
     """
 
     robot: urdf.Robot
     file: Path | None
+    carried: frozenset[str] = frozenset()
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names from base to tool."""
         return self.robot.joint_names
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Names from base to tool of the joints whose torques are explained, and on which effects act."""
+        return tuple(joint for joint in self.joints if joint not in self.carried)
 
     @cached_property
     def model(self) -> pin.Model:
@@ -86,7 +93,8 @@ class Arm:
 
     def within(self, reach: Reach) -> tuple[str, ...]:
         """Joints that an effect with this reach can act on, or `BASE`."""
-        indices, inner = range(len(self.joints)), parents(self.model)
+        indices = [i for i, joint in enumerate(self.joints) if joint not in self.carried]
+        inner = [parent if parent in indices else -1 for parent in parents(self.model)]
         chosen: Mapping[Reach, Iterable[int]] = {
             "every": indices,
             "turning": (i for i in indices if not self.slides[i]),

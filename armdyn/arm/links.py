@@ -108,7 +108,7 @@ def link_changes(
                 QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
         )
-        found.append(LinkChange(model.joints[i], quantities, is_physical(inertial)))
+        found.append(LinkChange(model.arm.joints[i], quantities, is_physical(inertial)))
     return tuple(found)
 
 

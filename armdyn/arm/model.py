@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
+from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
@@ -59,8 +60,13 @@ class ArmModel(Model):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints from base to tool; every other joint of the URDF stays at its zero."""
-        return self.arm.joints
+        """Names of the joints from base to tool; every other joint of the URDF stays at its zero, or moves as recorded."""
+        return self.arm.driven
+
+    def following(self, runs: Sequence[Run]) -> Self:
+        """See `Model.following`: joints of the URDF that it leaves out and that move in the recordings."""
+        found = following(self.arm, runs)
+        return self if found is self.arm else replace(self, arm=found)
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """See `Model.reachable`; ``("",)`` for an effect on the base.
@@ -101,7 +107,7 @@ class ArmModel(Model):
         through = self.parts(DEFORMATION).get(joint, ())
         if not through:
             return None
-        i = self.joints.index(joint)
+        i = self.arm.joints.index(joint)
         columns, link = self._columns[i], self._functions[i].link
         own, others = ([columns.index(self.names.index(name)) for name in of] for of in (names, through))
         if link is None or not link.depends[own].all():
@@ -111,7 +117,7 @@ class ArmModel(Model):
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """See `Model.covariates`: position, velocity and acceleration of every joint."""
         del theta
-        return motion_channels(run, self.joints, self.arm.slides)
+        return motion_channels(run, self.arm.joints, self.arm.slides)
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
         """See `Model.force_channels`: the measured torques."""
@@ -119,7 +125,7 @@ class ArmModel(Model):
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`: the measured torques of the arm's joints."""
-        return torque_channels(run, self.joints, self.arm.slides)
+        return torque_channels(run, self.arm.joints, self.arm.slides, self.arm.carried)
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; a run that is prepared already is returned as it is."""
@@ -132,15 +138,15 @@ class ArmModel(Model):
         """See `Model.noise`."""
         if not isinstance(run, PreparedRun):
             return {}
-        return torque_noise(run, self._rigid(theta), self.arm.model, self.joints)
+        return torque_noise(run, self._rigid(theta), self.arm.model, self.arm.joints)
 
     def _rigid(self, theta: np.ndarray) -> pin.Model:
         """The links and rotors as effects with (p,) `theta` leave them."""
-        rigid, armature = self.arm.model.copy(), np.zeros(len(self.joints))
+        rigid, armature = self.arm.model.copy(), np.zeros(len(self.arm.joints))
         for i, change in self._bodies(theta).links.items():
             rigid.inertias[i + 1] = pin.Inertia.FromDynamicParameters(self.arm.described[i] + change)
         for joint, (name,) in self.parts(ROTOR).items():
-            armature[self.joints.index(joint)] = theta[self.names.index(name)]
+            armature[self.arm.joints.index(joint)] = theta[self.names.index(name)]
         rigid.armature = armature
         return rigid
 
@@ -192,7 +198,7 @@ class ArmModel(Model):
         """By joint: (10,) inertial parameters of the link that it moves, effects included; see `rigid`."""
         changes, described = self._bodies(self.theta()).links, self.arm.described
         return {
-            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.joints)
+            joint: described[i] + changes.get(i, np.zeros(len(described[i]))) for i, joint in enumerate(self.arm.joints)
         }
 
     def gravity(self) -> np.ndarray:
@@ -219,7 +225,8 @@ class ArmModel(Model):
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
         return tuple(
-            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)]) for joint in self.joints
+            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)])
+            for joint in self.arm.joints
         )
 
     @cached_property
@@ -228,7 +235,7 @@ class ArmModel(Model):
         index = {name: i for i, name in enumerate(self.names)}
         return tuple(
             [index[f"{name}[{joint}]"] for name in functions.names]
-            for joint, functions in zip(self.joints, self._functions, strict=True)
+            for joint, functions in zip(self.arm.joints, self._functions, strict=True)
         )
 
 

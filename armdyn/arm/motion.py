@@ -1,6 +1,6 @@
 """How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -206,22 +206,26 @@ def motion_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> 
     return found
 
 
-def torque_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> tuple[str, ...]:
+def torque_channels(
+    run: Run, joints: Sequence[str], slides: Sequence[bool], carried: Collection[str] = ()
+) -> tuple[str, ...]:
     """The measured torques of an arm's joints, of a recording that also holds how every joint moved.
 
     Args:
         run: a recording.
         joints: names from base to tool.
         slides: whether each slides.
+        carried: joints whose torque is not asked for.
 
     Raises:
         InputError: it holds no torque, or lacks a position, or one is in the unit of another kind of joint.
     """
-    channels = tuple(f"tau.{joint}" for joint in joints if f"tau.{joint}" in run.channels)
+    asked = [joint for joint in joints if joint not in carried]
+    channels = tuple(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels)
     where = run.source or run.name
     if not channels:
         raise InputError(
-            f"{where}: holds no torque of {', '.join(joints)}, so there is nothing to compare: record 'tau.<joint>'"
+            f"{where}: holds no torque of {', '.join(asked)}, so there is nothing to compare: record 'tau.<joint>'"
         )
     for joint, sliding in zip(joints, slides, strict=True):
         unit = _position(run, joint).unit

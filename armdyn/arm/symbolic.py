@@ -22,7 +22,7 @@ def inverse_dynamics_function(model: ArmModel) -> ca.Function:
     Raises:
         InputError: an effect depends on time or has states of its own, which no function of one instant has.
     """
-    n = len(model.joints)
+    n = len(model.arm.joints)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     load = rigid_torques(model, q, v, a)
     tau = [load[i] for i in range(n)]
@@ -85,7 +85,7 @@ def _with_effects(
     model: ArmModel, i: int, q: Expression, v: Expression, a: Expression, load: Expression
 ) -> tuple[Joint, int]:
     """A joint with its effects at the model's parameters, and its neighbour towards the base, -1 for none."""
-    name, zero, time = model.joints[i], ca.SX(0), ca.SX.sym("time")
+    name, zero, time = model.arm.joints[i], ca.SX(0), ca.SX.sym("time")
     inner = parents(model.arm.model)[i]
     neighbour = Neighbour(q[inner], v[inner], a[inner]) if inner >= 0 else Neighbour(zero, zero, zero)
     joint = Joint(

@@ -105,8 +105,12 @@ class ArmRun:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Of the arm."""
+        """Of the arm, whose torques are asked for."""
         return self.model.joints
+
+    def slides(self, joint: str) -> bool:
+        """Whether a joint slides."""
+        return self.model.arm.slides[self.model.arm.joints.index(joint)]
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
@@ -116,12 +120,12 @@ class ArmRun:
     @cached_property
     def of_joint(self) -> np.ndarray:
         """(J,) index of each torque's joint."""
-        return np.array([self.joints.index(c.removeprefix("tau.")) for c in self.channels])
+        return np.array([self.model.arm.joints.index(c.removeprefix("tau.")) for c in self.channels])
 
     @cached_property
     def motion(self) -> Motion:
         """As recorded, at the moments."""
-        whole = measured_motion(self.run, self.joints)
+        whole = measured_motion(self.run, self.model.arm.joints)
         first = self.run.channels[self.channels[0]]
         inside = first.time[interior(first, whole)]
         inside = inside if len(inside) > 1 else first.time
@@ -141,8 +145,9 @@ class ArmRun:
         m = self.motion
         if not any(name.startswith("q.") for name in correction.readings):
             return m
-        readings = [correction.reading(f"q.{joint}") for joint in self.joints]
-        source = [self.joints.index(r.source.removeprefix("q.")) for r in readings]
+        joints = self.model.arm.joints
+        readings = [correction.reading(f"q.{joint}") for joint in joints]
+        source = [joints.index(r.source.removeprefix("q.")) for r in readings]
         factor, offset = (np.array([getattr(r, part) for r in readings]) for part in ("factor", "offset"))
         q, v, a = (factor * values[:, source] for values in (m.q, m.v, m.a))
         return Motion(m.time, q + offset, v, a, np.sign(factor) * m.direction[:, source])

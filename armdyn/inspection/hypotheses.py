@@ -105,7 +105,7 @@ def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[s
 
 def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     """Degrees that are called rad, and the reverse."""
-    channels = _recorded(run, "qva", (j for i, j in enumerate(run.joints) if not run.model.arm.slides[i]))
+    channels = _recorded(run, "qva", (j for j in run.model.arm.joints if not run.slides(j)))
     yield read_as("angle_unit", channels, "angles are in degrees and called rad", DEGREE)
     yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / DEGREE)
 
@@ -174,8 +174,8 @@ def orders(run: ArmRun) -> Iterator[Hypothesis]:
 
 def zeros(run: ArmRun) -> Iterator[Hypothesis]:
     """The zero of one joint off by a quarter or half a turn."""
-    for i, joint in enumerate(run.joints):
-        for said, offset in () if run.model.arm.slides[i] else QUARTERS.items():
+    for joint in run.joints:
+        for said, offset in () if run.slides(joint) else QUARTERS.items():
             name = f"q.{joint}"
             yield read_as("position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset)
 

@@ -1,8 +1,11 @@
 """Are recordings what they say they are?"""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from armdyn.arm.carried import joints_described, left_out
 from armdyn.arm.model import ArmModel
 from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.effects.effect import Effect
@@ -13,10 +16,10 @@ from armdyn.gaps import between, gaps_of
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
-from armdyn.inspection.check import Check, Inspection, WrongRecordingError, by_severity
+from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
-from armdyn.inspection.signals import SIGNAL_CHECKS, ranges, steps_of
+from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
@@ -41,7 +44,34 @@ def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable
     if effects is None:
         effects = available(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
-    return Inspection(tuple(runs), by_severity([check for run in runs for check in checks_of(run, model, effects)]))
+    if model is not None:
+        model = model.following(runs)
+    found = [check for run in runs for check in checks_of(run, model, effects)]
+    return Inspection(tuple(runs), by_severity([*found, *_joints_beside(model, runs)]))
+
+
+def _joints_beside(model: Model | None, runs: Sequence[Run]) -> Iterator[Check]:
+    """Joints that are none of the model's, and that move in its recordings."""
+    if not isinstance(model, ArmModel):
+        return
+    held = left_out(model.arm, runs)
+    unknown = {joint for run in runs for joint in run.joints} - set(joints_described(model.arm))
+    for run in runs:
+        for joint in run.joints:
+            said = f"q.{joint} moves by {amount(float(np.ptp(run.channels[f'q.{joint}'].value)))} "
+            said += f"{run.channels[f'q.{joint}'].unit}, and is no joint of the model"
+            if joint in model.arm.carried:
+                severity, more = Severity.NOTE, ", which moves it as recorded and explains no torque of it"
+                remedy = "nothing to do; to explain its torque, make the model with it: 'armdyn new arm --joints ...'"
+            elif joint in held:
+                severity, more = Severity.SUSPECT, ", which holds it at its zero, as not all recordings have it"
+                remedy = "compare recordings without it apart, or record it in all of them"
+            elif joint in unknown and moves(run.channels[f"q.{joint}"]):
+                severity, more = Severity.NOTE, " nor of its description"
+                remedy = "nothing to do, unless it carries the arm or its tool: then take a description that has it"
+            else:
+                continue
+            yield Check("joint_left_out", severity, run.name, (f"q.{joint}",), said + more, remedy)
 
 
 def require_usable(inspection: Inspection) -> None:
@@ -75,7 +105,7 @@ def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Chec
     """What a model's physics says of a recording; nothing where it cannot be held against it."""
     if isinstance(model, ArmModel):
         try:
-            used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.joints)]
+            used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)]
         except InputError:
             return []  # the comparison says what is missing
         if _too_few(run.channels[name] for name in used):

@@ -96,8 +96,8 @@ def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
 def _effort(model: ArmModel, p: Parameter) -> float | None:
     if not p.effect or p.joint not in model.joints:
         return None
-    limit = float(model.arm.model.effortLimit[model.joints.index(p.joint)])
-    return limit if limit < 1e4 else None
+    limit = float(model.arm.model.effortLimit[model.arm.joints.index(p.joint)])
+    return limit if 0.0 < limit < 1e4 else None
 
 
 def _of_swing(model: Model) -> Iterator[tuple[str, str]]:

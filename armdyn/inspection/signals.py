@@ -7,10 +7,11 @@ import numpy as np
 from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.differences import LONGEST_SPAN, normalised_differences, quiet_std
 from armdyn.faults import FEW, at_the_end, spikes_of
-from armdyn.gaps import GAP, gaps_of
+from armdyn.gaps import GAP, gaps_of, shortest_gap
 from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
+from armdyn.tracks import second_track
 
 STUCK = 0.02
 """Of the samples, at least `FEWEST_STUCK`, with one and the same value while the rest of the signal changes."""
@@ -31,6 +32,8 @@ BESIDE = 10
 """Samples to either side of a step."""
 JITTER = 0.15
 """Standard deviation of the interval over its median that is worth a note."""
+REGULAR, MOSTLY = 0.2, 0.98
+"""Intervals that are a whole number of the usual one give or take so much, and their share with a regular clock."""
 MISSTATED = 5.0
 """Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them
 too small, so that only noise
@@ -58,6 +61,44 @@ def gaps(run: Run) -> Iterator[Check]:
             f"no sample between {begin:.4g} and {end:.4g} s",
             "nothing to do: the run is cut there, and each piece has its own start", begin, end,
         )  # fmt: skip
+
+
+def dropped(run: Run) -> Iterator[Check]:
+    """Single samples, or a few, are missing from the row of a regular clock."""
+    seen: set[bytes] = set()
+    for name, channel in run.channels.items():
+        steps = np.diff(channel.time)
+        if len(steps) < MIN_SAMPLES or channel.time.tobytes() in seen:
+            continue
+        seen.add(channel.time.tobytes())
+        times = steps / float(np.median(steps))
+        if np.mean(np.abs(times - np.round(times)) < REGULAR) < MOSTLY:
+            continue
+        missing = int(np.sum(np.round(times[steps <= shortest_gap(channel.time)]) - 1.0))
+        if missing > 0:
+            yield Check(
+                "samples_dropped", Severity.NOTE, run.name, (name,),
+                f"{missing} of {len(channel) + missing} samples of {name} are missing, one or a few at a time",
+                "nothing to do: what lies between is interpolated",
+            )  # fmt: skip
+
+
+def second_publishers(run: Run) -> Iterator[Check]:
+    """Positions of two publishers were written down as one."""
+    by_time: dict[bytes, list[str]] = {}
+    for name, channel in run.channels.items():
+        if name.startswith("q."):
+            by_time.setdefault(channel.time.tobytes(), []).append(name)
+    for names in by_time.values():
+        second = second_track(np.column_stack([run.channels[name].value for name in names]))
+        if second.any():
+            time = run.channels[names[0]].time[second]
+            yield Check(
+                "second_publisher", Severity.WRONG, run.name, tuple(names),
+                f"{len(time)} of {len(second)} samples between the others hold other positions, as of a second "
+                "publisher on the topic",
+                "import the bag again, which takes one of them, or remove these rows", float(time[0]), float(time[-1]),
+            )  # fmt: skip
 
 
 def glitches(run: Run) -> Iterator[Check]:
@@ -307,6 +348,6 @@ def ranges(run: Run) -> Iterator[Check]:
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
-    motions, gaps, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
+    second_publishers, motions, gaps, dropped, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
 )  # fmt: skip
 """Who sees another fault of a signal adds a function here."""

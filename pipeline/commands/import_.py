@@ -1,6 +1,7 @@
 """`armdyn import`: runs from bags, data sets and tables of others."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,9 @@ from pipeline.console.screen import plain_table, show, spinner, to_screen, write
 
 if TYPE_CHECKING:
     from armdyn.run import Run
+    from pipeline.imports.conversion import Imported
     from pipeline.imports.foreign import Foreign
+    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import ColumnMap
 
 PANEL = "Recordings"
@@ -36,15 +39,21 @@ def import_(
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
     ] = False,
+    rate: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
     trust_data: TrustOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
     from pipeline.imports import read_foreign
+    from pipeline.imports.mapping import check_rate
 
     if mapping is not None and guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
+    told = "" if rate is None else f"{rate:.12g} Hz"
+    check_rate(told)
     check_outputs(json_file)
     with stopped_if_wrong(json_file), spinner() as say:
         recordings: list[Foreign] = []
@@ -52,10 +61,10 @@ def import_(
             say(f"reading {file}")
             recordings += read_foreign(file)
         if guess:
-            _propose(files, recordings, output, choice, force, json_file)
+            _propose(files, recordings, output, choice, told, force, json_file)
         else:
             say("looking at the recordings")
-            _import(files, recordings, output, mapping, choice, force, trust_data, json_file)
+            _import(files, recordings, output, mapping, choice, told, force, trust_data, json_file)
 
 
 def _import(
@@ -64,34 +73,48 @@ def _import(
     output: Path,
     mapping: Path | None,
     choice: RobotChoice,
+    rate: str,
     force: bool,
     trust_data: bool,
     json_file: Path | None,
 ) -> None:
     from armdyn.arm.model import arm_model
+    from armdyn.inspection.check import Inspection, by_severity
     from armdyn.inspection.inspect import inspected, require_usable
     from pipeline.answers import checks_answer
-    from pipeline.imports.conversion import run_of
-    from pipeline.imports.mapping import known_columns, read_map
+    from pipeline.imports.conversion import imported
+    from pipeline.imports.guess import known_columns
+    from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
     given = read_map(mapping) if mapping is not None else None
+    joints = _joints(choice)
     columns = {name for foreign in recordings for name in foreign.columns}
-    runs: list[Run] = []
+    found: list[Imported] = []
     problems: list[str] = []
     for foreign in recordings:
         with collect(problems):
-            runs.append(run_of(foreign, given or known_columns(foreign), columns))
+            own = given or known_columns(foreign, joints)
+            found.append(imported(foreign, replace(own, rate=rate) if rate else own, columns))
     if problems:
         raise InputError("; ".join(problems))
-    found = inspected(runs, arm_model(choice.urdf_file, choice.robot) if choice else None)
+    runs = [each.run for each in found]
+    looked = inspected(runs, arm_model(choice.urdf_file, choice.robot) if choice else None)
+    told = Inspection(looked.runs, by_severity([*(c for each in found for c in each.checks), *looked.checks]))
     if not trust_data:
-        require_usable(found)
+        require_usable(told)
     written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
-    if write_answer(json_file, lambda: {**_answer(runs, written), "recording_checks": checks_answer(found.checks)}):
-        if found.checks:
-            show(inspection_document(found))
-        _say(runs, written)
+    if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(told.checks)}):
+        if told.checks:
+            show(inspection_document(told))
+        _say(found, written)
+
+
+def _joints(choice: RobotChoice) -> "Joints | None":
+    from armdyn.arm.arm import find_arm
+    from pipeline.imports.joints import Joints
+
+    return Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
 
 
 def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> list[Path]:
@@ -118,17 +141,16 @@ def _propose(
     recordings: "list[Foreign]",
     output: Path,
     choice: RobotChoice,
+    rate: str,
     force: bool,
     json_file: Path | None,
 ) -> None:
     """Write a mapping that a person reads before it is used."""
-    from armdyn.arm.arm import find_arm
     from pipeline.imports.guess import guess_map
-    from pipeline.imports.joints import Joints
     from pipeline.imports.mapping import map_text
 
-    joints = Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
-    found, target = guess_map(recordings, joints), output / "map.toml"
+    joints = _joints(choice)
+    found, target = guess_map(recordings, joints, rate), output / "map.toml"
     free_to_write(target, force)
     atomic.make_directory(output)
     comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
@@ -161,13 +183,15 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
     typer.echo(f"written to {target}")
 
 
-def _say(runs: "list[Run]", written: list[Path]) -> None:
-    for run, path in zip(runs, written, strict=True):
+def _say(found: "list[Imported]", written: list[Path]) -> None:
+    runs = [each.run for each in found]
+    for each, path in zip(found, written, strict=True):
+        run = each.run
         longest = max(run.channels.values(), key=len)
         rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
         seconds = max(float(c.time[-1]) for c in run.channels.values())
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
-        for note in run.warnings:
+        for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
     compare = f"then: armdyn compare M.toml {shlex.join(map(str, written[:3]))}"
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
@@ -180,7 +204,9 @@ def _say(runs: "list[Run]", written: list[Path]) -> None:
         typer.echo(compare)
 
 
-def _answer(runs: "list[Run]", written: list[Path]) -> dict[str, object]:
+def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
+    from pipeline.fields import fields
+
     return {
         "schema": "armdyn.import/1",
         "runs": [
@@ -188,11 +214,12 @@ def _answer(runs: "list[Run]", written: list[Path]) -> dict[str, object]:
                 "file": str(path),
                 "channels": {
                     name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
-                    for name, c in run.channels.items()
+                    for name, c in each.run.channels.items()
                 },
-                "notes": list(run.warnings),
+                "samples": [fields(a, "source came kept left_out steps stamped") for a in each.accounts],
+                "notes": list(each.run.warnings),
             }
-            for run, path in zip(runs, written, strict=True)
+            for each, path in zip(found, written, strict=True)
         ],
     }
 

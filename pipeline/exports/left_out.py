@@ -74,5 +74,5 @@ def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
     before: Mapping[str, float] = next((e["as_given_rmse"] for e in entries if "as_given_rmse" in e), {})
     after = entries[-1].get("rmse", {})
     gone = sum(max(float(before[c]) ** 2 - float(after.get(c, 0.0)) ** 2, 0.0) for c in before)
-    joints = zip(file.model.joints, file.model.arm.slides, strict=True)
+    joints = zip(file.model.arm.joints, file.model.arm.slides, strict=True)
     return LeftOut(error, gone**0.5, [f"tau.{joint}" for joint, slides in joints if slides])

@@ -161,7 +161,7 @@ def _link_names(model: ArmModel) -> list[str]:
     """The URDF's name of the link that each joint moves."""
     document = ET.fromstring(model.arm.robot.urdf_xml)
     children = {joint.get("name"): child_link(joint) for joint in document.findall("joint")}
-    return [children.get(name) or f"{name}_link" for name in model.joints]
+    return [children.get(name) or f"{name}_link" for name in model.arm.joints]
 
 
 def _perpendicular(axis: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ def parts_of(model: ArmModel) -> ArmParts:
             stiffness=of("joint_spring", "stiffness", name),
             rest=of("joint_spring", "rest", name),
         )
-        for i, name in enumerate(model.joints)
+        for i, name in enumerate(model.arm.joints)
     )
     return ArmParts(joints, model.gravity())
 

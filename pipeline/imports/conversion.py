@@ -1,17 +1,33 @@
-"""Makes a run of a foreign recording by a mapping; every problem is told at once."""
+"""Makes a run of a foreign recording by a mapping; every mistake in the mapping is told at once.
+
+What the recording lacks blocks nothing else: a column without numbers is left out and named.
+"""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import MIN_SAMPLES, Channel, Conversion, FloatArray, channel_kind, channel_unit, check_joint_units
+from armdyn.channels import (
+    LARGEST,
+    LARGEST_OF_OTHERS,
+    MIN_SAMPLES,
+    Channel,
+    Conversion,
+    FloatArray,
+    channel_kind,
+    channel_unit,
+    check_joint_units,
+)
 from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
-from pipeline.imports.foreign import Column, Foreign
-from pipeline.imports.mapping import ColumnMap, Entry
+from armdyn.inspection.check import Check
+from pipeline.imports.foreign import Account, Column, Foreign
+from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
+from pipeline.imports.stamps import dated
 from pipeline.imports.words import fits
 from urdf.table_file import join_problems
 
@@ -22,7 +38,25 @@ MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1}
 Rows = npt.NDArray[np.intp]
 
 
-def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Run:
+@dataclass(frozen=True)
+class Imported:
+    """What became of a recording.
+
+    Attributes:
+        run: the channels of the mapping.
+        accounts: what became of the samples that they are made of, for each topic, or for the table.
+    """
+
+    run: Run
+    accounts: tuple[Account, ...]
+
+    @property
+    def checks(self) -> list[Check]:
+        """What a person must know before the run is believed."""
+        return [check for account in self.accounts for check in account.checks(self.run.name)]
+
+
+def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()) -> Imported:
     """The run that a recording becomes.
 
     Args:
@@ -34,11 +68,14 @@ def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()
         InputError: lists everything that is wrong.
     """
     problems: list[str] = []
-    notes = list(foreign.notes)
+    notes = [*foreign.notes, *mapping.notes]
     table: tuple[FloatArray, Rows] | None = None
+    accounts: list[Account] = []
+    silent: list[str] = []
     if foreign.is_table:
         with collect(problems):
-            table = _table_time(foreign, mapping, notes)
+            *table, account = _table_time(foreign, mapping)
+            accounts.append(account)
     channels: dict[str, Channel] = {}
     taken: dict[str, str] = {}
     for name, entry in mapping.entries.items():
@@ -48,21 +85,41 @@ def run_of(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = ()
             problems.append(str(UnknownNameError("column", name, foreign.columns)))
         elif taken.setdefault(entry.channel, name) != name:
             problems.append(f"'{taken[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
+        elif why := _says_nothing(foreign.columns[name], entry):
+            silent.append(f"'{name}' {why}: no {entry.channel}")
         else:
             with collect(problems, f"'{name}'"):
-                channels[entry.channel] = _channel(foreign.columns[name], entry, table)
+                channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
     if not (problems or channels):
-        problems.append("it has none of the columns of the mapping")
+        problems += silent or ["it has none of the columns of the mapping"]
+    notes += silent
     with collect(problems):
         check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
         raise InputError(f"{foreign.name}: {join_problems(problems)}")
     first = min(channel.time[0] for channel in channels.values())
     channels = {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()}
-    return Run(
+    sources = dict.fromkeys(column.source for name, column in foreign.columns.items() if name in mapping.entries)
+    accounts += [foreign.accounts[source] for source in sources if source in foreign.accounts]
+    run = Run(
         foreign.name, channels, mapping.sidecar.known, {n: k.value for n, k in mapping.sidecar.noise.items()},
         mapping.sidecar.description, warnings=tuple(notes), recorded=mapping.sidecar.recorded or _date(first),
     )  # fmt: skip
+    return Imported(run, tuple(accounts))
+
+
+NEVER_ZERO = ("v", "a", "tau")
+"""Quantities of a joint that drivers send as 0 where they do not measure them."""
+
+
+def _says_nothing(column: Column, entry: Entry) -> str:
+    """Why a column becomes no channel; empty where it does."""
+    present = column.value[np.isfinite(column.value)]
+    if len(present) < MIN_SAMPLES:
+        return f"holds {len(present)} numbers where at least {MIN_SAMPLES} are needed"
+    if entry.channel.partition(".")[0] in NEVER_ZERO and not present.any():
+        return "holds nothing but zeros"
+    return ""
 
 
 def _date(stamp: float) -> datetime | None:
@@ -71,7 +128,9 @@ def _date(stamp: float) -> datetime | None:
     return datetime.fromtimestamp(round(stamp), UTC).replace(tzinfo=None) if first <= stamp < last else None
 
 
-def _channel(column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None) -> Channel:
+def _channel(
+    name: str, column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None, notes: list[str]
+) -> Channel:
     """The channel that a column becomes, with the time of its table, or with its own where that is None."""
     to_si = _conversion(entry, entry.unit or column.unit)
     value = to_si(column.value)
@@ -82,8 +141,12 @@ def _channel(column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None
     else:  # the time of the table cannot be used, which is told once
         time = np.arange(len(value), dtype=float)
     present = np.isfinite(value)
-    if present.sum() < MIN_SAMPLES:
-        raise InputError(f"holds {present.sum()} numbers where at least {MIN_SAMPLES} are needed")
+    if table is None and not present.all():
+        notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
+    beyond = present & (np.abs(value, where=present, out=np.zeros_like(value)) > LARGEST.get(to_si.unit, LARGEST_OF_OTHERS))
+    if beyond.any() and 2 * beyond.sum() < present.sum():
+        notes.append(f"'{name}': {beyond.sum()} values, such as {value[beyond][0]:.4g} {to_si.unit}, are missing: nothing has them")
+        present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
     return Channel(time[present] - late, value[present], to_si.unit)
 
@@ -118,28 +181,20 @@ def _conversion(entry: Entry, unit: str) -> Conversion:
     return Conversion(si, factor, zero + offset)
 
 
-def _table_time(foreign: Foreign, mapping: ColumnMap, notes: list[str]) -> tuple[FloatArray, Rows]:
-    """Stamps of a table in s, and the rows that have one of their own."""
+def _table_time(foreign: Foreign, mapping: ColumnMap) -> tuple[FloatArray, Rows, Account]:
+    """Stamps in s of the rows of a table that are used, their indices, and what became of the others."""
+    count = len(next(iter(foreign.columns.values())).value)
+    if mapping.rate:
+        return np.arange(count) / parse_quantity(mapping.rate, "Hz").value, np.arange(count), Account("", count, count)
     if not mapping.time:
-        raise InputError('no time: add time = { column = "...", unit = "s" } to the mapping')
+        raise InputError(f"no time: {TIME_LINE}")
     if mapping.time not in foreign.columns:
         raise UnknownNameError("column", mapping.time, foreign.columns)
-    column, where = foreign.columns[mapping.time], f"'{mapping.time}'"
-    with at(where):
+    column = foreign.columns[mapping.time]
+    with at(f"'{mapping.time}'"):
         time = column.value * si_factor(mapping.time_unit or column.unit or "s", "s")
-    missing = ~np.isfinite(time)
-    if missing.any():
-        notes.append(f"{missing.sum()} rows without a time left out")
-    rows = np.flatnonzero(~missing)
-    repeated = np.diff(time[rows], prepend=-np.inf) == 0.0
-    if repeated.any():
-        notes.append(f"{repeated.sum()} rows with the time of the row before left out")
-    rows = rows[~repeated]
-    late = np.flatnonzero(np.diff(time[rows]) < 0.0)
-    if late.size:
-        i = int(late[0])
-        raise InputError(
-            f"{where} goes back from {time[rows[i]]:.9g} to {time[rows[i + 1]]:.9g} s in row {rows[i + 1] + 2}: cut "
-            "the recording there"
-        )
-    return time[rows], rows
+    found = dated(time)
+    account = Account("", count, len(found.rows), dict(found.left_out), found.steps)
+    if account.kept < MIN_SAMPLES:
+        raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_LINE}")
+    return found.time, found.rows, account

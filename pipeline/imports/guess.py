@@ -6,7 +6,7 @@ efforts. A line that names or numbers leave open says CHECK.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,12 +31,80 @@ FASTEST, SLOWEST = 5e-5, 0.5
 """s between samples that a robot's recording has."""
 
 
-def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None) -> ColumnMap:
+def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
+    """The mapping that the recording's own names say: joint states, and channels of the contract.
+
+    Args:
+        foreign: the recording.
+        joints: of the robot, where it is known: its names count, and whatever is sure of others is understood.
+
+    Raises:
+        InputError: it says none, or its joints may be the robot's or not.
+    """
+    entries = _declared(foreign.columns, joints or Joints())
+    if not entries:
+        shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
+        raise InputError(
+            f"{foreign.name}: no column has the name of a channel (it has {shown}): let armdyn propose a mapping with "
+            "--guess, or write one and give it with --map"
+        )
+    notes: list[str] = []
+    missing = _missing(entries, joints) if joints is not None else ()
+    if joints is not None and missing:
+        mapping = guess_map([foreign], joints)
+        found = {name: mapping.entries[name] for name in entries if name in mapping.entries}
+        asked = [name for name, entry in found.items() if "CHECK" in entry.why]
+        if asked or not set(missing) - set(_missing(found, joints)):
+            own = dict.fromkeys(entry.channel.partition(".")[2] for entry in entries.values())
+            raise InputError(
+                f"{foreign.name}: its joints ({_some(own)}) are not called as the robot's ({_some(joints.arm)}): let "
+                "armdyn propose which is which with --guess, or give the right robot"
+            )
+        renamed = {e.channel.partition(".")[2]: found[n].channel.partition(".")[2] for n, e in entries.items() if n in found}
+        notes += [f"joint '{own}' of the recording is '{joint}' of the robot" for own, joint in renamed.items() if own != joint]
+        notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(found, joints)]
+        entries = {name: found.get(name, entry) for name, entry in entries.items()}
+    return ColumnMap(entries, "time" if foreign.is_table else "", "", notes=tuple(notes))
+
+
+def _some(names: Iterable[str]) -> str:
+    names = list(names)
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+
+
+SHOWN = 4
+"""Names that a sentence holds."""
+
+
+def _declared(columns: Mapping[str, Column], known: Joints) -> dict[str, Entry]:
+    """Columns whose channel the file itself says."""
+    found = {}
+    for name, column in columns.items():
+        channel = column.channel or name
+        if in_contract(channel):
+            quantity, _, joint = channel.partition(".")
+            sliding = SLIDING.get(quantity, "") if column.channel and joint in known.sliding else ""
+            found[name] = Entry(channel, sliding or column.unit)
+    return found
+
+
+SLIDING = {"q": "m", "v": "m/s", "a": "m/s^2", "tau": "N"}
+"""Units of what a message says of a joint that slides."""
+
+
+def _missing(entries: Mapping[str, Entry], joints: Joints) -> tuple[str, ...]:
+    """Joints of the arm of which nothing is said."""
+    said = {entry.channel.partition(".")[2] for entry in entries.values()}
+    return tuple(joint for joint in joints.arm if joint not in said)
+
+
+def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate: str = "") -> ColumnMap:
     """What the columns of recordings of one kind seem to be.
 
     Args:
         recordings: one or more; ranges are those of all.
         joints: of the robot, where it is known.
+        rate: of the rows of a table that has no stamps, with its unit.
 
     Raises:
         InputError: nothing in them looks like a channel.
@@ -46,27 +114,63 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None) -> Co
     for foreign in recordings:
         for name, column in foreign.columns.items():
             columns.setdefault(name, []).append(column)
-    time, unit, why = _time(first) if first.is_table else ("", "", "")
+    time, unit, why = _time(first) if first.is_table and not rate else ("", "", "")
+    declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
+    whole = not _missing(declared, known)
     entries: dict[str, Entry] = {}
     labels: dict[str, Label] = {}
+    of_joints: dict[str, Label] = {}
     for name, found in columns.items():
         if name == time:
             continue
-        if found[0].channel or (found[0].unit and in_contract(name)):
-            entries[name] = Entry(found[0].channel or name, found[0].unit)
+        quantity, _, joint = declared[name].channel.partition(".") if name in declared else ("", "", "")
+        if name in declared and (whole or not joint or joint in known.names):
+            entries[name] = declared[name]
+        elif name in declared:
+            of_joints[name] = replace(label_of(joint), quantity=quantity, unit=declared[name].unit, doubt="")
         else:
             labels[name] = label_of(name, found[0].unit)
-    arm = _of_joints(labels, known)
+    arm = _of_joints(labels, known) | of_joints
     if known.arm or _is_arm(arm):
         claims = _joint_claims(arm, known, first.texts)
     else:
         claims, known = pendulum_claims(labels), PARTS
     seconds = first.columns[time].value * si_factor(unit, "s") if time else None
-    entries |= judged_entries(best_claims(claims), columns, known, first, seconds)
+    if not first.headed:
+        claims = _by_place(first, time, known)
+    free = [claim for claim in claims if claim.channel not in {entry.channel for entry in entries.values()}]
+    entries |= judged_entries(best_claims(free), columns, known, first, seconds)
     if not entries:
         shown = ", ".join(f"'{name}'" for name in list(columns)[:6])
-        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: write a mapping, --map")
-    return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why)
+        places = {"x", "y"} <= {word for label in labels.values() for word in label.words}
+        how = (
+            "x and y of a load are no channels: let the video's program write its angle, 0 hanging, besides"
+            if places
+            else "write a mapping, --map"
+        )
+        raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
+    return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why, rate=rate)
+
+
+def _by_place(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
+    """What columns without a header may be: positions, speeds and torques of all joints, in this order.
+
+    Raises:
+        InputError: they are not so many.
+    """
+    names, arm = [name for name in foreign.columns if name != time], known.arm
+    quantities = {1: ("q",), 2: ("q", "tau"), 3: ("q", "v", "tau")}.get(len(names) // len(arm) if arm else 0, ())
+    if len(names) != len(quantities) * len(arm) or not names:
+        raise InputError(
+            f"{foreign.name}: has no header: say which column is what with a mapping, --map, whose columns are "
+            f"{_some(map(repr, foreign.columns))}"
+        )
+    doubt = f"no header says so: taken in the order {', '.join(quantities)}"
+    places = [(quantity, joint) for quantity in quantities for joint in arm]
+    return [
+        Claim(name, f"{quantity}.{joint}", joint, Label((), quantity, "", True, ()), (doubt,))
+        for name, (quantity, joint) in zip(names, places, strict=True)
+    ]
 
 
 def _of_joints(labels: Mapping[str, Label], known: Joints) -> dict[str, Label]:
@@ -122,7 +226,7 @@ def _is_arm(labels: Mapping[str, Label]) -> bool:
     )
 
 
-_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha"}
+_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha", "gyro", "gyroscope"}
 
 
 def _name_column(name: str, label: Label) -> str:
@@ -163,7 +267,9 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
         n: count for n, count in rising.items() if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)
     }
     if not rising:
-        raise InputError(f"{foreign.name}: no column rises all the time, so none is the time: is it a recording?")
+        raise InputError(
+            f"{foreign.name}: no column rises all the time, so none is the time: give --rate, the rows per second"
+        )
     choice = named or rising
     name = max(choice, key=choice.__getitem__)
     column, doubts = foreign.columns[name], []

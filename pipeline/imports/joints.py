@@ -44,12 +44,19 @@ class Joints:
         others: further joints of its description that move, such as another arm's.
         grippers: joints of grippers.
         ranges: of the arm's joints, where they are known.
+        sliding: of all joints those that slide.
     """
 
     arm: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     grippers: tuple[str, ...] = ()
     ranges: Mapping[str, Range] = field(default_factory=dict)
+    sliding: frozenset[str] = frozenset()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.arm, *self.others, *self.grippers)
 
     def slides(self, joint: str) -> bool:
         """Whether a joint is known to slide."""
@@ -68,7 +75,8 @@ class Joints:
         effort = model.effortLimit.tolist()
         ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, effort, strict=True)}
         others = tuple(name for name in moving if name not in {*arm, *grippers, *mimics})
-        return cls(arm, others, tuple(grippers), ranges)
+        sliding = frozenset(str(j.get("name")) for j in root.findall("joint") if j.get("type") == "prismatic")
+        return cls(arm, others, tuple(grippers), ranges, sliding)
 
 
 @dataclass(frozen=True)

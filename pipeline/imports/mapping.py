@@ -1,7 +1,7 @@
 """Which column is which channel: a TOML file, and a run made by it.
 
 ```toml
-time = { column = "t", unit = "ms" }          # where columns share rows, as in a table
+time = { column = "t", unit = "ms" }          # where columns share rows, as in a table; or { rate = "100 Hz" }
 
 [columns]
 "J1 pos" = { channel = "q.shoulder", unit = "deg", sign = -1, offset = "90 deg" }
@@ -18,16 +18,19 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated
 
-from armdyn.channels import channel_kind, in_contract
+from armdyn.channels import channel_kind
 from armdyn.errors import InputError, collect
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
 from armdyn.run import Run
 from armdyn.sidecar import Sidecar, sidecar_of
 from armdyn.toml_file import read_toml
-from pipeline.imports.foreign import Foreign
+from armdyn.units import parse_quantity
 from urdf.table_file import Check, TableFileError, join_problems, read_as
 
+TIME_LINE = 'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" }'
+SLOWEST_RATE, FASTEST_RATE = 0.1, 1e5
+"""Hz, of the rows of a recording."""
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
@@ -72,6 +75,8 @@ class ColumnMap:
         time_unit: that it is in.
         sidecar: what goes beside the run.
         why: how the time was guessed.
+        rate: of the rows of a table without stamps, with its unit; empty where there are stamps.
+        notes: sentences on what was understood without a person.
     """
 
     entries: Mapping[str, Entry]
@@ -79,6 +84,8 @@ class ColumnMap:
     time_unit: str = ""
     sidecar: Sidecar = field(default_factory=Sidecar)
     why: str = ""
+    rate: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def read_map(path: Path) -> ColumnMap:
@@ -95,9 +102,11 @@ def read_map(path: Path) -> ColumnMap:
     ]
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
-    if not isinstance(time, dict) or not set(time) <= {"column", "unit"}:
-        problems.append('time: write it as time = { column = "t", unit = "ms" }')
+    if not isinstance(time, dict) or not (set(time) <= {"column", "unit"} or set(time) == {"rate"}):
+        problems.append(f"time: {TIME_LINE}")
         time = {}
+    with collect(problems, "time"):
+        check_rate(str(time.get("rate", "")))
     columns = table.get("columns", {})
     if not isinstance(columns, dict) or not columns:
         problems.append('no [columns]: write lines such as "J1 pos" = { channel = "q.shoulder", unit = "deg" }')
@@ -118,12 +127,26 @@ def read_map(path: Path) -> ColumnMap:
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
         raise InputError(f"{path}: {join_problems(problems)}")
-    return ColumnMap(entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar)
+    return ColumnMap(
+        entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar, rate=str(time.get("rate", ""))
+    )
+
+
+def check_rate(rate: str) -> None:
+    """Refuse what is no rate of a table's rows; nothing is one.
+
+    Raises:
+        InputError: it is no frequency, or none that a recording has.
+    """
+    if rate and not SLOWEST_RATE <= parse_quantity(rate, "Hz").value <= FASTEST_RATE:
+        raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
     """A mapping as TOML, with the reasons of a guess as comments."""
     lines = [f"# {one_line(line)}" for line in comment.splitlines()]
+    if mapping.rate:
+        lines += [f"time = {{ rate = {toml_string(mapping.rate)} }}", ""]
     if mapping.time:
         why = f"  # {one_line(mapping.why)}" if mapping.why else ""
         lines += [
@@ -141,23 +164,6 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
         why = f"  # {one_line(entry.why)}" if entry.why else ""
         lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")
     return "\n".join(lines) + "\n"
-
-
-def known_columns(foreign: Foreign) -> ColumnMap:
-    """The mapping that the recording's own names say: joint states, and channels of the contract.
-
-    Raises:
-        InputError: it says none.
-    """
-    channels = {name: column.channel or name for name, column in foreign.columns.items()}
-    entries = {name: Entry(channel) for name, channel in channels.items() if in_contract(channel)}
-    if not entries:
-        shown = ", ".join(f"'{name}'" for name in list(foreign.columns)[:6])
-        raise InputError(
-            f"{foreign.name}: no column has the name of a channel (it has {shown}): let armdyn propose a mapping with "
-            "--guess, or write one and give it with --map"
-        )
-    return ColumnMap(entries, "time" if foreign.is_table else "", "")
 
 
 def correction_text(run: Run, correction: Correction) -> str:

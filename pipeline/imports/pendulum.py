@@ -27,9 +27,10 @@ PARTS = Joints(ranges={part: Range(True, np.inf, np.inf) for part in ("gripper",
 def pendulum_claims(labels: Mapping[str, Label]) -> list[Claim]:
     """What headers, by column, may be of a pendulum."""
     swings = any(set(label.words) & SWING for label in labels.values())
+    plane = any("y" in label.words for label in labels.values())  # x beside y is where the load is in a picture
     claims = []
     for column, label in labels.items():
-        part = "" if COMMANDED & set(label.words) else _part(label, swings)
+        part = "" if COMMANDED & set(label.words) else _part(label, swings and not plane)
         quantity = "force" if part == "load" else "v" if set(label.words) & RATES else label.quantity
         quantity = quantity if quantity in ("v", "a", "force") else "q"
         if channel := CHANNELS.get((quantity, part)):

@@ -12,9 +12,10 @@ import numpy as np
 
 from armdyn.arrays import seconds
 from armdyn.bytes_in import read_bytes
-from armdyn.delimited import header_of, parse_delimited, read_text, separator_of
+from armdyn.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from armdyn.errors import InputError, at
 from pipeline.imports.foreign import Column, Foreign, Reader, split_label
+from pipeline.imports.head import plain_table
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
@@ -24,7 +25,6 @@ from urdf.bounds import (
     MIB,
     MOST_COLUMNS,
     MOST_ROWS,
-    number,
     shown,
 )
 
@@ -42,23 +42,30 @@ SHOWN = 3
 def read_csv_of_any_dialect(path: Path) -> Foreign:
     """Columns of a CSV with commas, semicolons, tabs or blanks, and decimal points or commas.
 
-    Columns that hold text are left out, and told.
+    Comments and lines above the header are left out, as are columns that hold text and a last row that may be cut off;
+    all is told.
 
     Raises:
-        InputError: it is no text, has no header, or its rows have different numbers of cells.
+        InputError: it is no text, or its rows have different numbers of cells.
     """
     with at(path):
-        return _of_any_dialect(path, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
+        return of_text(path.stem, read_text(path, ("utf-8-sig", "cp1252")))  # cp1252 is what spreadsheets save
 
 
-def _of_any_dialect(path: Path, text: str) -> Foreign:
-    table = parse_delimited(text, separator_of(header_of(text)), MISSING, decimal_comma=True)
+def of_text(name: str, text: str) -> Foreign:
+    """The columns of a table's text; see `read_csv_of_any_dialect`."""
+    text, headed, notes = plain_table(text)
+    separator = separator_of(header_of(text))
+    try:
+        table = parse_delimited(text, separator, MISSING, decimal_comma=True)
+    except CutOffError as error:
+        table = parse_delimited(text[: text.rfind("\n") + 1], separator, MISSING, decimal_comma=True)
+        notes.append(f"{str(error).partition(':')[0]}: the file ends without a newline and may be cut off: row left out")
     if not len(table.rows):
         raise InputError("holds a header and no row: give a recording")
-    if all(map(_is_number, table.labels)):
-        raise InputError("the first row holds numbers: add a row with the names of the columns above it")
+    called = name
     columns: dict[str, Column] = {}
-    notes, texts = [], {}
+    texts = {}
     for i, label in enumerate(table.labels):
         name, unit = split_label(label)
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
@@ -83,7 +90,7 @@ def _of_any_dialect(path: Path, text: str) -> Foreign:
         columns[name] = Column(value, unit)
     if not columns:
         raise InputError("no column holds numbers: give a recording")
-    return Foreign(path.stem, columns, tuple(notes), texts)
+    return Foreign(called, columns, tuple(notes), texts, headed=headed)
 
 
 def read_parquet(path: Path) -> Foreign:
@@ -150,14 +157,6 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
         return {f"{name}/{i}": table[:, i] for i in range(count)}
     array = values.to_numpy()
     return {name: seconds(array, "s")} if array.dtype.kind in "mMbiuf" else {}
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        number(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 INFO = Path("meta/info.json")

@@ -34,7 +34,7 @@ OTHER = words_in(
     "external contact wrench ft momentum tcp ee eef flange cartesian pose orientation quaternion quat euler rpy "
     "accelerometer imu inertia gravity coriolis friction bias residual feedforward ff predicted computed "
     "calculated image images digital analog io scaling fraction execution counter index id seq frame success "
-    "brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog"
+    "energy energies kinetic potential work enthalpy brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog"
 )
 """Words of what is recorded beside a joint's motion and torque, or is computed from a model."""
 CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")
@@ -66,6 +66,7 @@ _SUFFIX = re.compile(
     r"(?P<index>[ _.\[(]*\d+[\])]?)?$"
 )
 _GERMAN = re.compile(r"(ist|soll)(?=position|winkel|moment|strom|drehmoment)", re.IGNORECASE)
+_GREEK = str.maketrans({"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "τ": "tau"})
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 KINDS = {
     "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s^2", "m/s^2"), "tau": ("N m", "N"), "current": ("A",),
@@ -97,7 +98,7 @@ class Label:
 
 def words_of(text: str) -> tuple[str, ...]:
     """Words and numbers of a name in small letters: ``actualQd_3`` as actual, qd, 3."""
-    text = _GERMAN.sub(r"\1 ", text)
+    text = _GERMAN.sub(r"\1 ", text.translate(_GREEK))
     return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
 
 
@@ -111,6 +112,8 @@ def label_of(name: str, unit: str = "") -> Label:
     # No robot is measured in megametres: [MM] is mm, however pint reads it.
     written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if fits(unit, *chain(*KINDS.values())) else "")
     text = name.strip()
+    if unit and not written and fits(unit, "J"):
+        return Label(words_of(text), "", unit, False, ())
     if unit and not written:  # brackets around something else, such as the axis
         text = f"{text} {unit}"
     found = None if written else _SUFFIX.search(text)

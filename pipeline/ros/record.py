@@ -1,22 +1,27 @@
 """Joint states and load cell of a ROS robot as a run; nothing is sent to the robot."""
 
+import threading
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from math import inf
 from pathlib import Path
 
 import numpy as np
 
 import urdf
 from armdyn.channels import MIN_SAMPLES, Channel
-from armdyn.errors import TaskFailedError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.run import Run, write_run_csv
+from pipeline.imports.foreign import Account, Column
+from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
-from pipeline.robot.protocol import ForceSample, JointState
+from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Bridge, Message
-from pipeline.ros.states import JointStates
+from pipeline.ros.states import FIRST_STATE, stamp_of
 from pipeline.ros.topics import RosTopics
 
 SILENT = 1.0
@@ -46,57 +51,120 @@ def record_run(
         progress: told the share that is done.
 
     Returns:
-        The run, which a signal may have ended early, and a sentence for everything that was left out.
+        The run, which a signal may have ended early, and a sentence on what became of the messages and on everything
+        that was left out.
 
     Raises:
         InputError: no bridge, no states of these joints, no load cell.
         TaskFailedError: what is recorded stopped coming; what came before is written.
     """
-    states: list[JointState] = []
+    heard = _Heard(topics.joint_states)
     forces: list[ForceSample] = []
-    joints = JointStates(arm.joint_names)
     used = Calibration.load(calibration or default_path()) if port is not None else None
     with ExitStack() as stack:
         bridge = stack.enter_context(Bridge(uri))
         cell = stack.enter_context(LoadCell(port, used)) if port is not None and used is not None else None
-
-        def take(message: Message, now: float) -> None:
-            before = joints.latest
-            joints.take(message, now)
-            newest = joints.latest
-            if newest is not None and newest is not before:
-                states.append(newest)
-
-        bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", take)
-        joints.first(topics.joint_states)
+        bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", heard.take)
+        heard.wait_for(arm.joint_names)
         start, ended = time.monotonic(), ""
+        heard.begin(start)
         signals: list[int] = []
         stack.enter_context(noted_signals(signals.append))
         while not (ended or signals) and (elapsed := time.monotonic() - start) < seconds:
             time.sleep(min(0.05, seconds - elapsed))
-            newest = joints.latest
             if bridge.failure is not None:
                 ended = bridge.failure
-            elif newest is not None and time.monotonic() - newest.time > SILENT:
+            elif time.monotonic() - max(heard.latest, start) > SILENT:
                 ended = f"{topics.joint_states}: nothing came for {SILENT:g} s"
             if cell is not None:
                 forces += cell.read()
             if progress is not None:
                 progress(elapsed / seconds)
         said = [*cell_notes(cell)]
-    if joints.unreadable:
-        said.append(f"{joints.unreadable} joint states were left out: a value was missing or not finite")
-    kept = [state for state in states if state.time >= start]
-    if len(kept) < MIN_SAMPLES:
-        raise TaskFailedError(f"{ended or 'it was ended'}; {len(kept)} joint states came, too few to be written")
-    run = _run(arm, kept, forces, start, output, used)
+    columns, account, notes = heard.columns()
+    said += [account.sentence, *notes]
+    if account.kept < MIN_SAMPLES:
+        raise TaskFailedError(f"{ended or 'it was ended'}; {account.sentence}: too few to be written")
+    run = _run(arm, columns, forces, start, output, used, said)
     write_run_csv(run, output)
-    told = f"the {kept[-1].time - start:.1f} s of {seconds:g} s that came are in {output}"
+    told = f"the {max(c.time[-1] for c in run.channels.values()):.1f} s of {seconds:g} s that came are in {output}"
     if ended:
         raise TaskFailedError(f"{ended}; {told}")
     if signals:
         said.append(f"ended by a signal; {told}")
     return run, tuple(said)
+
+
+class _Heard:
+    """Joint states as they come: from the bridge's thread, read from any.
+
+    Args:
+        topic: they come from.
+
+    Attributes:
+        latest: when the newest came, s on our clock.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._publishers = Publishers()
+        self._unread = Counter[str]()
+        self._names: dict[str, None] = {}
+        self._changed = threading.Condition()
+        self._start = inf
+        self.latest = -inf
+
+    def take(self, message: Message, now: float) -> None:
+        """Take in one message, received at a time of our clock, s."""
+        with self._changed:
+            self.latest = now
+            names = message.get("name")
+            if isinstance(names, list) and all(isinstance(name, str) for name in names):
+                self._names |= dict.fromkeys(names)
+            self._changed.notify_all()
+            if now < self._start:
+                return
+            try:
+                stamp = stamp_of(message)
+                values = {part: _numbers(message.get(part)) for part, _ in FIELDS}
+                self._publishers.take_joints(
+                    self._topic, "", list(message["name"]), values, stamp if stamp > 0.0 else np.nan, now
+                )
+            except (KeyError, TypeError, ValueError):
+                self._unread[self._topic] += 1
+
+    def begin(self, start: float) -> None:
+        """Keep what comes from a time of our clock, s, on."""
+        with self._changed:
+            self._start = start
+
+    def wait_for(self, names: Sequence[str]) -> None:
+        """Wait until every one of these joints was heard of.
+
+        Raises:
+            InputError: one was never sent.
+        """
+        with self._changed:
+            if self._changed.wait_for(lambda: set(names) <= self._names.keys(), FIRST_STATE):
+                return
+            missing = [name for name in names if name not in self._names]
+            others = f"; what came is of {', '.join(self._names)}" if self._names else ""
+        raise InputError(
+            f"{self._topic}: no state of {', '.join(missing)} within {FIRST_STATE:g} s{others}: is the robot on, and "
+            "is this its topic?"
+        )
+
+    def columns(self) -> tuple[dict[str, Column], Account, list[str]]:
+        """What came since the beginning, on our clock."""
+        with self._changed:
+            columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
+        unread = self._unread[self._topic]
+        return columns, accounts.get(self._topic, Account(self._topic, unread, 0, {UNREADABLE: unread})), notes
+
+
+def _numbers(values: object) -> list[float] | None:
+    """The numbers of a message; nan for what is none, as JSON has no word for it."""
+    return [np.nan if value is None else float(value) for value in values] if isinstance(values, list) else None
 
 
 def cell_notes(cell: LoadCell | None) -> tuple[str, ...]:
@@ -108,26 +176,35 @@ def cell_notes(cell: LoadCell | None) -> tuple[str, ...]:
 
 def _run(
     arm: urdf.Robot,
-    kept: list[JointState],
+    columns: Mapping[str, Column],
     forces: list[ForceSample],
     start: float,
     output: Path,
     calibration: Calibration | None,
+    said: list[str],
 ) -> Run:
-    """The channels of the contract; times count from `start` [s]."""
-    time_of_states = np.array([state.time - start for state in kept])
+    """The channels of the contract; times count from `start` [s]. Whatever was not sent is no channel, and said."""
     channels: dict[str, Channel] = {}
-    for prefix, unit, rows in (
-        ("q", "rad", [state.q for state in kept]),
-        ("v", "rad/s", [state.v for state in kept]),
-        ("tau", "N m", [state.tau for state in kept]),
-    ):
-        values = np.array(rows)
-        for column, name in enumerate(arm.joint_names):
-            channels[f"{prefix}.{name}"] = Channel(time_of_states, values[:, column], unit)
+    sent = {column.channel: column for column in columns.values()}
+    for quantity in ("q", "v", "tau"):
+        missing = []
+        for joint in arm.joint_names:
+            column = sent.get(f"{quantity}.{joint}")
+            present = np.isfinite(column.value) if column is not None else np.zeros(0, dtype=bool)
+            silent = quantity == "tau" and column is not None and not column.value[present].any()
+            if column is None or column.time is None or silent or present.sum() < MIN_SAMPLES:
+                missing.append(joint)
+            else:
+                channels[f"{quantity}.{joint}"] = Channel(
+                    column.time[present] - start, column.value[present], UNITS[quantity]
+                )
+        if missing:
+            said.append(f"no {quantity} of {', '.join(missing)} was sent")
     if forces:
-        if arm.given_line is not None:
-            along = np.array([arm.line.coordinates(arm.tool_pose(state.q).translation) for state in kept])
+        if arm.given_line is not None and all(f"q.{joint}" in channels for joint in arm.joint_names):
+            time_of_states = channels[f"q.{arm.joint_names[0]}"].time
+            q = [np.interp(time_of_states, c.time, c.value) for c in (channels[f"q.{j}"] for j in arm.joint_names)]
+            along = np.array([arm.line.coordinates(arm.tool_pose(row).translation) for row in np.column_stack(q)])
             channels["gripper_x"] = Channel(time_of_states, along[:, 0], "m")
             channels["gripper_z"] = Channel(time_of_states, along[:, 1], "m")
         late = [sample for sample in forces if sample.time >= start]

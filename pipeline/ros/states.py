@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
+from pipeline.imports.stamps import DRIFT
 from pipeline.robot.protocol import JointState, Vector
 from pipeline.ros.bridge import Bridge
 
-DRIFT = 1e-4
-"""Largest rate at which two computers' clocks part [1]; crystals differ by less than half of that."""
+BURST = 0.05
+"""s by which messages are late that come together when a client only listens, 0.04 s, and a little more."""
 FIRST_STATE = 3.0
 """Longest time to the first joint state [s]."""
 KEPT = 64
@@ -26,22 +27,26 @@ class StampClock:
 
     A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
     guess of the offset between the clocks, and is forgotten as slowly as clocks part. What is left is the quickest
-    delay itself, 1 ms on a local network, by which states seem later than they are.
+    delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more than
+    `BURST` is believed when the next one says the same: then a clock was set, else one stamp was wrong.
     """
 
     def __init__(self) -> None:
-        self._offset, self._at = inf, 0.0
+        self._offset, self._at, self._doubted = inf, 0.0, inf
 
     def local(self, stamp: float, received: float) -> float:
-        """When a message was stamped, on our clock [s].
+        """When a message was stamped, on our clock [s]: never after it was received.
 
         Args:
             stamp: of the message, on its clock [s].
             received: on ours [s].
         """
-        self._offset = min(received - stamp, self._offset + DRIFT * max(received - self._at, 0.0))
+        shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
+        doubted = shortest < inf and given < shortest - BURST
+        self._offset = min(shortest, max(given, self._doubted) if doubted else given)
+        self._doubted = given if doubted else inf
         self._at = received
-        return stamp + self._offset
+        return min(stamp + self._offset, received)
 
 
 class JointStates:

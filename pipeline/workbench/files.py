@@ -200,10 +200,9 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     except InputError as error:
         own = error
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import run_of
-    from pipeline.imports.guess import guess_map
+    from pipeline.imports.conversion import imported
+    from pipeline.imports.guess import guess_map, known_columns
     from pipeline.imports.joints import Joints
-    from pipeline.imports.mapping import known_columns
 
     try:
         foreign = read_foreign(path)[0]
@@ -211,7 +210,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
             mapping = known_columns(foreign)
         except InputError:
             mapping = guess_map([foreign], Joints(tuple(joints)))
-        run = run_of(foreign, mapping)
+        run = imported(foreign, mapping).run
     except InputError as error:
         # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error

@@ -49,10 +49,10 @@ from ik.pathfile import read_path
 from pipeline.batch.run import Journal
 from pipeline.batch.spec import read_spec
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import run_of
-from pipeline.imports.guess import guess_map
+from pipeline.imports.conversion import imported
+from pipeline.imports.guess import guess_map, known_columns
 from pipeline.imports.joints import Joints
-from pipeline.imports.mapping import known_columns, map_text, read_map
+from pipeline.imports.mapping import map_text, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
 from urdf.quiet import quiet
@@ -151,17 +151,17 @@ def guess_and_import(path):
     for foreign in read_foreign(path):
         mapping = guess_map([foreign], Joints(("j0", "j1", "j2")))
         (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
-        run_of(foreign, read_map(path.parent / "guessed.toml"))
+        imported(foreign, read_map(path.parent / "guessed.toml")).run
 
 
 def import_mapped(path):
     (foreign,) = read_foreign(path.parent / "foreign.csv")
-    run_of(foreign, read_map(path))
+    imported(foreign, read_map(path)).run
 
 
 def import_known(path):
     for foreign in read_foreign(path):
-        run_of(foreign, known_columns(foreign))
+        imported(foreign, known_columns(foreign)).run
 
 
 def read_journal(path):

@@ -13,8 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
-from pipeline.imports.conversion import run_of
-from pipeline.imports.mapping import ColumnMap, Entry, known_columns
+from pipeline.imports.conversion import imported
+from pipeline.imports.guess import known_columns
+from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.record import Recorder
 
 from .conftest import JOINTS, TIME, motion
@@ -82,7 +83,7 @@ def bag(request, tmp_path):
 
 def test_joint_states_become_a_run(bag, joints):
     (foreign,) = read_foreign(bag)
-    run = run_of(foreign, known_columns(foreign))
+    run = imported(foreign, known_columns(foreign)).run
     assert run.joints == JOINTS
     for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
         for i, joint in enumerate(JOINTS):
@@ -99,7 +100,7 @@ def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
         "/cell/grams": Entry("gripper_z", "mm"),
         "/length/data": Entry("gripper_x", "m"),
     }
-    run = run_of(foreign, ColumnMap(entries))
+    run = imported(foreign, ColumnMap(entries)).run
     np.testing.assert_allclose(run.channels["load_force"].value, 1.0 - motion()[0][:, 0])
     np.testing.assert_allclose(run.channels["gripper_z"].value, TIME, rtol=1e-6)
     np.testing.assert_allclose(run.channels["gripper_x"].value, TIME)
@@ -138,7 +139,7 @@ def write_plain_mcap(path):
 
 def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
     (foreign,) = read_foreign(write_plain_mcap(tmp_path / "a.mcap"))
-    run = run_of(foreign, known_columns(foreign))
+    run = imported(foreign, known_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
     np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
     np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
@@ -170,8 +171,8 @@ def test_of_any_message_every_number_that_is_recorded_often_enough_is_a_column(t
     np.testing.assert_allclose(foreign.columns["/a/x/0"].time, START + 0.1 * np.arange(10))
     np.testing.assert_array_equal(foreign.columns["/a/on"].value, np.arange(10) > 5)
     assert foreign.notes == (
-        "messages of another encoding left out: /odd (protobuf)",
-        "fewer than 10 samples: /few/x: left out",
+        "messages of another encoding (protobuf): /odd left out",
+        "fewer than 10 numbers: /few/x: left out",
     )
 
 
@@ -190,13 +191,13 @@ def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_
                 writer.write(connection, round(1e9 * (START + 0.1 * i)), raw)
     (foreign,) = read_foreign(tmp_path / "a.bag")
     used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
-    assert used == {
-        f"{q}.{n}": f"/long/{field}/{n}" for field, q in (("position", "q"), ("effort", "tau")) for n in names
-    }
-    assert len(foreign.columns) == 12
+    every = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
+    assert used == {f"{q}.{n}": f"/long/{field}/{n}" for field, q in every for n in names}
+    run = imported(foreign, known_columns(foreign)).run
+    assert set(run.channels) == {f"{q}.{n}" for q in ("q", "tau") for n in names}
+    assert sum("holds nothing but zeros: no v." in note for note in run.warnings) == 3
     np.testing.assert_allclose(foreign.columns[f"/long/position/{names[0]}"].time, START + 0.1 * np.arange(15))
     assert sum("/long/position/" in note and "has more samples" in note for note in foreign.notes) == 3
-    assert any(note.startswith("nothing but zeros: /short/velocity/") and "2 more" in note for note in foreign.notes)
     assert any("UR's drivers" in note for note in foreign.notes) == (names[0] != "a")
 
 

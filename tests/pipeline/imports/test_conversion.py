@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armdyn.errors import InputError
-from pipeline.imports.conversion import run_of
+from pipeline.imports.conversion import imported
 from pipeline.imports.foreign import Column, Foreign
+from pipeline.imports.stamps import NONE, REPEATED
 from pipeline.imports.mapping import ColumnMap, Entry, map_text, read_map
 
 UNITS = {
@@ -55,7 +56,8 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
     path = tmp_path_factory.mktemp("map") / "map.toml"
     path.write_text(map_text(ColumnMap(mapping, "t", "ms", why="a\nguess")))
     assert read_map(path).entries == mapping
-    run = run_of(Foreign("a", columns), read_map(path))
+    found = imported(Foreign("a", columns), read_map(path))
+    run, (account,) = found.run, found.accounts
 
     with_time = np.flatnonzero(np.isfinite(stamps))
     rows = with_time[np.diff(stamps[with_time], prepend=-np.inf) > 0.0]
@@ -73,7 +75,9 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
         np.testing.assert_allclose(run.channels[channel].time, time - first, atol=1e-12)
         np.testing.assert_allclose(run.channels[channel].value, value, atol=1e-12)
         assert run.channels[channel].unit == SI[channel]
-    assert len(run.warnings) == (len(with_time) < 40) + (len(rows) < len(with_time))
+    assert (account.came, account.kept) == (40, len(rows))
+    lost = {NONE: 40 - len(with_time), REPEATED: len(with_time) - len(rows)}
+    assert account.left_out == {why: count for why, count in lost.items() if count}
 
 
 @pytest.mark.parametrize(
@@ -89,7 +93,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
 def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
     time = stamp + 0.01 * np.arange(20)
     columns = {"t": Column(time, "s"), "swing_angle": Column(np.sin(time), "rad")}
-    run = run_of(Foreign("a", columns), ColumnMap({"swing_angle": Entry("swing_angle")}, "t"))
+    run = imported(Foreign("a", columns), ColumnMap({"swing_angle": Entry("swing_angle")}, "t")).run
     assert run.recorded == recorded
     assert run.channels["swing_angle"].time[0] == 0.0
 
@@ -105,4 +109,4 @@ def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
 def test_a_line_that_cannot_be_is_told(entry, count, says):
     value = np.where(np.arange(20) < count, 1.0, np.nan)
     with pytest.raises(InputError, match=says):
-        run_of(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t"))
+        imported(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t")).run

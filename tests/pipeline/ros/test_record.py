@@ -1,5 +1,6 @@
 """Recording a ROS robot, checking from where it is, and what its commands refuse."""
 
+import itertools
 import json
 import signal
 import threading
@@ -53,6 +54,78 @@ def test_a_recording_is_a_run(moving, baxter, tmp_path):
     assert run.channels["v.right_s0"].value == pytest.approx(0.3)
     assert run.channels["tau.right_s0"].value == pytest.approx(1.0)
     assert {r["op"] for r in moving.requests} == {"subscribe"}  # nothing is published
+
+
+def speaking(loopback, messages):
+    """A bridge that passes messages on, one every 10 ms, again and again."""
+
+    def speak():
+        for k in itertools.count():
+            if loopback.stopped.wait(0.01):
+                return
+            for message in messages(k):
+                loopback.publish(TOPICS.joint_states, message)
+
+    thread = threading.Thread(target=speak, daemon=True)
+    thread.start()
+    return thread
+
+
+def state(baxter, k, late=0.0, **fields):
+    stamp = 100.0 + 0.01 * k - late
+    return {
+        "header": {"stamp": {"secs": int(stamp), "nsecs": int(1e9 * (stamp % 1.0))}}, "name": list(baxter.joint_names),
+        "position": [0.003 * k] * 7, "velocity": [0.3] * 7, "effort": [1.0] * 7, **fields,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("messages", "says", "lacks"),
+    [
+        (lambda b, k: [state(b, k, late=-0.48 * (k % 40 == 20))], "whose stamp", ()),
+        (lambda b, k: [state(b, k, late=50.0 * (k % 40 == 20))], "whose stamp goes back", ()),
+        (lambda b, k: [state(b, k), state(b, k)], "whose stamp was there already", ()),
+        (lambda b, k: [state(b, k), state(b, k, position=[0.0] * 7, velocity=[], effort=[])],
+         "of a second publisher that does not move", ()),
+        (lambda b, k: [state(b, k, effort=[])], "no tau of right_s0", ("tau",)),
+        (lambda b, k: [state(b, k, velocity=[], effort=[0.0] * 7)], "no v of right_s0", ("v", "tau")),
+        (lambda b, k: [state(b, k, effort=[None] * 7)], "no tau of right_s0", ("tau",)),
+        (lambda b, k: [state(b, k), {"name": list(b.joint_names), "position": "?"}], "nothing can be read", ()),
+    ],
+)  # fmt: skip
+def test_every_message_is_accounted_for(loopback, baxter, tmp_path, messages, says, lacks):
+    """What was not sent is missing, one bad stamp costs one sample, and what follows it is dated as before."""
+    thread = speaking(loopback, lambda k: messages(baxter, k))
+    _, said = record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 1.0)
+    loopback.stopped.set()
+    thread.join()
+    assert says in " ".join(said)
+    run = read_run(tmp_path / "run.csv")
+    assert {name.partition(".")[0] for name in run.channels} == {"q", "v", "tau"} - set(lacks)
+    q = run.channels["q.right_s0"]
+    slope = np.polynomial.Polynomial.fit(q.time, q.value, 1)
+    assert np.abs(slope(q.time) - q.value).max() < 0.003  # 0.3 rad/s: no sample is dated 10 ms wrong
+
+
+def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, tmp_path):
+    def halves(k):
+        both = state(baxter, k)
+        for part in (slice(0, 3), slice(3, 7)):
+            yield {f: both[f][part] if f != "header" else both[f] for f in both}
+
+    thread = speaking(loopback, halves)
+    record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
+    loopback.stopped.set()
+    thread.join()
+    assert read_run(tmp_path / "run.csv").joints == tuple(baxter.joint_names)
+
+
+def test_a_joint_that_is_never_sent_is_named(loopback, baxter, tmp_path):
+    thread = speaking(loopback, lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
+    with pytest.raises(InputError, match="no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
+        record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
+    loopback.stopped.set()
+    thread.join()
 
 
 @pytest.mark.parametrize(

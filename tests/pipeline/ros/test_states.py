@@ -118,6 +118,22 @@ def test_a_clock_that_jumps_makes_states_old_or_early():
     assert clock.local(1.01 + 0.5, 1.011) == pytest.approx(1.011)  # the offset is smaller: received when it was stamped
 
 
+def test_one_stamp_from_the_future_moves_no_other():
+    """A stamp 0.48 s ahead: its own state is dated when it came, all that follow as those before."""
+    clock, errors = StampClock(), []
+    for k in range(300):
+        true = 0.01 * k
+        errors.append(clock.local(true + 0.48 * (k == 150), true + 0.001) - true)
+    assert np.abs(errors).max() < 0.0015
+
+
+def test_a_clock_that_was_set_forward_is_followed_from_the_second_state_on():
+    clock = StampClock()
+    for k in range(100):
+        local = clock.local(0.01 * k + 5.0 * (k >= 50), 0.01 * k + 0.001)
+    assert local == pytest.approx(0.01 * 99 + 0.001)
+
+
 def test_between_two_states_a_cubic_is_exact():
     states = JointStates(["a"])
     q, v = (lambda t: 2 * t**3 - t**2 + 3), (lambda t: 6 * t**2 - 2 * t)

@@ -1,0 +1,95 @@
+"""Joints that a model leaves out and that move in its recordings: a lift under the arm, a tool that turns.
+
+They are no unknowns: their recorded motion is given to the rigid bodies, so that the weight and the inertia of what they
+move are where they were.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+
+import urdf
+from armdyn.arm.arm import Arm
+from armdyn.run import Run
+
+MOVES = 1e-3
+"""rad or m from its zero, that a joint which is left out is away at least."""
+MATTERS = 2e-3
+"""Of the largest weight that a joint of the arm holds, that it holds more or less because another one moved. The fingers
+of a Panda change 2e-4, a wrist with a tool more than 1e-2."""
+POSTURES = 20
+"""Of a recording, at which that is looked at."""
+
+
+def following(arm: Arm, runs: Sequence[Run]) -> Arm:
+    """The arm with joints of its description that it leaves out, where all recordings say how they moved.
+
+    Args:
+        arm: as described.
+        runs: recordings of it.
+
+    Returns:
+        The same arm where no such joint changes a torque.
+    """
+    wanted = [joint for joint in left_out(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
+    if not wanted:
+        return arm
+    full = pin.buildModelFromXML(arm.robot.urdf_xml)
+    joints = [name for name in full.names if name in {*arm.joints, *wanted}]
+    try:
+        robot = urdf.load(str(arm.file or arm.robot.name), joints=joints, tool=arm.robot.tool_frame, meshes=False)
+    except urdf.UrdfError:
+        return arm
+    return replace(arm, robot=robot, carried=arm.carried | set(wanted))
+
+
+def left_out(arm: Arm, runs: Sequence[Run]) -> list[str]:
+    """Joints of the description that are no part of the arm, and that change its torques in some recording."""
+    if not any(joint not in arm.joints for run in runs for joint in run.joints):
+        return []
+    full = pin.buildModelFromXML(arm.robot.urdf_xml)
+    others = [
+        joint
+        for joint in range(1, full.njoints)
+        if full.names[joint] not in arm.joints and full.joints[joint].nv == 1 and full.joints[joint].nq == 1
+    ]
+    moving = [joint for joint in others if any(_away(run, full, joint) for run in runs)]
+    own = [full.getJointId(name) for name in arm.driven]
+    below = [joint for joint in moving if any(joint in list(full.supports[i])[1:] for i in own)]
+    return [full.names[j] for j in moving if j in below or any(_matters(full, arm, j, run) for run in runs)]
+
+
+def joints_described(arm: Arm) -> tuple[str, ...]:
+    """All joints of an arm's description that move, those that follow others included."""
+    root = ET.fromstring(arm.robot.urdf_xml)
+    return tuple(str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") != "fixed")
+
+
+def _away(run: Run, full: pin.Model, joint: int) -> bool:
+    channel, slides = run.channels.get(f"q.{full.names[joint]}"), "P" in full.joints[joint].shortname()[len("JointModel") :]
+    if channel is None or (channel.unit == "m") != slides:
+        return False
+    return bool(np.quantile(np.abs(channel.value), 0.99) > MOVES)
+
+
+def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
+    """Whether weights that the arm's joints hold depend on where a joint outside of it is."""
+    channels = {i: run.channels.get(f"q.{full.names[i]}") for i in range(1, full.njoints)}
+    given = {i: c for i, c in channels.items() if c is not None and full.joints[i].nq == 1}
+    if joint not in given:
+        return False
+    time = np.linspace(given[joint].time[0], given[joint].time[-1], POSTURES)
+    data, change, largest = full.createData(), 0.0, np.finfo(float).tiny
+    own = [full.joints[full.getJointId(name)].idx_v for name in arm.driven]
+    for t in time:
+        q = pin.neutral(full)
+        for i, channel in given.items():
+            q[full.joints[i].idx_q] = np.interp(t, channel.time, channel.value)
+        as_recorded = pin.computeGeneralizedGravity(full, data, q)[own]
+        q[full.joints[joint].idx_q] = pin.neutral(full)[full.joints[joint].idx_q]
+        change = max(change, float(np.abs(as_recorded - pin.computeGeneralizedGravity(full, data, q)[own]).max()))
+        largest = max(largest, float(np.abs(as_recorded).max()))
+    return change > MATTERS * largest

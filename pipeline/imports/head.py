@@ -1,0 +1,93 @@
+"""Where a table of text begins: its header may stand in a comment, below other lines, above its units, or nowhere.
+
+The first two lines in a row that hold mostly numbers tell what divides the cells and how many there are.
+"""
+
+from collections.abc import Sequence
+
+from armdyn.delimited import MISSING, separator_of
+from pipeline.imports.words import KINDS, fits
+from urdf.bounds import number, shown
+
+COMMENTS = ("#", "%", "//")
+"""How lines begin that are no rows."""
+LONGEST_HEAD = 200
+"""Lines above the first row."""
+
+
+def plain_table(text: str) -> tuple[str, bool, list[str]]:
+    """A table as one header above its rows.
+
+    Args:
+        text: of the file; its lines keep their numbers where there is one above the rows.
+
+    Returns:
+        The table, whether it has a header of its own, and sentences on what was left out. Columns without a header are
+        called ``column 1``, ``column 2``, ...
+    """
+    lines = text.split("\n")
+    filled = [i for i, line in enumerate(lines) if line.strip()]
+    comments = {i for i in filled if lines[i].lstrip().startswith(COMMENTS)}
+    rows = [i for i in filled if i not in comments]
+    pairs = zip(rows[:LONGEST_HEAD], rows[1:], strict=False)
+    first = next((i for i, j in pairs if _is_row(lines[i]) and _is_row(lines[j])), None)
+    if first is None or (not comments and rows[1] == first):
+        return text, True, []
+    separator = separator_of(lines[first])
+    width = len(_cells(lines[first], separator))
+    above = [(i, _cells(lines[i].strip().lstrip("#%/"), separator, width)) for i in filled if i < first]
+    fitting = [(i, cells) for i, cells in above if len(cells) == width and not any(map(is_number, cells))]
+    names = fitting[-1][1] if fitting else [f"column {k}" for k in range(1, width + 1)]
+    used = {i for i, _ in fitting[-1:]}
+    if len(fitting) > 1 and all(map(_is_unit, names)) and any(cell.strip(_BRACKETS) for cell in names):
+        units, names = names, fitting[-2][1]
+        names = [f"{n} [{u.strip(_BRACKETS)}]" if u.strip(_BRACKETS) else n for n, u in zip(names, units, strict=True)]
+        used |= {i for i, _ in fitting[-2:]}
+    notes = []
+    other = [i for i, _ in above if i not in used and i not in comments]
+    if comments - used:
+        notes.append(f"{len(comments - used)} lines of comment left out")
+    if other:
+        notes.append(f"lines above the header left out: {shown(lines[other[0]].strip(), 40)!r}" + " ..." * (len(other) > 1))
+    for i in {*comments, *(i for i, _ in above)}:
+        lines[i] = ""
+    head = separator.join(f'"{name}"' if separator in name else name for name in names)
+    lines[: max(first, 0)] = [*[""] * (first - 1), head]
+    if separator == " ":
+        lines = [line.rstrip() for line in lines]
+    return "\n".join(lines), bool(fitting), notes
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
+    try:
+        number(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+_BRACKETS = " ()[]-"
+
+
+def _is_row(line: str) -> bool:
+    cells = _cells(line, separator_of(line))
+    said = [cell for cell in cells if cell.lower() not in MISSING]
+    return len(cells) > 1 and bool(said) and 2 * sum(map(is_number, said)) >= len(said)
+
+
+def _cells(line: str, separator: str, wanted: int = 0) -> list[str]:
+    """The cells of a line; by what divides this line where that gives as many as are wanted."""
+    found = [part.strip().strip('"') for part in (line.split() if separator == " " else line.split(separator))]
+    own = separator_of(line)
+    return found if own == separator or len(found) == wanted else _cells(line, own)
+
+
+def _is_unit(cell: str) -> bool:
+    text = cell.strip(_BRACKETS)
+    return not text or fits(text, *(unit for units in KINDS.values() for unit in units))
+
+
+def joined(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as the text of a table."""
+    return "".join("\t".join(cell.replace("\t", " ").replace("\n", " ") for cell in row) + "\n" for row in rows)

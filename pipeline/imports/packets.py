@@ -1,0 +1,320 @@
+"""The messages in ROS bags and MCAP files as bytes, in the order in which they were recorded.
+
+Every kind of file is read from its beginning, without its index, so that one which ends in the middle gives all that
+came before: a recorder that was killed, a disk that was full, a copy that broke off.
+"""
+
+import bz2
+import io
+import re
+import sqlite3
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from armdyn.bytes_in import check_chunk_sizes, read_bytes
+from armdyn.errors import InputError
+from armdyn.mcap_run import SIDECAR_RECORD
+from urdf.bounds import LARGEST_BAG, LARGEST_CHUNK, LARGEST_CONTENT, MIB
+
+
+class Connection(NamedTuple):
+    """What kind of messages a publisher sends on a topic.
+
+    Attributes:
+        topic: its name.
+        kind: of message, as ROS 2 writes it: ``sensor_msgs/msg/JointState``.
+        encoding: of the messages: ``"cdr"``, ``"ros1"``, ``"json"`` or one that is not read.
+        definition: of the kind; empty where the file holds none.
+        language: of the definition: ``"ros1msg"``, ``"ros2msg"`` or ``"ros2idl"``.
+        publisher: its name, where the file says it.
+    """
+
+    topic: str
+    kind: str
+    encoding: str
+    definition: str = ""
+    language: str = ""
+    publisher: str = ""
+
+
+class Packet(NamedTuple):
+    """One message.
+
+    Attributes:
+        connection: which it came by.
+        received: when it was recorded, ns.
+        data: its bytes.
+    """
+
+    connection: Connection
+    received: int
+    data: bytes
+
+
+@dataclass
+class Ending:
+    """How the reading of a file ended.
+
+    Attributes:
+        problem: why it ended early; empty where it did not.
+    """
+
+    problem: str = ""
+
+
+def packets(path: Path, ending: Ending) -> Iterator[Packet]:
+    """Every message that can be read of a bag.
+
+    Args:
+        path: a .bag, .mcap or .db3 file, or the directory of a ROS 2 bag.
+        ending: told where reading ends early.
+
+    Raises:
+        InputError: there is no such bag, it is too large, or it is a recording of armdyn, which needs no import.
+    """
+    for file in _files(path):
+        try:
+            yield from _KINDS[_kind(file)](file)
+        except InputError as error:
+            raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+        except Exception as error:  # damaged bytes surface as a dozen exceptions of sqlite, struct, lz4
+            ending.problem = " ".join(str(error).split()) or type(error).__name__
+
+
+def _kind(file: Path) -> str:
+    """The ending that says what a file is, without that of its compression."""
+    return Path(file.name.removesuffix(ZSTD)).suffix.lower()
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.exists():
+        raise InputError(f"{path}: no such file or directory")
+    files = [path]
+    if path.is_dir():
+        found = [file for file in path.iterdir() if _kind(file) in (".db3", ".mcap")]
+        files = sorted(found, key=lambda file: [int(part) for part in re.findall(r"\d+", file.name)])
+        if not files:
+            raise InputError(f"{path}: holds no .db3 and no .mcap file: copy the whole bag")
+    if sum(file.stat().st_size for file in files) > LARGEST_BAG:
+        raise InputError(f"{path}: is larger than {LARGEST_BAG / MIB:g} MiB: cut it with 'rosbag filter'")
+    return files
+
+
+ZSTD = ".zstd"
+"""Ending of the files of a ROS 2 bag that are compressed as a whole."""
+_COMPRESSED = b"\x28\xb5\x2f\xfd"
+"""How compressed bytes begin; no message does: the first byte of CDR is 0."""
+
+
+def _expanded(data: bytes, most: int = LARGEST_CONTENT) -> bytes:
+    """What compressed bytes hold, as far as they go."""
+    import zstandard
+
+    found, stream = bytearray(), zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(data)
+    with suppress(zstandard.ZstdError):
+        while piece := stream.read(MIB):
+            found += piece
+            if len(found) > most:
+                raise InputError(f"expands to more than {most / MIB:.0f} MiB: cut the recording")
+    return bytes(found)
+
+
+_MAGIC = re.compile(rb"#ROSBAG V2\.0\n")
+_CONNECTION, _MESSAGE, _CHUNK = b"\x07", b"\x02", b"\x05"
+
+
+def _ros1(file: Path) -> Iterator[Packet]:
+    """Of a bag of ROS 1: http://wiki.ros.org/Bags/Format/2.0."""
+    connections: dict[bytes, Connection] = {}
+    with file.open("rb") as source:
+        if not _MAGIC.fullmatch(source.readline(20)):
+            raise ValueError("it does not begin as a ROS bag of version 2.0 does")
+        for header, data in _records(source):
+            if header["op"] == _CHUNK:
+                for inner, content in _records(io.BytesIO(_chunk(header, data))):
+                    yield from _ros1_packet(inner, content, connections)
+            else:
+                yield from _ros1_packet(header, data, connections)
+
+
+def _chunk(header: dict[str, bytes], data: bytes) -> bytes:
+    (size,) = struct.unpack("<I", header["size"])
+    if size > LARGEST_CONTENT:
+        raise InputError(f"a chunk expands to {size / MIB:.0f} MiB: cut the bag with 'rosbag filter'")
+    match header["compression"]:
+        case b"lz4":
+            import lz4.frame
+
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
+        case b"bz2":
+            return bz2.BZ2Decompressor().decompress(data, max_length=size)
+        case _:
+            return data
+
+
+def _ros1_packet(header: dict[str, bytes], data: bytes, connections: dict[bytes, Connection]) -> Iterator[Packet]:
+    if header["op"] == _CONNECTION:
+        about = _fields(data)
+        package, _, kind = about["type"].decode().rpartition("/")
+        definition = about["message_definition"].decode(errors="replace")
+        publisher = about.get("callerid", b"").decode(errors="replace")
+        topic = re.sub("/+", "/", header["topic"].decode())
+        connections[header["conn"]] = Connection(
+            topic, f"{package}/msg/{kind}", "ros1", definition, "ros1msg", publisher
+        )
+    elif header["op"] == _MESSAGE:
+        seconds, nanoseconds = struct.unpack("<II", header["time"])
+        yield Packet(connections[header["conn"]], seconds * 10**9 + nanoseconds, data)
+
+
+def _records(source: io.BufferedIOBase) -> Iterator[tuple[dict[str, bytes], bytes]]:
+    """Headers and data of the records in a row.
+
+    Raises:
+        EOFError: the last one is not whole.
+    """
+    while size := source.read(4):
+        header = _fields(_read(source, size))
+        yield header, _read(source, source.read(4))
+
+
+def _read(source: io.BufferedIOBase, size: bytes) -> bytes:
+    wanted = struct.unpack("<I", size)[0] if len(size) == 4 else 0
+    data = source.read(wanted)
+    if len(size) < 4 or len(data) < wanted:
+        raise EOFError("it is cut off, its recording did not end properly")
+    return data
+
+
+def _fields(data: bytes) -> dict[str, bytes]:
+    found, at = {}, 0
+    while at < len(data):
+        (size,) = struct.unpack_from("<I", data, at)
+        name, _, value = data[at + 4 : at + 4 + size].partition(b"=")
+        found[name.decode(errors="replace")] = value
+        at += 4 + size
+    return found
+
+
+def _sqlite(file: Path) -> Iterator[Packet]:
+    """Of the database of a bag of ROS 2."""
+    with suppress(OSError):
+        if file.stat().st_size == 0:
+            raise ValueError("it is empty")
+    if file.name.endswith(ZSTD):
+        database = sqlite3.connect(":memory:")
+        database.deserialize(_expanded(read_bytes(file, LARGEST_BAG)))
+    else:
+        database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
+    try:
+        database.execute("PRAGMA trusted_schema = OFF")
+        database.execute("PRAGMA writable_schema = ON")  # else nothing is read of a file that is too short
+        definitions = {}
+        with suppress(sqlite3.DatabaseError):  # bags before ROS 2 Iron have none
+            rows = database.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            definitions = {kind: (str(definition), str(language)) for kind, language, definition in rows}
+        connections = {
+            number: Connection(topic, kind, encoding, *definitions.get(kind, ("", "")))
+            for number, topic, kind, encoding in database.execute(
+                "SELECT id, name, type, serialization_format FROM topics"
+            )
+        }
+        for number, received, data in database.execute("SELECT topic_id, timestamp, data FROM messages"):
+            if number in connections:
+                yield Packet(connections[number], received, _message(data))
+    finally:
+        database.close()
+
+
+def _message(data: bytes) -> bytes:
+    return _expanded(data) if data.startswith(_COMPRESSED) else data
+
+
+def _mcap(file: Path) -> Iterator[Packet]:
+    """Of an MCAP file: https://mcap.dev/spec."""
+    from mcap.exceptions import EndOfFile, McapError
+    from mcap.records import Channel, Chunk, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    data = read_bytes(file, LARGEST_BAG)
+    if file.name.endswith(ZSTD):
+        data = _expanded(data)
+    check_chunk_sizes(data)
+    schemas: dict[int, Schema] = {}
+    connections: dict[int, Connection] = {}
+
+    def of(record: Any) -> Iterator[Packet]:
+        if isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
+            raise InputError(f"{file}: is a recording of armdyn, which is a run already: give it to armdyn compare")
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            connections[record.id] = _mcap_connection(record, schemas.get(record.schema_id))
+        elif isinstance(record, Message) and record.channel_id in connections:
+            yield Packet(connections[record.channel_id], record.log_time, _message(record.data))
+
+    source = io.BytesIO(data)
+    whole = source.tell()
+    try:
+        for record in StreamReader(source, emit_chunks=True, record_size_limit=len(data)).records:
+            for inner in breakup_chunk(record) if isinstance(record, Chunk) else [record]:
+                yield from of(inner)
+            whole = source.tell()
+    except (EndOfFile, McapError, struct.error) as error:
+        for inner in _of_cut_chunk(data[whole:]):
+            yield from of(inner)
+        raise EOFError("it is cut off, its recording did not end properly") from error
+
+
+def _of_cut_chunk(data: bytes) -> Iterator[Any]:
+    """The whole records at the beginning of a chunk that was cut off."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Message, Schema
+
+    head = 1 + 8 + 28  # opcode, length, times, size and checksum
+    if len(data) < head + 4 or data[0] != Opcode.CHUNK:
+        return
+    size = int.from_bytes(data[head : head + 4], "little")
+    start = head + 4 + size + 8
+    compression, content = data[head + 4 : head + 4 + size], data[start:]
+    if compression == b"zstd":
+        content = _expanded(content, LARGEST_CHUNK)
+    elif compression == b"lz4":
+        import lz4.frame
+
+        content = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=LARGEST_CHUNK)
+    at = 0
+    while at + 9 <= len(content):
+        length = int.from_bytes(content[at + 1 : at + 9], "little")
+        if at + 9 + length > len(content):
+            return
+        stream = ReadDataStream(io.BytesIO(content[at + 9 : at + 9 + length]))
+        match content[at]:
+            case Opcode.SCHEMA:
+                yield Schema.read(stream)
+            case Opcode.CHANNEL:
+                yield Channel.read(stream)
+            case Opcode.MESSAGE:
+                yield Message.read(stream, length)
+        at += 9 + length
+
+
+def _mcap_connection(channel: Any, schema: Any) -> Connection:
+    publisher = channel.metadata.get("callerid", "")
+    if schema is None:
+        return Connection(channel.topic, "", channel.message_encoding, publisher=publisher)
+    package, _, kind = schema.name.rpartition("/")
+    return Connection(
+        channel.topic, f"{package.removesuffix('/msg')}/msg/{kind}", channel.message_encoding,
+        schema.data.decode(errors="replace"), schema.encoding, publisher,
+    )  # fmt: skip
+
+
+_KINDS: dict[str, Callable[[Path], Iterator[Packet]]] = {".bag": _ros1, ".db3": _sqlite, ".mcap": _mcap}
