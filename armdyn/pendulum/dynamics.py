@@ -31,7 +31,7 @@ from armdyn.pendulum.composition import (
     tension_at,
     upwards,
 )
-from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, smoothly_resisted
+from armdyn.pendulum.physics import Expression, smoothly_resisted
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
@@ -129,7 +129,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     tension = on_string(pulled) - along_motion(radial, rate_of_rate)
     if composition.heavy:
         # The constraint force counts the string by its stretching; the upper end carries all of it.
-        weight = string.mass * (-STANDARD_GRAVITY * upwards(gripper) - along_motion(gd, rate_of_rate))
+        weight = string.mass * (-string.gravity * upwards(gripper) - along_motion(gd, rate_of_rate))
         tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
