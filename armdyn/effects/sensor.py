@@ -91,29 +91,45 @@ def sensor_drift(
 
 
 @effect(
-    summary="The load cell follows the force as a first-order lag.",
+    summary="A sensor follows what it measures as a first-order lag.",
     source="first-order instrument: Doebelin, Measurement Systems, 5th ed., §3.3",
-    needs=("load_force",),
+    needs=("load_force", "swing_angle", "swing_rate"),
 )
 def sensor_lag(
     sensor: Sensor,
-    time: Expression = quantity("s", typical=0.02, lower=0.0, upper=1.0, summary="time constant"),
+    time: Expression = quantity(
+        "s", typical=0.02, lower=0.0, upper=1.0, summary="of a load cell: time constant", needs=("load_force",)
+    ),
+    angle_time: Expression = quantity(
+        "s", typical=0.02, lower=0.0, upper=1.0, summary="of an angle sensor: time constant", needs=("swing_angle",)
+    ),
+    rate_time: Expression = quantity(
+        "s", typical=0.02, lower=0.0, upper=1.0, summary="of a rate gyro: time constant", needs=("swing_rate",)
+    ),
 ) -> Sensor:
-    """Tau dF/dt + F = T."""
-    return sensor.with_lag(time)
+    """Tau dy/dt + y = the reading without it; a sensor that was not recorded has none."""
+    return sensor.with_lag(time, angle_time, rate_time)
 
 
 @effect(
-    summary="The load cell's samples arrive late by a constant time.",
+    summary="A sensor's samples arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
-    needs=("load_force",),
+    needs=("load_force", "swing_angle", "swing_rate"),
 )
 def sensor_delay(
     sensor: Sensor,
-    time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
+    time: Expression = quantity(
+        "s", typical=0.01, lower=0.0, upper=0.5, summary="of a load cell: how late", needs=("load_force",)
+    ),
+    angle_time: Expression = quantity(
+        "s", typical=0.01, lower=0.0, upper=0.5, summary="of a camera or an encoder: how late", needs=("swing_angle",)
+    ),
+    rate_time: Expression = quantity(
+        "s", typical=0.01, lower=0.0, upper=0.5, summary="of a rate gyro: how late", needs=("swing_rate",)
+    ),
 ) -> Sensor:
-    """F(t) = T(t - tau)."""
-    return sensor.with_delay(time)
+    """y(t) = the reading at t - tau without it; a sensor that was not recorded has none."""
+    return sensor.with_delay(time, angle_time, rate_time)
 
 
 @effect(

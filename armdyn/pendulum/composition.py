@@ -32,8 +32,8 @@ class Composition:
         theta: (p,) symbols of the parameters, of which all expressions below are made.
         compliance: (2,) of the string and of the gripper, m/N.
         bounce: (2,) of the load on its string: 1/w^2, s^2, and damping ratio; None where the string is rigid.
-        sensor_lag: of the load cell, s.
-        sensor_delay: of the load cell, s.
+        sensor_lag: (3,) of the readings of force, angle and rate, s.
+        sensor_delay: (3,) of these, s.
         gripper_lag: by which the gripper trails its measured position, s.
         transverse: (3,) swing across the line at the start, see `physics.Load`.
         heavy: whether the string has mass.

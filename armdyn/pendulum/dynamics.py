@@ -184,8 +184,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     if not planar:
         start += [m.start for m in at.memory]
     bounce = None if composition.bounce is None else ca.Function("bounce", [theta], [composition.bounce])
-    sensors = {name: Sensor(theta) for name in OUTPUTS}
-    sensors["load_force"] = Sensor(theta, lag=composition.sensor_lag, delay=composition.sensor_delay)
+    timing = zip(OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True)
     return Dynamics(
         names=composition.names,
         states=state.numel(),
@@ -203,7 +202,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         energy=function("energy", on_string(kinetic + potential)),
-        sensors=sensors,
+        sensors={name: Sensor(theta, lag=lag, delay=delay) for name, lag, delay in timing},
     )
 
 

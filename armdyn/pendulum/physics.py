@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import NONE, Expression, Stage, Timed
+from armdyn.physics.definition import NONE, Expression, Stage
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
@@ -211,7 +211,7 @@ class Tension(Stage):
 
 
 @dataclass(frozen=True)
-class Sensor(Timed):
+class Sensor(Stage):
     """What is measured.
 
     Attributes:
@@ -221,8 +221,8 @@ class Sensor(Timed):
         force: reading of the load cell, N.
         angle: reading of the angle sensor, rad.
         rate: reading of the rate sensor, rad/s.
-
-    Lag and delay are those of the load cell.
+        lag: (3,) first-order time constants of the readings of force, angle and rate, s.
+        delay: (3,) how late these are, s.
     """
 
     time: Expression
@@ -231,6 +231,16 @@ class Sensor(Timed):
     force: Expression
     angle: Expression
     rate: Expression
+    lag: Expression = NO_VECTOR
+    delay: Expression = NO_VECTOR
+
+    def with_lag(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
+        """Let the readings of force, angle and rate pass a first-order lag each, s."""
+        return replace(self, lag=self.lag + ca.vertcat(force, angle, rate))
+
+    def with_delay(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
+        """Let the readings of force, angle and rate arrive late, s."""
+        return replace(self, delay=self.delay + ca.vertcat(force, angle, rate))
 
     def with_force(self, force: Expression) -> "Sensor":
         """Let the load cell read `force`, N."""
