@@ -123,7 +123,7 @@ def _root_of_inverse(parts: Sequence[np.ndarray]) -> np.ndarray:
     """
     triangle = np.zeros((0, parts[0].shape[1]))
     for part in parts:
-        triangle = np.linalg.qr(np.vstack([triangle, part]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, part]), mode="r"))
     scale = np.maximum(np.linalg.norm(triangle, axis=0), np.finfo(float).tiny)
     _, sizes, directions = np.linalg.svd(triangle / scale)
     kept = sizes > UNDETERMINED * sizes[:1]

@@ -20,8 +20,8 @@ NO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """m/s^2; of a pendulum where nobody says where it stands."""
 GRAVITY_SPREAD = 0.02
-"""m/s^2; standard deviation of gravity on Earth about that: 9.780 at the equator and 9.832 at the poles, less 0.003 per km
-of height."""
+"""m/s^2; standard deviation of gravity on Earth about that: 9.780 at the equator and 9.832 at the poles, less 0.003 for
+every kilometre of height."""
 STANDSTILL = 0.02
 """rad/s; where forces must be smooth, dry friction changes its sign over about this swing rate."""
 SPEED_FLOOR = 1e-9

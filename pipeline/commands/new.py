@@ -43,7 +43,8 @@ class Target:
 
 
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess, of gravity exact.')
+    list[str] | None,
+    typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess, gravity exact.'),
 ]
 
 
