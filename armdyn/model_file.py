@@ -158,7 +158,8 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
 
     Args:
         model: without it.
-        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess.
+        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess, but
+            of what has a prior, as gravity has: that is then held.
 
     Raises:
         InputError: an unknown name, unit or value.
@@ -170,10 +171,13 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
         parameter = model.parameters[name]
         with at(name):
             value = parse_quantity(text, parameter.unit)
-        if value.std is None:
-            model = model.with_values({name: value.value})
-        else:
+        if value.std is not None:
             model = model.with_prior(name, value.value, value.std)
+        elif parameter.prior is not None:
+            exact = replace(parameter, value=value.value, prior=None, fitted=False)
+            model = model.with_parameters({name: exact})
+        else:
+            model = model.with_values({name: value.value})
     return model
 
 
@@ -222,7 +226,7 @@ def _parameter(model: Model, name: str, entry: Any) -> Parameter:
     parameter = model.parameters[name]
     said = read_as(_ParameterEntry, entry, f"parameter {name}")
     factor = si_factor(said.unit, parameter.unit) if said.unit is not None else 1.0
-    prior = parameter.prior
+    prior = parameter.prior if parameter.effect else None
     if said.prior is not None:
         known = parse_quantity(f"{said.prior} {parameter.unit}", parameter.unit)
         if known.std is None:

@@ -50,6 +50,7 @@ class Parameter:
         effect: name of the effect that it belongs to, ``""`` for a parameter of the base.
         joint: the joint that it belongs to, ``""`` for none.
         needs: channels of which a recording must have one to show it; any will do where empty.
+        beside: further channels of which it must have one as well: a delay shows only against another clock.
     """
 
     name: str
@@ -67,10 +68,11 @@ class Parameter:
     effect: str = ""
     joint: str = ""
     needs: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show it."""
-        return not self.needs or any(name in channels for name in self.needs)
+        return not asked_for(channels, self.needs, self.beside)
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
@@ -84,6 +86,17 @@ class Parameter:
     def with_value(self, value: float, std: float | None = None) -> "Parameter":
         """The same parameter with another value (in its unit) and, after a fit, its standard deviation."""
         return replace(self, value=float(value), std=std)
+
+
+def asked_for(channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Channels of which a recording of `channels` lacks one to show something; empty where it lacks none.
+
+    Args:
+        channels: that it has.
+        needs: of these one; any will do where empty.
+        beside: of these one as well, likewise.
+    """
+    return next((names for names in (needs, beside) if names and not any(name in channels for name in names)), ())
 
 
 @dataclass(frozen=True)
@@ -101,6 +114,7 @@ class Quantity:
         spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
             not determine the number, such as the place of a mass of zero.
         needs: channels of which a recording must have one to show it; any will do where empty.
+        beside: further channels of which it must have one as well, see `Parameter`.
     """
 
     unit: str
@@ -112,6 +126,7 @@ class Quantity:
     summary: str = ""
     spread: float | None = None
     needs: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
     def parameter(self, effect: str, short: str, joint: str = "") -> Parameter:
         """The parameter `short` of an effect, on a joint or on none, at its null value."""
@@ -119,7 +134,7 @@ class Quantity:
             name=f"{effect}.{short}[{joint}]" if joint else f"{effect}.{short}", effect=effect, joint=joint,
             unit=self.unit, value=self.null, typical=self.typical, null=self.null,
             lower=self.lower, upper=self.upper, scope=self.scope, source=self.summary,
-            prior=None if self.spread is None else Prior(self.null, self.spread), needs=self.needs,
+            prior=None if self.spread is None else Prior(self.null, self.spread), needs=self.needs, beside=self.beside,
         )  # fmt: skip
 
 

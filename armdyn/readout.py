@@ -35,7 +35,9 @@ class Sampler(ABC):
 
 
 class Interpolated(Sampler):
-    """Samples of the signal as it is, cubic between the nodes; before the first and after the last it is constant.
+    """Samples of the signal as it is, cubic between the nodes; after the last it is constant.
+
+    What a late sample shows of the time before the first node goes on from there with the signal's first slope.
 
     Args:
         nodes: (K,) s, K >= 4.
@@ -72,7 +74,8 @@ class Interpolated(Sampler):
 
     def _instants(self, delay: float, derivative: int) -> csr_matrix:
         """`matrix` for samples that are no means."""
-        nodes, at = self.nodes, self._time - delay
+        nodes = self.nodes
+        at = np.clip(self._time, nodes[0], None) - delay
         inside = np.clip(at, nodes[0], nodes[-1])
         after = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
         nearest = after - (inside - nodes[after - 1] < nodes[after] - inside)
@@ -93,6 +96,10 @@ class Interpolated(Sampler):
             values[:, i] = sum(np.prod([inside - p[:, m] for m in of], axis=0) for of in factors) / base
         if derivative:
             values[inside != at] = 0.0
+        before = at < nodes[0]
+        step = nodes[1] - nodes[0]
+        on = np.full(int(before.sum()), 1.0 / step) if derivative else (at[before] - nodes[0]) / step
+        values[before] = np.stack([-on if derivative else 1.0 - on, on, 0.0 * on, 0.0 * on], axis=1)
         return _rows(values, columns, len(nodes))
 
 
@@ -172,10 +179,12 @@ class Sensor:
         return self._with(amplified, 0, signal[:, 0], theta)
 
     def lagged(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """The signal behind the lag; `nodes` (K,) s."""
+        """The signal behind the lag, as if it had come with its first slope; `nodes` (K,) s."""
         if not self.lags:
             return signal
-        following, by_lag = lagged(signal, float(self._function(theta)[0][1, 0]), np.diff(nodes))
+        tau, steps = float(self._function(theta)[0][1, 0]), np.diff(nodes)
+        slope = (signal[1] - signal[0]) / steps[0]
+        following, by_lag = lagged(signal, tau, steps, signal[0] - tau * slope, float(-slope[0]))
         return self._with(following, 1, by_lag, theta)
 
     def read(self, signal: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
@@ -190,11 +199,13 @@ class Sensor:
         signal = np.asarray(sampler.matrix(self.delay(theta) if self.delays else 0.0).T @ weights)
         if not self.lags:
             return signal
-        e, share = _lag_shares(float(self._function(theta)[0][1, 0]), np.diff(sampler.nodes))
+        tau, steps = float(self._function(theta)[0][1, 0]), np.diff(sampler.nodes)
+        e, share = _lag_shares(tau, steps)
         bands = np.vstack([np.append(0.0, -e), np.ones(len(signal))])
         follows = np.asarray(solve_banded((0, 1), bands, signal, check_finite=False))
         weighted = np.append(follows[:1], (1.0 - share) * follows[1:])
         weighted[:-1] += (share - e) * follows[1:]
+        weighted[:2] += np.array([1.0, -1.0]) * follows[0] * tau / steps[0]
         return weighted
 
     def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
@@ -232,7 +243,7 @@ def lagged(
     values: np.ndarray,
     time_constant: float,
     step: float | np.ndarray,
-    start: float | None = None,
+    start: float | np.ndarray | None = None,
     start_by_lag: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """A first-order lag of a signal that is linear between samples, and its derivative.
@@ -245,8 +256,8 @@ def lagged(
         values: (K, m) samples, columns filtered alike.
         time_constant: tau, s, >= 0.
         step: dt between the samples, s, a number or (K-1,).
-        start: what the filtered first column starts with; equilibrium when not given.
-        start_by_lag: derivative of `start` with respect to tau.
+        start: what the filtered columns start with; equilibrium when not given.
+        start_by_lag: derivative of the first one's start with respect to tau.
 
     Returns:
         (K, m) filtered, and (K,) derivative of the first column with respect to tau.
@@ -260,7 +271,7 @@ def lagged(
         dshare = (1.0 - e) / dt - de * tau / dt
     y, first = values, values[:1].astype(float)
     if start is not None:
-        first[:, 0] = start
+        first[:] = start
     z = _recursive(e, (share - e)[:, None] * y[:-1] + (1.0 - share)[:, None] * y[1:], first)
     drive = de * z[:-1, 0] + (dshare - de) * y[:-1, 0] - dshare * y[1:, 0]
     return z, _recursive(e, drive[:, None], np.array([[start_by_lag]]))[:, 0]

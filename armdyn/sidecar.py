@@ -26,7 +26,7 @@ from armdyn.toml_file import read_toml
 from armdyn.units import Known, parse_quantity
 from urdf.table_file import TableFileError, parse_table
 
-POSITIVE = {"mass": "kg", "length": "m"}
+POSITIVE = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
 
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
@@ -252,8 +251,8 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     at = (s, u, t, dt, theta)
     # The tension hardly depends on the exact next node, so that the extrapolated one is good enough.
     onward = ca.vertcat(s[0] + dt * (s[1] + dt * u), s[1] + dt * u, s[2] + dt * s[3], s[3])
-    weight = STANDARD_GRAVITY * theta[variational.names.index("mass")]
-    slack = c["least_tension"] - variational.tension(*at, onward) / weight
+    gravity, mass = (theta[variational.names.index(name)] for name in ("gravity", "mass"))
+    slack = c["least_tension"] - variational.tension(*at, onward) / (mass * gravity)
     loose = ca.sqrt(dt * c["w_slack"]) * ca.fmax(0, slack)
     beyond = ca.sqrt(dt * c["w_reach"]) * ca.fmax(0, ca.fmax(s[0] - c["reach_most"], c["reach_least"] - s[0]))
     constraints = ca.vertcat(inside, loose, beyond) if constrained else ca.SX(0, 1)

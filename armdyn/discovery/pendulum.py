@@ -8,7 +8,6 @@ import numpy as np
 from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
-from armdyn.pendulum.physics import STANDARD_GRAVITY
 
 SHARE = 0.02
 """Of the load's weight: typical size of a force that is missing."""
@@ -51,7 +50,7 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
     values = [
         dict(zip(problem.model.names, problem.theta(i, fit.values), strict=True)) for i in range(len(problem.runs))
     ]
-    mass, length = values[0]["mass"], values[0]["length"]
+    mass, length, gravity = (values[0][name] for name in ("mass", "length", "gravity"))
     seen: dict[str, list[np.ndarray]] = {}
     for i, run in enumerate(problem.runs):
         states = problem.model.covariates(run, problem.theta(i, fit.values))
@@ -63,7 +62,7 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
         for name, value in {**found, "position": along - length * np.sin(at)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
-    torque = SHARE * mass * STANDARD_GRAVITY * length
+    torque = SHARE * mass * gravity * length
     dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
     string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)

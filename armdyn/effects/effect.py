@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 from armdyn.errors import InputError
-from armdyn.parameter import Parameter, Quantity, RecordedColumn
+from armdyn.parameter import Parameter, Quantity, RecordedColumn, asked_for
 
 Reach = Literal["every", "turning", "coupled", "last", "base"]
 """Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
@@ -31,7 +31,8 @@ class Effect:
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
         wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
-        needs: channels of which a recording must have one to show it; any will do where empty.
+        needs: channels of which a recording must have one to show it, whatever its parameters need; any will do where
+            empty.
         usual: standard deviation, in typical sizes, by which every description is wrong: as much of it is no finding.
     """
 
@@ -50,8 +51,16 @@ class Effect:
 
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show it: an angle shows no load cell's lag."""
-        reads = all(column.name in channels for column in self.columns.values())
-        return reads and (not self.needs or any(name in channels for name in self.needs))
+        return not self.asked_for(channels)
+
+    def asked_for(self, channels: Collection[str]) -> tuple[str, ...]:
+        """Channels of which recordings of `channels` lack one to show it; empty where they can show it."""
+        lacking = [asked_for(channels, (column.name,)) for column in self.columns.values()]
+        lacking.append(asked_for(channels, self.needs))
+        own = [asked_for(channels, q.needs, q.beside) for q in self.quantities.values()]
+        if all(own):  # one of them is enough
+            lacking.append(tuple(dict.fromkeys(name for names in own for name in names)))
+        return next((names for names in lacking if names), ())
 
     @property
     def label(self) -> str:

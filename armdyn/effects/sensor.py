@@ -1,10 +1,20 @@
 """Effects that act on what is measured, in the order in which they act: mechanics of the cell, then its electronics."""
 
+from typing import Any
+
 import casadi as ca
 
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.pendulum.physics import Expression, Sensor
+
+CLOCKS = ("gripper_x", "load_force", "swing_angle", "swing_rate")
+
+
+def _late(channel: str, typical: float, most: float, summary: str) -> Any:
+    """A time, s, by which the sensor of a channel is late: alone it shows the same free swing, begun a little later."""
+    others = tuple(name for name in CLOCKS if name != channel)
+    return quantity("s", typical=typical, lower=0.0, upper=most, summary=summary, needs=(channel,), beside=others)
 
 
 @effect(
@@ -62,7 +72,6 @@ def sensor_gain(
 @effect(
     summary="The load cell, or the rate gyro, reads a constant too much.",
     source="offset error: JCGM 200 (VIM), §4.20",
-    needs=("load_force", "swing_rate"),
 )
 def sensor_bias(
     sensor: Sensor,
@@ -91,29 +100,31 @@ def sensor_drift(
 
 
 @effect(
-    summary="The load cell follows the force as a first-order lag.",
+    summary="A sensor follows what it measures as a first-order lag.",
     source="first-order instrument: Doebelin, Measurement Systems, 5th ed., §3.3",
-    needs=("load_force",),
 )
 def sensor_lag(
     sensor: Sensor,
-    time: Expression = quantity("s", typical=0.02, lower=0.0, upper=1.0, summary="time constant"),
+    time: Expression = _late("load_force", 0.02, 1.0, "of a load cell: time constant"),
+    angle_time: Expression = _late("swing_angle", 0.02, 1.0, "of an angle sensor: time constant"),
+    rate_time: Expression = _late("swing_rate", 0.02, 1.0, "of a rate gyro: time constant"),
 ) -> Sensor:
-    """Tau dF/dt + F = T."""
-    return sensor.with_lag(time)
+    """Tau dy/dt + y = the reading without it; a sensor that was not recorded has none."""
+    return sensor.with_lag(time, angle_time, rate_time)
 
 
 @effect(
-    summary="The load cell's samples arrive late by a constant time.",
+    summary="A sensor's samples arrive late by a constant time.",
     source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2",
-    needs=("load_force",),
 )
 def sensor_delay(
     sensor: Sensor,
-    time: Expression = quantity("s", typical=0.01, lower=0.0, upper=0.5, summary="how late"),
+    time: Expression = _late("load_force", 0.01, 0.5, "of a load cell: how late"),
+    angle_time: Expression = _late("swing_angle", 0.01, 0.5, "of a camera or an encoder: how late"),
+    rate_time: Expression = _late("swing_rate", 0.01, 0.5, "of a rate gyro: how late"),
 ) -> Sensor:
-    """F(t) = T(t - tau)."""
-    return sensor.with_delay(time)
+    """y(t) = the reading at t - tau without it; a sensor that was not recorded has none."""
+    return sensor.with_delay(time, angle_time, rate_time)
 
 
 @effect(

@@ -78,9 +78,7 @@ def estimate(
             if not noise.get(name, 0.0) > 0:
                 raise InputError(f"{run.name}: the noise of '{name}' is not known: give its standard deviation")
     problem = Problem(model, runs, {(run.name, name): std for run in runs for name, std in noise.items()})
-    recorded = {name for run in runs for name in run.everything}
-    shown = [column.parameter.shows_in(recorded) for column in problem.columns]
-    free = problem.fitted & np.array(shown, dtype=bool)
+    free = problem.fitted
     if not free.any():
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]

@@ -147,7 +147,8 @@ class Problem:
         self.upper = np.array([p.upper for p in parameters])
         self.typical = np.array([p.typical for p in parameters])
         self.null = np.array([p.null for p in parameters])
-        self.fitted = np.array([p.fitted for p in parameters], dtype=bool)
+        recorded = {name for run in runs for name in run.everything}
+        self.fitted = np.array([p.fitted and p.shows_in(recorded) for p in parameters], dtype=bool)
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
@@ -168,6 +169,11 @@ class Problem:
         """(p,) positions in one run; see `places`."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
+
+    @property
+    def known(self) -> np.ndarray:
+        """(P,) information of the priors on unknowns in typical sizes."""
+        return np.asarray((self.prior_weight * self.typical) ** 2)
 
     def start(self) -> np.ndarray:
         """(P,) values of the model and first guesses."""

@@ -78,8 +78,8 @@ class Study:
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
         # The catalogue's come last: an effect that the model has on some joints may be missing on others.
-        recorded = {name for run in everything for name in run.everything}
-        shown = [effect for effect in catalogue if effect.shows_in(recorded)]
+        self.recorded = frozenset(name for run in everything for name in run.everything)
+        shown = [effect for effect in catalogue if effect.shows_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
         extended = model.with_candidates(self.effects.values())
         self.problem = Problem(extended, self.runs, self.noise)

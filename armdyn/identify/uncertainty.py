@@ -14,7 +14,7 @@ values within 3 standard deviations, with whitening 76 % (docs/repair.md). What 
 more than any residual shows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,6 +32,9 @@ FAR_ABOVE_ESTIMATED = 10.0
 the next for 7.5 times weaker than it is."""
 NEARLY_NO_PRIOR = 1e-4
 """Share of the priors' weight that is left to ask what the runs alone determine: a hundred times wider."""
+UNDETERMINED = 1e-12
+"""Share of the largest singular value below which a direction is none but rounding, of 1e-15 for each of some hundred
+unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,26 +96,38 @@ def _covariance(
         filters: by channel, what whitens the residual; None where it is not whitened.
     """
     problem, free = fit.problem, np.flatnonzero(fit.free)
-    weight = problem.prior_weight[free] ** 2
-    bread = trust * np.diag(weight)
-    meat, gradient = bread.copy(), weight * (problem.prior_mean - fit.values)[free]
+    priors = np.sqrt(trust) * problem.prior_weight[free]
+    gradient = (problem.prior_weight**2 * (problem.prior_mean - fit.values))[free]
+    slopes = list[tuple[float, np.ndarray]]()
     for block in fit.blocks:
         residual, S = block.residual, block.sensitivities[:, free]
         if filters is not None:
             residual, S = filters[block.channel](residual), filters[block.channel](S)
-        information = S.T @ S
-        bread += information
-        meat += factors[block.channel] * information
+        slopes.append((factors[block.channel], S))
         gradient += S.T @ residual
     lowest, highest = (fit.values <= problem.lower)[free], (fit.values >= problem.upper)[free]
-    held = bounded & (lowest & (gradient < 0) | highest & (gradient > 0))
-    here, (bread, meat) = free[~held], (matrix[np.ix_(~held, ~held)] for matrix in (bread, meat))
-    scale = np.sqrt(np.maximum(np.diag(bread), np.finfo(float).tiny))
-    scales = np.outer(scale, scale)
-    inverse = np.linalg.pinv(bread / scales, rcond=1e-13, hermitian=True) / scales
-    covariance = np.zeros((len(fit.free), len(fit.free)))
-    covariance[np.ix_(here, here)] = inverse @ meat @ inverse
+    inside = ~(bounded & (lowest & (gradient < 0) | highest & (gradient > 0)))
+    parts = [(1.0, np.diag(priors)[:, inside]), *((factor, S[:, inside]) for factor, S in slopes)]
+    root = _root_of_inverse([part for _, part in parts])
+    meat = sum(factor * (part @ root).T @ (part @ root) for factor, part in parts)
+    here, covariance = free[inside], np.zeros((len(fit.free), len(fit.free)))
+    covariance[np.ix_(here, here)] = root @ meat @ root.T
     return covariance
+
+
+def _root_of_inverse(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(k, k) A with A A' the inverse of the sum of S' S over (n, k) parts S; without what they do not determine.
+
+    From the parts themselves: a period tells a length and gravity apart only by the prior, which is less than the
+    rounding of the squares where the angle is precise.
+    """
+    triangle = np.zeros((0, parts[0].shape[1]))
+    for part in parts:
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, part]), mode="r"))
+    scale = np.maximum(np.linalg.norm(triangle, axis=0), np.finfo(float).tiny)
+    _, sizes, directions = np.linalg.svd(triangle / scale)
+    kept = sizes > UNDETERMINED * sizes[:1]
+    return np.asarray((directions[: len(sizes)][kept] / sizes[kept, None]).T / scale[:, None])
 
 
 def _model_limited(study: Study, fit: Fit) -> bool:

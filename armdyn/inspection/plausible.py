@@ -10,7 +10,6 @@ from armdyn.identify.compare import Comparison
 from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount
 from armdyn.model import Model
 from armdyn.parameter import Parameter
-from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
 
 SLOWEST = 10.0
@@ -103,11 +102,11 @@ def _effort(model: ArmModel, p: Parameter) -> float | None:
 def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
     if model.base != "pendulum":
         return
-    length, mass = model.parameters["length"].value, model.parameters["mass"].value
+    length, mass, gravity = (model.parameters[name].value for name in ("length", "mass", "gravity"))
     for name in ("length", "mass"):
         p = model.parameters[name]
         if p.fitted and p.value in (p.lower, p.upper):
             yield name, f"{name} = {amount(p.value)} {p.unit} is the end of what a load that swings can have"
     for name, p in model.parameters.items():
-        if p.effect == "pivot_coulomb_friction" and p.value > mass * STANDARD_GRAVITY * length:
+        if p.effect == "pivot_coulomb_friction" and p.value > mass * gravity * length:
             yield name, f"{name} = {amount(p.value)} {p.unit} would hold the load at any angle"

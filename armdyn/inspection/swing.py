@@ -17,7 +17,6 @@ from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
 from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, read_as, stamped
 from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
-from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
 from armdyn.smoothing import ORDERS, Curve, best_smoothing, smoothed
 
@@ -129,7 +128,7 @@ class SwingRun:
         if "load_force" not in self.channels:
             return 0.0
         mass, weighed = self._known("mass")
-        share = float(np.mean(given.measured[-1])) / (mass * STANDARD_GRAVITY)
+        share = float(np.mean(given.measured[-1])) / (mass * self._known("gravity")[0])
         return BEYOND * (float(share < 0.0) + float(weighed and not LIGHT < abs(share) < 1.0 / LIGHT))
 
     def nothing(self) -> float:
@@ -141,7 +140,7 @@ class SwingRun:
         return replace(self, run=run)
 
     def _known(self, name: str) -> tuple[float, bool]:
-        """SI value of a length or mass, and whether somebody measured it."""
+        """SI value of length, mass or gravity, and whether somebody measured it."""
         known, parameter = self.run.known.get(name), self.model.parameters[name]
         return (known.value, True) if known is not None else (parameter.value, parameter.prior is not None)
 
@@ -150,7 +149,7 @@ class SwingRun:
         rows, described, columns, volume, least = [], [], [], [], []
         signs: list[np.ndarray] = []
         angle, rate, bend = np.zeros(n), np.zeros(n), np.zeros(n)
-        length, measured = self._known("length")
+        (length, measured), (gravity, _) = self._known("length"), self._known("gravity")
         u = np.zeros(n)
         if "gripper_x" in self._curves:
             r = correction.reading("gripper_x")
@@ -159,9 +158,9 @@ class SwingRun:
             r = correction.reading(self.swing)
             angle, rate, bend = (r.factor * x for x in self.motion(r.late))
             angle = angle + r.offset
-            drive, weightless = u * np.cos(angle) / length, -STANDARD_GRAVITY * np.sin(angle) / length
+            drive, weightless = u * np.cos(angle) / length, -gravity * np.sin(angle) / length
             width = MEASURED if measured else GUESSED["length"]
-            pace = STANDARD_GRAVITY / length
+            pace = gravity / length
             rows.append(bend)
             described.append((drive + weightless) if measured else np.zeros(n))
             X = [
@@ -172,24 +171,24 @@ class SwingRun:
             columns.append(np.column_stack(X))
             signs.append(np.array([not measured, False, True, True, True, *([False] * 4)]))
             volume.append(np.log(abs(r.factor)))
-            least.append(1e-3 * STANDARD_GRAVITY / length)
+            least.append(1e-3 * gravity / length)
         if "load_force" in self.channels:
             r = correction.reading("load_force")
             mass, weighed = self._known("mass")
             width = MEASURED if weighed else GUESSED["mass"]
-            static = STANDARD_GRAVITY * np.cos(angle) + u * np.sin(angle)
+            static = gravity * np.cos(angle) + u * np.sin(angle)
             rows.append(r.factor * self.force(r.late))
             described.append(mass * (static + length * rate**2) if weighed else np.zeros(n))
             X = [
                 width * mass * static,
                 width * mass * length * rate**2,
-                np.full(n, 0.1 * mass * STANDARD_GRAVITY),
-                0.03 * mass * STANDARD_GRAVITY * np.sin(angle),
+                np.full(n, 0.1 * mass * gravity),
+                0.03 * mass * gravity * np.sin(angle),
             ]
             columns.append(np.column_stack(X))
             signs.append(np.array([not weighed, not weighed, *([False] * 2)]))
             volume.append(np.log(abs(r.factor)))
-            least.append(1e-3 * mass * STANDARD_GRAVITY)
+            least.append(1e-3 * mass * gravity)
         width_of = [c.shape[1] for c in columns]
         whole = np.zeros((len(rows), n, sum(width_of)))
         for k, c in enumerate(columns):

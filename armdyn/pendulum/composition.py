@@ -14,12 +14,12 @@ from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
-from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, Gripper, Load, Sensor, String, Tension
+from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Moment
 
 STAGES = ("gripper", "string", "load", "tension", "sensor")
 """What effects may act on, in the order in which nature applies them."""
-BASE_PARAMETERS = ("length", "mass")
+BASE_PARAMETERS = ("length", "mass", "gravity")
 RIGID = 1e-12
 """m/N; added to a compliance by which is divided."""
 
@@ -32,8 +32,8 @@ class Composition:
         theta: (p,) symbols of the parameters, of which all expressions below are made.
         compliance: (2,) of the string and of the gripper, m/N.
         bounce: (2,) of the load on its string: 1/w^2, s^2, and damping ratio; None where the string is rigid.
-        sensor_lag: of the load cell, s.
-        sensor_delay: of the load cell, s.
+        sensor_lag: (3,) of the readings of force, angle and rate, s.
+        sensor_delay: (3,) of these, s.
         gripper_lag: by which the gripper trails its measured position, s.
         transverse: (3,) swing across the line at the start, see `physics.Load`.
         heavy: whether the string has mass.
@@ -96,7 +96,7 @@ def gripper_at(at: Moment, x: Expression, v: Expression, z: Expression, phi: Exp
 
 def string_at(at: Moment, phi: Expression, rate: Expression) -> String:
     """The string, with effects, at swing angle phi rad and rate rad/s."""
-    return at.stage("string", String(at.time, phi, rate, at["mass"], at["length"]))
+    return at.stage("string", String(at.time, phi, rate, at["mass"], at["length"], at["gravity"]))
 
 
 def load_at(at: Moment, q: Expression, qd: Expression, phi: Expression, rate: Expression) -> Load:
@@ -108,7 +108,7 @@ def tension_at(
     at: Moment, value: Expression, phi: Expression, rate: Expression, length: Expression, acceleration: Expression
 ) -> Expression:
     """The string's pull, N, after effects on its formula; `acceleration` of the gripper along its line, m/s^2."""
-    return at.stage("tension", Tension(value, phi, rate, at["mass"], length, acceleration)).value
+    return at.stage("tension", Tension(value, phi, rate, at["mass"], length, acceleration, at["gravity"])).value
 
 
 def sensor_at(at: Moment, tension: Expression, phi: Expression, rate: Expression) -> Sensor:
@@ -128,7 +128,7 @@ def lagrangian(gripper: Gripper, string: String, load: Load, g: Expression, gd: 
         + string.mass * (ca.sumsqr(qd) + ca.sumsqr(gd) + ca.dot(qd, gd)) / 6
     )
     up = upwards(gripper)
-    return kinetic, STANDARD_GRAVITY * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
+    return kinetic, string.gravity * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
 
 
 def upwards(gripper: Gripper) -> Expression:
@@ -151,5 +151,5 @@ def quasi_static(
     if not composition.yields:
         return position, length
     string, gripper = ca.vertsplit(composition.compliance)
-    pull = STANDARD_GRAVITY * at["mass"] * ca.cos(phi)
+    pull = at["gravity"] * at["mass"] * ca.cos(phi)
     return position - ca.vertcat(gripper * pull * ca.sin(phi), 0, 0), length + string * pull

@@ -31,7 +31,7 @@ from armdyn.pendulum.composition import (
     tension_at,
     upwards,
 )
-from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression, smoothly_resisted
+from armdyn.pendulum.physics import Expression, smoothly_resisted
 from armdyn.pendulum.yielding import slow_manifold
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
@@ -129,7 +129,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     tension = on_string(pulled) - along_motion(radial, rate_of_rate)
     if composition.heavy:
         # The constraint force counts the string by its stretching; the upper end carries all of it.
-        weight = string.mass * (-STANDARD_GRAVITY * upwards(gripper) - along_motion(gd, rate_of_rate))
+        weight = string.mass * (-string.gravity * upwards(gripper) - along_motion(gd, rate_of_rate))
         tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
@@ -184,8 +184,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     if not planar:
         start += [m.start for m in at.memory]
     bounce = None if composition.bounce is None else ca.Function("bounce", [theta], [composition.bounce])
-    sensors = {name: Sensor(theta) for name in OUTPUTS}
-    sensors["load_force"] = Sensor(theta, lag=composition.sensor_lag, delay=composition.sensor_delay)
+    timing = zip(OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True)
     return Dynamics(
         names=composition.names,
         states=state.numel(),
@@ -203,7 +202,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         energy=function("energy", on_string(kinetic + potential)),
-        sensors=sensors,
+        sensors={name: Sensor(theta, lag=lag, delay=delay) for name, lag, delay in timing},
     )
 
 

@@ -14,11 +14,11 @@ from scipy.optimize import brentq
 from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect, effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.parameter import Parameter
+from armdyn.parameter import Parameter, Prior
 from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
-from armdyn.pendulum.physics import STANDARD_GRAVITY, Tension
+from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY, Tension
 from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest, swing_shown
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
@@ -51,9 +51,9 @@ STEEPEST = 1.5
 )
 def printed_tension(tension: Tension) -> Tension:
     """T = m g cos(phi) - m l phi'^2 - u sin(phi); the equations of motion stay right."""
-    m, phi = tension.mass, tension.angle
+    m, phi, g = tension.mass, tension.angle, tension.gravity
     return tension.with_value(
-        m * STANDARD_GRAVITY * ca.cos(phi) - m * tension.length * tension.rate**2 - tension.acceleration * ca.sin(phi)
+        m * g * ca.cos(phi) - m * tension.length * tension.rate**2 - tension.acceleration * ca.sin(phi)
     )
 
 
@@ -92,12 +92,12 @@ class PendulumModel(SimulatedModel):
     ) -> dict[str, tuple[np.ndarray, str]]:
         """See `SimulatedModel`; the load is the string's pull on a point mass."""
         del speed
-        length, mass = (float(theta[self.names.index(name)]) for name in ("length", "mass"))
+        length, mass, gravity = (float(theta[self.names.index(name)]) for name in ("length", "mass", "gravity"))
         path = run_path(run)
         v, a = (np.interp(time, path.time, x) for x in (path.v, path.a))
         angle = motion[:, 0]
         rate = motion[:, 1] + v / length * np.cos(angle)
-        pull = mass * (STANDARD_GRAVITY * np.cos(angle) + length * rate**2 + a * np.sin(angle))
+        pull = mass * (gravity * np.cos(angle) + length * rate**2 + a * np.sin(angle))
         found = {"speed": (rate, "rad/s"), "angle": (angle, "rad"), "load": (pull, "N")}
         return found | ({"pivot_acceleration": (a, "m/s^2")} if "gripper_x" in run.channels else {})
 
@@ -110,7 +110,7 @@ class PendulumModel(SimulatedModel):
         """See `SimulatedModel`: a free swing's period shows the length, nearly, where the swing is not small."""
         if "gripper_x" in run.channels or swing_shown(run) is None:
             return {}
-        return {"length": STANDARD_GRAVITY * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
+        return {"length": float(theta[self.names.index("gravity")]) * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """See `SimulatedModel`; where only a force was measured, that of small swings.
@@ -128,16 +128,17 @@ class PendulumModel(SimulatedModel):
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """See `Model.possible_starts`: orbits in the phase plane, near the measured angle where there is one."""
-        length = float(theta[self.names.index("length")])
-        plane = phase_plane(length)
+        pace = 2.0 * np.pi / self.start_window(theta)
+        plane = phase_plane(pace)
         if "swing_angle" in run.channels:
             angle, rate = measured_start(run.channels["swing_angle"])
-            plane = np.array([(angle, rate + change) for change in rates_near(length)])
-        return seen_from_rest(run, length, plane)
+            plane = np.array([(angle, rate + change) for change in rates_near(pace)])
+        return seen_from_rest(run, float(theta[self.names.index("length")]), plane)
 
     def start_window(self, theta: np.ndarray) -> float:
         """See `Model.start_window`: a period of small swings."""
-        return float(2 * np.pi * np.sqrt(theta[self.names.index("length")] / STANDARD_GRAVITY))
+        length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
+        return float(2 * np.pi * np.sqrt(length / gravity))
 
     def pieces(self, run: Run) -> Sequence[Run]:
         """See `start.pieces`, and below a fixed pivot `start.free_swing`."""
@@ -263,6 +264,10 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
     base = (
         Parameter("length", "m", length, 0.3, null=length, lower=0.02, upper=5.0, source="pivot to the load's centre"),
         Parameter("mass", "kg", mass, 0.1, null=mass, lower=1e-4, upper=50.0, source="of the load"),
+        Parameter(
+            "gravity", "m/s^2", STANDARD_GRAVITY, GRAVITY_SPREAD, null=STANDARD_GRAVITY, lower=1.0, upper=30.0,
+            prior=Prior(STANDARD_GRAVITY, GRAVITY_SPREAD), source="of free fall, where the pendulum stands",
+        ),
         Parameter("initial_angle", "rad", 0.0, 0.1, lower=-3.2, upper=3.2, scope="per_run"),
         Parameter(
             "initial_rate", "rad/s", 0.0, 0.5, lower=-30.0, upper=30.0, scope="per_run",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import NONE, Expression, Stage, Timed
+from armdyn.physics.definition import NONE, Expression, Stage
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
@@ -18,7 +18,10 @@ __all__ = [
 
 NO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
-"""m/s^2."""
+"""m/s^2; of a pendulum where nobody says where it stands."""
+GRAVITY_SPREAD = 0.02
+"""m/s^2; standard deviation of gravity on Earth about that: 9.780 at the equator and 9.832 at the poles, less 0.003 for
+every kilometre of height."""
 STANDSTILL = 0.02
 """rad/s; where forces must be smooth, dry friction changes its sign over about this swing rate."""
 SPEED_FLOOR = 1e-9
@@ -88,6 +91,7 @@ class String(Stage):
         rate: rad/s.
         load_mass: kg.
         length: pivot to the load's centre, m.
+        gravity: of free fall, m/s^2.
         torque: sum of the torques about the pivot that act along the angle, N m.
         dry: sum of the sizes of the dry frictions at the pivot, N m.
         mass: of the string, uniform along its length, kg.
@@ -100,6 +104,7 @@ class String(Stage):
     rate: Expression
     load_mass: Expression
     length: Expression
+    gravity: Expression
     torque: Expression = NONE
     dry: Expression = NONE
     mass: Expression = NONE
@@ -109,7 +114,7 @@ class String(Stage):
     @property
     def pull(self) -> Expression:
         """What the pivot carries, N, as if it stood still and the string were rigid: m (g cos phi + l phi'^2)."""
-        weight = (self.load_mass + self.mass) * STANDARD_GRAVITY * ca.cos(self.angle)
+        weight = (self.load_mass + self.mass) * self.gravity * ca.cos(self.angle)
         return weight + (self.load_mass + self.mass / 2) * self.length * self.rate**2
 
     def with_length(self, length: Expression) -> "String":
@@ -189,6 +194,7 @@ class Tension(Stage):
         mass: of the load, kg.
         length: of the string, m.
         acceleration: of the gripper along its line, m/s^2.
+        gravity: of free fall, m/s^2.
     """
 
     value: Expression
@@ -197,6 +203,7 @@ class Tension(Stage):
     mass: Expression
     length: Expression
     acceleration: Expression
+    gravity: Expression
 
     def with_value(self, value: Expression) -> "Tension":
         """Another formula, N."""
@@ -204,7 +211,7 @@ class Tension(Stage):
 
 
 @dataclass(frozen=True)
-class Sensor(Timed):
+class Sensor(Stage):
     """What is measured.
 
     Attributes:
@@ -214,8 +221,8 @@ class Sensor(Timed):
         force: reading of the load cell, N.
         angle: reading of the angle sensor, rad.
         rate: reading of the rate sensor, rad/s.
-
-    Lag and delay are those of the load cell.
+        lag: (3,) first-order time constants of the readings of force, angle and rate, s.
+        delay: (3,) how late these are, s.
     """
 
     time: Expression
@@ -224,6 +231,16 @@ class Sensor(Timed):
     force: Expression
     angle: Expression
     rate: Expression
+    lag: Expression = NO_VECTOR
+    delay: Expression = NO_VECTOR
+
+    def with_lag(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
+        """Let the readings of force, angle and rate pass a first-order lag each, s."""
+        return replace(self, lag=self.lag + ca.vertcat(force, angle, rate))
+
+    def with_delay(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
+        """Let the readings of force, angle and rate arrive late, s."""
+        return replace(self, delay=self.delay + ca.vertcat(force, angle, rate))
 
     def with_force(self, force: Expression) -> "Sensor":
         """Let the load cell read `force`, N."""

@@ -13,7 +13,6 @@ from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.differences import quiet_std
 from armdyn.gaps import between, in_pieces, told
 from armdyn.pendulum.path import run_path
-from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Run
 
 AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
@@ -47,13 +46,12 @@ def seen_from_rest(
     ]
 
 
-def phase_plane(length: float) -> np.ndarray:
+def phase_plane(pace: float) -> np.ndarray:
     """(C, 2) angles (rad) and rates (rad/s) of a swing, hanging at rest first, then orbits of growing energy.
 
     Args:
-        length: pivot to the load's centre, m.
+        pace: of small swings, rad/s.
     """
-    pace = np.sqrt(STANDARD_GRAVITY / length)
     starts = [(0.0, 0.0)]
     for amplitude in AMPLITUDES:
         for phase in 2 * np.pi * np.arange(PHASES) / PHASES:
@@ -67,9 +65,9 @@ def phase_plane(length: float) -> np.ndarray:
     return np.array(starts)
 
 
-def rates_near(length: float) -> np.ndarray:
-    """(7,) rad/s by which a rate from a noisy angle may be off, 0 first; `length` m."""
-    return np.sqrt(STANDARD_GRAVITY / length) * np.array([0.0, -0.03, 0.03, -0.1, 0.1, -0.3, 0.3])
+def rates_near(pace: float) -> np.ndarray:
+    """(7,) rad/s by which a rate from a noisy angle may be off, 0 first; `pace` of small swings, rad/s."""
+    return pace * np.array([0.0, -0.03, 0.03, -0.1, 0.1, -0.3, 0.3])
 
 
 def swing_shown(run: Run) -> str | None:

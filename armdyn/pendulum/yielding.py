@@ -25,7 +25,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from armdyn.pendulum.composition import Composition
-from armdyn.pendulum.physics import STANDARD_GRAVITY, Expression
+from armdyn.pendulum.physics import Expression
 from armdyn.physics.definition import Moment
 
 QUICKEST = 1e-4
@@ -57,10 +57,10 @@ def slow_manifold(
 ) -> Yielding:
     """Displacements of string and gripper; see the head of this file."""
     string, gripper = ca.vertsplit(composition.compliance)
-    length, mass = at["length"], at["mass"]
+    length, mass, gravity = at["length"], at["mass"], at["gravity"]
     sin, cos = ca.sin(phi), ca.cos(phi)
-    tension = mass * (STANDARD_GRAVITY * cos + length * rate**2 + a * sin)
-    tension_rate = mass * (3 * rate * (a * cos - STANDARD_GRAVITY * sin) + jerk * sin)
+    tension = mass * (gravity * cos + length * rate**2 + a * sin)
+    tension_rate = mass * (3 * rate * (a * cos - gravity * sin) + jerk * sin)
     stretching = string * tension_rate
     giving = -gripper * (tension_rate * sin + tension * cos * rate)
     late = ca.SX(0)

@@ -43,13 +43,14 @@ class Target:
 
 
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess.')
+    list[str] | None,
+    typer.Option("--set", help='What is known: mass="80 g +/- 0.4 g"; without +/- a first guess, gravity exact.'),
 ]
 
 
 @group.command()
 def pendulum(target: Target, settings: SetOption = None) -> None:
-    """A load on a string below a moving gripper: length and mass."""
+    """A load on a string below a moving gripper: length, mass and gravity."""
     from armdyn.model_file import ModelFile, base_pendulum
 
     _write(target, ModelFile(base_pendulum(_known(settings)), {}))

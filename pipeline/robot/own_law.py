@@ -10,7 +10,7 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.pendulum.physics import Load, String
+from armdyn.pendulum.physics import STANDARD_GRAVITY, Load, String
 from pipeline.robot.protocol import Vector
 
 FORCES = {"force": 3, "torque": 1, "dry": 1}
@@ -75,7 +75,7 @@ def _compiled(name: str, effect: Effect) -> Callable[[float, Swing], Added]:
     time, mass, length, angle, rate = scalars = [ca.SX.sym(field) for field in Swing._fields[:5]]
     position, velocity = ca.SX.sym("position", 3), ca.SX.sym("velocity", 3)
     stages = {
-        "string": String(time, angle, rate, mass, length),
+        "string": String(time, angle, rate, mass, length, STANDARD_GRAVITY),
         "load": Load(time, mass, position, velocity, angle, rate),
     }
     given = stages[effect.acts_on]

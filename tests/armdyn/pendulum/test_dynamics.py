@@ -18,7 +18,7 @@ from armdyn.run import Channel, Run
 LENGTH, MASS, G = 0.368, 0.1, 9.81
 
 
-THETA = np.array([LENGTH, MASS])
+THETA = np.array([LENGTH, MASS, G])
 
 
 AMPLITUDE, OMEGA = 0.04, 2 * np.pi * 0.8
@@ -82,7 +82,7 @@ def test_energy_is_kept_without_friction():
 
 def test_drag_takes_the_energy_that_the_force_does_work_for():
     dynamics = derive_dynamics(Composition([CATALOGUE["linear_drag"]]))
-    theta = np.array([LENGTH, MASS, 0.02])
+    theta = np.array([LENGTH, MASS, G, 0.02])
     states = Simulator(dynamics, "test_drag").rollout(path(5.0, dt=0.005, motion=still), theta, 1.0).states
     energy = np.array([float(dynamics.energy(s, np.zeros(7), theta)) for s in states])
     rate = np.array([float(dynamics.rate(s, np.zeros(7), theta)) for s in states])
@@ -149,16 +149,16 @@ def test_rollout_agrees_with_an_eighth_order_integrator():
     assert np.abs(run.states[:, 0] - reference.y[0]).max() < 1e-6  # it swings up to 1.2 rad at resonance
 
 
-@pytest.mark.parametrize("column", range(6))
+@pytest.mark.parametrize("column", range(7))
 def test_sensitivities_match_finite_differences(column):
     simulator = Simulator(derive_dynamics(Composition(DRAG)), "test_drag_gain")
-    point = np.array([LENGTH, MASS, 0.02, 0.01, 0.2, 0.3])
-    run = simulator.rollout(path(4.0), point[:4], point[4], point[5])
+    point = np.array([LENGTH, MASS, G, 0.02, 0.01, 0.2, 0.3])
+    run = simulator.rollout(path(4.0), point[:5], point[5], point[6])
 
     def outputs(value):
         changed = point.copy()
         changed[column] = value[0]
-        return simulator.rollout(path(4.0), changed[:4], changed[4], changed[5]).outputs[::40].ravel()
+        return simulator.rollout(path(4.0), changed[:5], changed[5], changed[6]).outputs[::40].ravel()
 
     exact = run.sensitivities[::40, :, column].ravel()
     assert_jacobian(outputs, point[[column]], exact[:, None], 1e-4, 1e-7)

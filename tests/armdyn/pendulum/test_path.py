@@ -1,6 +1,7 @@
 import pickle
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,7 +11,7 @@ from armdyn.errors import InputError
 from armdyn.faults import thin_out
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
 from armdyn.physics.recorded import differentiated, smoothed_motion
-from armdyn.readout import Interpolated, lagged
+from armdyn.readout import Interpolated, Sensor, lagged
 from armdyn.run import Channel, Run
 
 DT = 0.01
@@ -166,4 +167,23 @@ def test_samples_on_the_grid_are_the_grid():
 def test_before_the_start_the_first_value_holds():
     stamps = DT * np.array([-3.2, -0.1, 0.5])
     assert np.array_equal(read(stamps)[:2], SIGNAL[[0, 0]])
-    assert np.array_equal(read(stamps, derivative=1)[:2], [0.0, 0.0])
+
+
+LATE, SLOW = 0.37 * DT, 4 * DT
+
+
+def test_what_a_late_or_slow_sensor_shows_first_was_there_before_the_start():
+    theta = ca.SX.sym("theta", 2)
+    sampler, signal = Interpolated(GRID, GRID), SIGNAL[:, None]
+    late = Sensor(theta[:0], delay=LATE).read(signal, sampler, np.zeros(0))[:, 0]
+    assert np.abs(late - np.sin(6 * (GRID - LATE)) - 0.3 * np.cos(11 * (GRID - LATE))).max() < 3e-3
+    slow = Sensor(theta[:0], lag=SLOW).read(signal, sampler, np.zeros(0))[:, 0]
+    steady = sum(part / (1 + 1j * w * SLOW) * np.exp(1j * w * GRID) for w, part in ((6, -1j), (11, 0.3))).real
+    assert np.abs(slow - steady).max() < 0.3 * np.abs(SIGNAL[0] - steady[0])
+
+
+def test_the_adjoint_of_a_sensor_gives_the_same_sum():
+    sensor, sampler = Sensor(ca.SX(0, 1), lag=SLOW, delay=LATE), Interpolated(GRID, GRID)
+    weights, signal = np.random.default_rng(0).normal(size=(2, len(GRID)))
+    seen = sensor.read(signal[:, None], sampler, np.zeros(0))[:, 0]
+    assert sensor.adjoint(weights, sampler, np.zeros(0)) @ signal == pytest.approx(weights @ seen, rel=1e-12)

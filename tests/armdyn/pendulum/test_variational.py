@@ -7,7 +7,7 @@ from armdyn.pendulum.composition import Composition
 from armdyn.pendulum.variational import derive_variational
 
 LENGTH, MASS, G, DT = 0.368, 0.1, 9.81, 0.01
-THETA = np.array([LENGTH, MASS])
+THETA = np.array([LENGTH, MASS, G])
 STATE, CONTROL = np.array([0.05, 0.2, 0.4, -0.9]), 0.7
 
 

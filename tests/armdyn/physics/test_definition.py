@@ -156,8 +156,10 @@ def test_a_physics_without_states_is_algebra(run):
 def test_what_a_physics_without_states_lacks_is_named():
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 10.0, 0.01)
-    force = 12.0 * 0.1 * np.sin(4 * (t - 0.03)) + 0.01 * rng.normal(size=len(t))
-    channels = {"gripper_x": Channel(t, 0.1 * np.sin(4 * t), "m"), "load_force": Channel(t, force, "N")}
+    # Of one sine a lag is a delay and a gain.
+    moved, then = (0.1 * np.sin(4 * at) + 0.05 * np.sin(11 * at) for at in (t, t - 0.03))
+    force = 12.0 * then + 0.01 * rng.normal(size=len(t))
+    channels = {"gripper_x": Channel(t, moved, "m"), "load_force": Channel(t, force, "N")}
     study = Study(physics_model(scale), [Run("a.csv", channels)], [], [late, slow])
     found = repair(study)
     assert [e.name for e in found.model.effects] == ["late"]
