@@ -6,7 +6,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from armdyn.cache import is_private, private_directory
 from armdyn.quoting import identifier
 
 # No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines. No
-# reassociation and no contraction: an effect at its null value must change nothing to the last digit.
-FLAGS = ("-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
-LARGE = 200_000
-"""Characters of source; more is compiled with -O1, which takes half the time and gives code that is as fast."""
+# reassociation and no contraction: an effect at its null value must change nothing to the last digit. -O2 takes twice
+# the time to compile and gives code that is no faster.
+FLAGS = ("-O1", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
+PAYS = 50_000
+"""Calls after which a function is compiled: the compiler takes 0.1 ms for an operation, the virtual machine 2 ns."""
 SWITCH = "ARMDYN_COMPILE"
 """Environment variable: ``0`` keeps to the virtual machine."""
 
@@ -33,7 +34,9 @@ def compiler() -> str | None:
     return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
 
 
-def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
+def compile_functions(
+    name: str, functions: Mapping[str, ca.Function], *, make: bool = True
+) -> dict[str, ca.Function]:
     """The same functions as machine code where a compiler exists, else as they are.
 
     The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
@@ -43,6 +46,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
     Args:
         name: prefix of the file in the cache, an identifier.
         functions: by key; each keeps its inputs and outputs.
+        make: whether to compile what is not in the cache.
     """
     command = compiler()
     if command is None:
@@ -55,10 +59,10 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
     for key, function in functions.items():
         generator.add(function if function.name() == key else _renamed(key, function))
     source = generator.dump()
-    identity = "\n".join((source, command, *_flags(source), platform.machine(), ca.__version__))
+    identity = "\n".join((source, command, *FLAGS, platform.machine(), ca.__version__))
     stem = f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}"
     try:
-        library = _kept(directory, stem) or _compile(command, source, directory, stem)
+        library = _kept(directory, stem) or (_compile(command, source, directory, stem) if make else None)
         if library is not None:
             return {key: ca.external(key, str(library)) for key in functions}
     except (OSError, RuntimeError):  # a disk that is full or forbids to execute, or a library that cannot be loaded
@@ -79,10 +83,6 @@ def _library_name(stem: str, content: bytes) -> str:
     return f"{stem}-{hashlib.sha256(content).hexdigest()[:32]}.so"
 
 
-def _flags(source: str) -> tuple[str, ...]:
-    return ("-O1" if len(source) > LARGE else "-O2", *FLAGS)
-
-
 def _renamed(key: str, function: ca.Function) -> ca.Function:
     inputs = [function.mx_in(i) for i in range(function.n_in())]
     return ca.Function(key, inputs, function.call(inputs), function.name_in(), function.name_out())
@@ -94,12 +94,42 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
         code.write_text(source)
         result = subprocess.run(
-            [command, *_flags(source), str(code), "-o", str(product), "-lm"], capture_output=True, check=False
+            [command, *FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False
         )
         if result.returncode != 0:
             return None
         product.chmod(0o700)
         return product.replace(directory / _library_name(stem, product.read_bytes()))
+
+
+class WarmingUp:
+    """A function that the virtual machine evaluates until compiling it pays: of hundreds, most are used little.
+
+    Args:
+        name: prefix of the file in the cache, an identifier.
+        function: with a name of its own.
+    """
+
+    def __init__(self, name: str, function: ca.Function) -> None:
+        self._name, self._left = name, PAYS
+        self._function, self._buffered = function, dict[str, Buffered]()
+        self._compile(make=False)
+
+    def _compile(self, *, make: bool) -> None:
+        key = self._function.name()
+        self._function = compile_functions(self._name, {key: self._function}, make=make)[key]
+        if "External" in self._function.class_name():
+            self._left = 0
+            self._buffered.clear()
+
+    def within(self, name: str, made: Callable[[ca.Function], ca.Function], calls: int) -> "Buffered":
+        """What is `made` of the function, under a name, for so many calls of it."""
+        if 0 < self._left <= calls:
+            self._compile(make=True)
+        self._left = max(self._left - calls, 0)
+        if name not in self._buffered:
+            self._buffered[name] = Buffered(made(self._function))
+        return self._buffered[name]
 
 
 class Buffered:

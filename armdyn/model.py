@@ -217,7 +217,7 @@ class Model(Shown):
     def with_only(self, effects: Collection[str], *, wrong: bool = True) -> Self:
         """The model with these effects only, and with formulas known to be wrong unless `wrong` is False.
 
-        Its parameters keep their order.
+        At the null values of what it lacks it predicts the same, in less time; its parameters keep their order.
         """
         kept = tuple(effect for effect in self.effects if effect.name in effects or (wrong and effect.wrong))
         if len(kept) == len(self.effects):
@@ -281,14 +281,6 @@ class Model(Shown):
         if effect.acts_on not in self.stages:
             return False
         return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
-
-    def holding(self, needed: Collection[str]) -> Self:
-        """A model that may lack effects which are not `needed`, where it is cheaper to evaluate without them.
-
-        At the null values of what it lacks it predicts the same; its parameters keep their order.
-        """
-        del needed
-        return self
 
     def following(self, runs: Sequence[Run]) -> Self:
         """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""

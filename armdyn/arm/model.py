@@ -1,7 +1,7 @@
 """The arm as a model: joint torques of a run, with exact sensitivities, for any composition of effects."""
 
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -96,10 +96,6 @@ class ArmModel(Model):
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
         """See `Model.effect_parameter`."""
         return self.arm.parameter(quantity, effect, short, joint)
-
-    def holding(self, needed: Collection[str]) -> Self:
-        """See `Model.holding`; every effect costs time, so that only those needed are kept."""
-        return self.with_only(needed)
 
     def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
         """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""

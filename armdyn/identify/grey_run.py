@@ -138,17 +138,18 @@ class GreyRun:
             weights: by channel (N,) variance of each sample over the others'; larger where it is not believed.
             wanted: (P,) bool, the unknowns by which it is linearised; the others are taken as known.
         """
-        theta, unknowns = values[self.places], np.flatnonzero(wanted)
-        parameters = np.flatnonzero(wanted[self.places])
-        columns = np.searchsorted(unknowns, self.places[parameters])
-        found = self.pieces.linearised(theta, states, parameters)
+        pieces, places = self._holding(values, wanted)
+        theta, unknowns = values[places], np.flatnonzero(wanted)
+        parameters = np.flatnonzero(wanted[places])
+        columns = np.searchsorted(unknowns, places[parameters])
+        found = pieces.linearised(theta, states, parameters)
         # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
         gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
         by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
         here, there = found.definition
         by_unknown[:, :, columns], definition[:, :, columns] = found.by_theta + found.transition @ here - there, here
-        begin, by_start, by_theta = self.pieces.beginning(theta)
-        model = self.pieces.model
+        begin, by_start, by_theta = pieces.beginning(theta)
+        model = pieces.model
         kicked = by_start[:, model.kicked] * self._typical[model.kicked]
         free = np.abs(by_start).sum(axis=1) > 0.0
         start = np.zeros((states.shape[1], len(unknowns) + 1))
@@ -162,6 +163,16 @@ class GreyRun:
             for c, quiet, weight in given
         ]
         return Around(self, states, chain, rows, definition, wanted)
+
+    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
+        """The pieces of a model without the effects that do nothing here, and the unknowns of its parameters.
+
+        Those that bring states stay: states of all sets are the same ones.
+        """
+        model = self.pieces.model
+        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
+        assert isinstance(lean, SimulatedModel)
+        return self.pieces.of(lean), self.places[places]
 
 
 class Around:

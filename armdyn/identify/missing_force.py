@@ -118,7 +118,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
         return []
     acting = fit.free | (fit.values != fit.problem.null)
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
-    problem = Problem(model.holding(needed), fit.problem.runs, fit.problem.noise)
+    problem = Problem(model.with_only(needed), fit.problem.runs, fit.problem.noise)
     model = problem.model
     assert isinstance(model, SimulatedModel)
     values = transferred(fit.values, fit.problem, problem)

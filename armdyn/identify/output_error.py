@@ -163,17 +163,19 @@ class AroundMotion:
         )
 
     def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
-        """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for.
+        """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for."""
+        return self.box.starts(free, self._near(free))
+
+    def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        """(P,) values with other sizes of the effects than `starts`, (P,) values each, have.
 
         Where an effect is not the right one, its best size over whole runs is another one than around the motion, or
         than in other runs.
         """
-        found, sized = list[np.ndarray](), free & self.box.removable
-        for values in self.box.starts(free, self._near(free)):
-            found.append(values)
-            yield values
+        sized = free & self.box.removable
         if sized.any():
-            yield from (np.where(sized, size * one, one) for one in (found[:2][-1], found[0]) for size in SIZES)
+            found = list(islice(starts, 2))
+            yield from (np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in SIZES)
             yield from self._of_single_runs(free, found[0])
 
     def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:

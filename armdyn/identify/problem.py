@@ -159,7 +159,7 @@ class Problem:
         self._of_effects = np.array(
             [[c.parameter.effect == name for c in columns] for name in self._effects], dtype=bool
         ).reshape(len(self._effects), len(columns))
-        self._lean: dict[frozenset[str], tuple[frozenset[str], Model, np.ndarray]] = {}
+        self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
 
     def places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
@@ -219,29 +219,28 @@ class Problem:
             values: (P,).
             wanted: (P,) bool, unknowns whose derivatives are needed, all where it is not given; the others may be 0.
         """
-        needed = frozenset(self._effects)
-        if wanted is not None:
-            concerned = (self._of_effects & (wanted | (values != self.null))).any(axis=1)
-            needed = frozenset(compress(self._effects, concerned))
-        held, model, places = self._holding(needed)
-        key = values.tobytes(), held
-        everything = key[0], frozenset(self._effects)
+        held = frozenset(self._effects) if wanted is None else self.needed(values, wanted)
+        key, everything = (values.tobytes(), held), (values.tobytes(), frozenset(self._effects))
         if everything in self._whole:  # it serves every fit that starts there, so it is not crowded out by them
             return self._whole[everything]
         memory = self._whole if key == everything else self._partial
         if key not in memory:
             while len(memory) >= REMEMBERED:
                 del memory[next(iter(memory))]
-            memory[key] = self._blocks(values, model, places)
+            memory[key] = self._blocks(values, *self.holding(held))
         return memory[key]
 
-    def _holding(self, needed: frozenset[str]) -> tuple[frozenset[str], Model, np.ndarray]:
-        """The effects of the model to evaluate, the model, and (q,) where its parameters are in the whole one's."""
+    def needed(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
+        """Effects without which (P,) values or derivatives by (P,) bool `wanted` unknowns would be others."""
+        concerned = self._of_effects & (wanted | (values != self.null))
+        return frozenset(compress(self._effects, concerned.any(axis=1) | ~self._of_effects.any(axis=1)))
+
+    def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
+        """The model with these effects only, and (q,) where its parameters are in the whole one's."""
         if needed not in self._lean:
-            model = self.model.holding(needed)
+            model = self.model.with_only(needed)
             place = {name: i for i, name in enumerate(self.model.names)}
-            places = np.array([place[name] for name in model.names], dtype=int)
-            self._lean[needed] = frozenset(e.name for e in model.effects), model, places
+            self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]
 
     def _blocks(self, values: np.ndarray, model: Model, places: np.ndarray) -> list[Block]:

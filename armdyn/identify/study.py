@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from itertools import tee
+from itertools import chain, tee
 
 import numpy as np
 
@@ -227,8 +227,9 @@ class Study:
         if key[0] not in self._starts:
             (self._starts[key[0]],) = tee(motion.starts(free), 1)
         starts, point = self._starts[key[0]], motion.settled_point(free)
+        places = chain(copy(starts), motion.elsewhere(free, copy(starts)))
         free = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
-        found = best_minimum(self.problem, free, (self.own(values, motion.problem) for values in copy(starts)), others)
+        found = best_minimum(self.problem, free, (self.own(values, motion.problem) for values in places), others)
         if point is not None:
             found = replace(found, settled=self.own(point.values, motion.problem))
         self._started[found] = starts

@@ -1,6 +1,6 @@
 """The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path as File
@@ -196,14 +196,10 @@ class PendulumModel(SimulatedModel):
         """The model without the effects that change nothing at these values."""
         return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
-    def holding(self, needed: Collection[str]) -> "PendulumModel":
-        """See `Model.holding`; a swing across the line costs most, then compliance and lag."""
-        present = {effect: _cost(effect) for effect in self.effects}
-        worst = max((cost for effect, cost in present.items() if effect.name in needed), default=None)
-        kept = [effect for effect, cost in present.items() if worst is not None and cost <= worst]
-        if len(kept) == len(self.effects):
-            return self
-        return self.with_only({effect.name for effect in kept})
+    @property
+    def remembering(self) -> frozenset[str]:
+        """See `SimulatedModel`."""
+        return frozenset(effect.name for effect in self.effects if _brings_states(effect))
 
     def described(self, folder: File) -> Mapping[str, Any]:
         """See `Model.described`."""
@@ -239,10 +235,9 @@ def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> Dynamics:
 
 
 @lru_cache(maxsize=256)
-def _cost(effect: Effect) -> int:
-    """How much an effect adds to every step of a simulation: 2 for further states, 1 for further inputs, else 0."""
+def _brings_states(effect: Effect) -> bool:
     with_it = Composition([effect])
-    return 2 if with_it.crosses or with_it.remembers else int(with_it.yields or with_it.trails)
+    return with_it.crosses or with_it.remembers > 0
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,7 @@
 """A physics as a model: what its sensors should have read in a run, for any composition of effects."""
 
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -141,9 +141,10 @@ class PhysicsModel(SimulatedModel):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
         return super().with_effect(effect)
 
-    def holding(self, needed: Collection[str]) -> "PhysicsModel":
-        """See `Model.holding`: effects that bring states are left out where they are not needed."""
-        return self.with_only([e.name for e in self.effects if e.name in needed or not _remembers(self.physics, e)])
+    @property
+    def remembering(self) -> frozenset[str]:
+        """See `SimulatedModel`."""
+        return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""

@@ -5,6 +5,7 @@ motion nothing is carried on: predictions are nearly linear in all unknowns, as 
 lacks to the beginning of the next is what the model lacks (multiple shooting: Bock, Proc. IFAC 1981).
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -111,6 +112,12 @@ class Pieces:
         if long.any():
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
+
+    def of(self, model: SimulatedModel) -> "Pieces":
+        """The same pieces of a model with other effects and the same states."""
+        found = copy(self)
+        found.model, found._driven = model, None
+        return found
 
     def __len__(self) -> int:
         return len(self.starts)

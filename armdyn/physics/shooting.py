@@ -1,18 +1,15 @@
 """Many short simulations at once, each from a state of its own: multiple shooting (Bock & Plitt, IFAC 1984)."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Simulator, System
+from armdyn.physics.simulate import SHORT, Simulator, System
 
-SHORT = 16
-"""Steps per compiled call: pieces are short."""
 TOGETHER = 64
 """Pieces per compiled call, at most."""
 
@@ -55,14 +52,7 @@ class Shooting:
         itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
         free = replace(system, starts=system.states, initial=itself)
         self._inputs = system.inputs
-        self.simulator = Simulator(free, f"{name}_pieces", channels, SHORT)
-        self._together: dict[int, Buffered] = {}
-
-    def _steps(self, pieces: int) -> Buffered:
-        """The compiled steps of so many pieces."""
-        if pieces not in self._together:
-            self._together[pieces] = Buffered(self.simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
-        return self._together[pieces]
+        self.simulator = Simulator(free, name, channels)
 
     def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
         """Simulate from each edge to the next.
@@ -84,7 +74,8 @@ class Shooting:
         for first in range(0, J, TOGETHER):
             these = slice(first, min(first + TOGETHER, J))
             size = these.stop - first
-            at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
+            at, lasts = edges[:-1][these], steps[these]
+            advance = s.steps.within(f"shots_{size}", partial(_of_pieces, size), int(lasts.sum()))
             shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end is nobody else's
             state, sensitivity = states[these].T, np.tile(begin, size)
             for done in range(0, int(shown.max()), SHORT):
@@ -94,7 +85,7 @@ class Shooting:
                 now, there = np.minimum(here, middle.shape[1] - 1), np.minimum(here + 1, nodes.shape[1] - 1)
                 inputs = np.concatenate([nodes[:, here], middle[:, now], nodes[:, there]]).reshape(-1, size * SHORT)
                 moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
-                _, y, dy, state, sensitivity = advance(state, sensitivity, inputs, moving, theta)
+                state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
                 kept = step < shown[:, None]
                 target = (node - edges[0])[kept]
                 outputs[target] = y.T.reshape(size, SHORT, c)[kept]
@@ -104,6 +95,11 @@ class Shooting:
             slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
         by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
         return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
+
+
+def _of_pieces(pieces: int, steps: ca.Function) -> ca.Function:
+    """The same steps of so many pieces at once."""
+    return steps.map(f"shots_{pieces}", "serial", pieces, [4], [])
 
 
 @lru_cache(maxsize=64)

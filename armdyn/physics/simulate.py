@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, compile_functions
+from armdyn.codegen import Buffered, WarmingUp
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
@@ -15,8 +15,10 @@ from armdyn.physics.recorded import Path, slope
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
-BLOCK = 128
-"""Steps per compiled call; a run of any length is a sequence of blocks, the last one cut."""
+SHORT = 16
+"""Steps that are compiled together: pieces of a motion are short."""
+BLOCK = 8 * SHORT
+"""Steps per call; a run of any length is a sequence of blocks, the last one cut."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,19 +97,15 @@ class Simulator:
         dynamics: the equations.
         name: identifier of the composition, for the cache of compiled code.
         channels: the outputs that are wanted, all when not given; fewer are faster.
-        block: steps per compiled call; a run is continued to a multiple of it.
 
     Attributes:
         active: columns of (theta, start) on which the motion depends.
         columns: number of outputs, with the impulse.
-        steps: one block, ``(state, derivatives by active, inputs, steps in s, theta) -> (states before each step,
-            outputs, their derivatives, state, derivatives)``.
+        steps: `SHORT` of them, ``(state, derivatives by active, inputs, steps in s, theta) -> (state, derivatives,
+            states before each step, outputs, their derivatives)``.
     """
 
-    def __init__(
-        self, dynamics: System, name: str, channels: tuple[str, ...] | None = None, block: int = BLOCK
-    ) -> None:
-        self._block = block
+    def __init__(self, dynamics: System, name: str, channels: tuple[str, ...] | None = None) -> None:
         self.channels = dynamics.outputs if channels is None else channels
         self.parameters = len(dynamics.names)
         self._dynamics = dynamics
@@ -115,10 +113,8 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        steps, start = _steps(dynamics, self.active, rows, block), _start(dynamics, self.active)
-        built = compile_functions(f"simulate_{name}", {"steps": steps, "start": start})
-        self.steps = built["steps"]
-        self._steps, self._start = Buffered(self.steps), Buffered(built["start"])
+        self.steps = WarmingUp(f"simulate_{name}", _repeated(_step(dynamics, self.active, rows), "steps", SHORT))
+        self._start = Buffered(_start(dynamics, self.active))
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
@@ -137,7 +133,7 @@ class Simulator:
         nodes, middle = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // self._block) * self._block
+        padded = -(-K // BLOCK) * BLOCK
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
         inputs[rows : 2 * rows, : K - 1] = middle
@@ -149,11 +145,12 @@ class Simulator:
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
-        for first in range(0, padded, self._block):
-            block = slice(first, first + self._block)
-            before, y, dy, state, sensitivity = self._steps(state, sensitivity, inputs[:, block], step[:, block], theta)
+        advance = self.steps.within("block", lambda steps: _repeated(steps, "block", BLOCK // SHORT), K)
+        for first in range(0, padded, BLOCK):
+            block = slice(first, first + BLOCK)
+            state, sensitivity, before, y, dy = advance(state, sensitivity, inputs[:, block], step[:, block], theta)
             states[block], outputs[block] = before.T, y.T
-            sensitivities[block] = dy.T.reshape(self._block, m, columns)
+            sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
         last = np.zeros((n, m))
         last[:, self.active] = sensitivity
         return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
@@ -174,8 +171,8 @@ class Simulator:
         return outputs[:, :-1], by_theta[:, :-1]
 
 
-def _steps(system: System, active: list[int], rows: list[int], block: int) -> ca.Function:
-    """One block of steps, with the outputs before each step and their derivatives.
+def _step(system: System, active: list[int], rows: list[int]) -> ca.Function:
+    """One step, with the outputs before it and their derivatives; see `Simulator.steps`.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
     `active`: a parameter of a sensor never moves the load. Where the inputs trail, they are followed by their
@@ -207,14 +204,16 @@ def _steps(system: System, active: list[int], rows: list[int], block: int) -> ca
     y = system.output(s, here[: system.inputs], theta)[rows]
     dy = ca.horzcat(_by_theta(y, theta, system, here), ca.SX(y.numel(), system.starts))
     dy[:, active] += ca.jacobian(y, s) @ S
-    stage = ca.Function(
-        "stage", [s, S, w, dt, theta], [following[:, 0], ca.densify(following[:, 1:]), s, ca.densify(y), ca.densify(dy)]
-    )
-    over = stage.mapaccum("over", block, 2)
-    s0, S0, P = ca.MX.sym("s", n), ca.MX.sym("S", n, len(active)), ca.MX.sym("theta", parameters)
-    W, DT = ca.MX.sym("w", 3 * width, block), ca.MX.sym("dt", 1, block)
-    after, sensitivity, before, Y, dY = over(s0, S0, W, DT, ca.repmat(P, 1, block))
-    return ca.Function("steps", [s0, S0, W, DT, P], [before, Y, dY, after[:, -1], sensitivity[:, -len(active) :]])
+    results = [following[:, 0], following[:, 1:], s, y, dy]
+    return ca.Function("step", [s, S, w, dt, theta], ca.cse([ca.densify(result) for result in results]))
+
+
+def _repeated(steps: ca.Function, name: str, times: int) -> ca.Function:
+    """Steps after steps; see `Simulator.steps`."""
+    s, S, w, dt, theta = (ca.MX.sym("given", *steps.size_in(i)) for i in range(5))
+    w, dt = (ca.MX.sym("given", each.size1(), times * each.size2()) for each in (w, dt))
+    after, sensitivity, *outputs = steps.mapaccum("over", times, 2)(s, S, w, dt, ca.repmat(theta, 1, times))
+    return ca.Function(name, [s, S, w, dt, theta], [after[:, -1], sensitivity[:, -S.size2() :], *outputs])
 
 
 def advanced(

@@ -50,6 +50,11 @@ class SimulatedModel(Model):
         """Those of `start_names` that a force changes: the speeds."""
         return list(range(len(self.start_names)))
 
+    @property
+    @abstractmethod
+    def remembering(self) -> frozenset[str]:
+        """Effects that bring states of their own."""
+
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) values that would begin the motion at (J,) times, from what was measured; None where it was not.
 
