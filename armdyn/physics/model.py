@@ -188,6 +188,16 @@ class PhysicsModel(SimulatedModel):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
 
+    def shown_against(
+        self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
+    ) -> dict[str, tuple[np.ndarray, str]]:
+        """See `SimulatedModel`: a state that is the rate of another one is a speed, others have their own names."""
+        del run, time, theta
+        states = list(self.physics.states.items())
+        found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
+        name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
+        return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
+
     def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""
         return _recorded(run, self.physics)

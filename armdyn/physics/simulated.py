@@ -71,16 +71,11 @@ class SimulatedModel(Model):
             run: prepared.
             time: (J,) s.
             motion: (J, starts) values that would begin the motion then.
-            speed: which of them is the one whose acceleration is missing.
+            speed: which of them is the one whose rate of change is missing.
             theta: (p,) in the order of `names`.
         """
-        del run, theta, time
-        found = {"speed": (motion[:, speed], self.parameters[self.start_names[speed]].unit)}
-        others = (k for k in range(len(self.start_names)) if k not in self.kicked)
-        return found | {
-            self.start_names[k].removeprefix("initial_"): (motion[:, k], self.parameters[self.start_names[k]].unit)
-            for k in others
-        }
+        del run, time, motion, speed, theta
+        return {}
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """When what nothing drives, with a period of `swing` s, rests, s: there friction holds it, no force shows."""
