@@ -28,7 +28,7 @@ AT_ONCE = 2**20
 """Numbers of an array that is worked with at a time, 8 MB: a long run has thousands of pieces and looks at hundreds of
 noises. Larger is no faster."""
 ROUNDING = 1e-14
-"""Share of what a state is told by the samples of a piece that is left by rounding where earlier states tell the rest."""
+"""Share of what the samples of a piece tell a state that is rounding, where they tell it through other states."""
 EVERY = slice(None)
 
 

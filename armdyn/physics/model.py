@@ -19,7 +19,7 @@ from armdyn.kept import kept_alongside
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import Path, recorded_inputs
+from armdyn.physics.recorded import FINEST_GRID, Path, recorded_inputs
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
 
@@ -62,6 +62,11 @@ class PhysicsModel(SimulatedModel):
     def stages(self) -> tuple[str, ...]:
         """What its equations ask for."""
         return tuple(_bare(self.physics).stages)
+
+    @property
+    def step(self) -> float:  # type: ignore[override]
+        """See `Model.step`: as its physics says."""
+        return max(self.physics.step, FINEST_GRID)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -173,6 +178,11 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`: states whose rate is no state."""
         names = list(self.physics.states)
         return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """See `SimulatedModel`: those of the physics."""
+        return tuple(p.name for p in self.physics.parameters)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """See `SimulatedModel`: as its physics says."""

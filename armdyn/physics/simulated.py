@@ -50,6 +50,11 @@ class SimulatedModel(Model):
         """Those of `start_names` that a force changes: the speeds."""
         return list(range(len(self.start_names)))
 
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Parameters whose values are no more than guesses, so that a fit begins from other ones as well."""
+        return ()
+
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) values that would begin the motion at (J,) times, from what was measured; None where it was not.
 
