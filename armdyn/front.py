@@ -5,9 +5,11 @@ from collections.abc import Iterable
 from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
+from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.repair import Repair, add
+from armdyn.identify.sentence import Verdict
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
@@ -25,8 +27,12 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
     Raises:
         InputError: something cannot be read or compared.
         WrongRecordingError: see `inspect`.
+        TaskFailedError: the fit is lost.
     """
-    return add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ()).model
+    found = add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())
+    if found.verdict is Verdict.LOST:
+        raise TaskFailedError(found.sentence)
+    return found.model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:

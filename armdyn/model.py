@@ -69,6 +69,8 @@ class Model(Shown):
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
 
+    step = 0.005
+    """s; of a simulation, about: how long a recording can be simulated follows from it."""
     linear = False
     """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
 

@@ -17,11 +17,11 @@ from armdyn.run import Run
 from armdyn.sidecar import POSITIVE
 from armdyn.units import si_factor
 
-SLOWEST = 0.2
-"""s between samples, on average, beyond which no motion of a load or of an arm shows. It bounds the memory: a
-simulation has at most `SLOWEST` / 0.005 s = 40 steps per sample."""
-SHORT_SPAN = 200.0
-"""s; so long a recording may have gaps of any kind: a simulation of it is small."""
+MOST_STEPS = 40
+"""Steps of a simulation per sample, on average, beyond which the recording shows no motion: 0.2 s of a load or of an
+arm. It bounds the memory."""
+FEW_STEPS = 40_000
+"""Steps of a simulation that is small: so long a recording may have gaps of any kind, 200 s of a load or of an arm."""
 FASTEST = 2e-5
 """s between samples below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at most."""
 REPEATED = 5e-7
@@ -44,7 +44,7 @@ def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
     """
     with at(run.source or run.name):
         _check_known(model, run, adding)
-        _check_clock(run)
+        _check_clock(run, model.step)
         _check_further(run, columns_of((*model.effects, *adding)))
         for name, channel in run.channels.items():
             _check_steps(name, channel)
@@ -74,7 +74,8 @@ def _unknown(model: Model, name: str) -> InputError:
     return UnknownNameError("quantity in [known]", name, model.names)
 
 
-def _check_clock(run: Run) -> None:
+def _check_clock(run: Run, step: float) -> None:
+    """Refuse stamps that no sensor gives, and a recording that is too long for its samples at `step` s."""
     channels = {name: c for name, c in run.channels.items() if len(c) > 1}
     if not channels:
         return
@@ -93,11 +94,11 @@ def _check_clock(run: Run) -> None:
             )
     names = list(channels)
     start, end = (np.array([c.time[i] for c in channels.values()]) for i in (0, -1))
-    if end.max() - start.min() <= max(SHORT_SPAN, SLOWEST * max(map(len, channels.values()))):
+    if end.max() - start.min() <= step * max(FEW_STEPS, MOST_STEPS * max(map(len, channels.values()))):
         return
     for name, channel in channels.items():
         span, steps = float(channel.time[-1] - channel.time[0]), np.diff(channel.time)
-        if span <= max(SHORT_SPAN, SLOWEST * len(channel)):
+        if span <= step * max(FEW_STEPS, MOST_STEPS * len(channel)):
             continue
         longest = int(np.argmax(steps))
         if steps[longest] > 0.5 * span:
@@ -106,8 +107,8 @@ def _check_clock(run: Run) -> None:
                 "cut the recording there into two files"
             )
         raise InputError(
-            f"time: '{name}' has a sample every {np.median(steps):.3g} s over {span:.6g} s, too few to show a motion: "
-            "check the unit of 'time' (milliseconds are 'time [ms]'), or record faster"
+            f"time: '{name}' has a sample every {np.median(steps):.3g} s over {span:.6g} s, too few to show a motion "
+            f"in steps of {step:.3g} s: check the unit of 'time' (milliseconds are 'time [ms]'), or record faster"
         )
     first, last = names[int(np.argmin(start))], names[int(np.argmax(end))]
     raise InputError(

@@ -30,7 +30,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
     return {
         "schema": "armdyn.comparison/1",
         "model": model_answer(study),
-        **fields(found, "explained sentence"),
+        **fields(found, "verdict explained sentence"),
         **fit_answer(found),
         "correction": _correction(found.correction),
         "missing_force": missing_force_answer(found.missing_force),

@@ -18,12 +18,13 @@ from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.score import residual_tests
 from armdyn.identify.search import Search, search
 from armdyn.identify.study import Study
@@ -74,6 +75,8 @@ def discover(
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
+    if lost(study, found.last.fit):
+        raise TaskFailedError(lost_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)

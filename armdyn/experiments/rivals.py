@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
@@ -14,6 +14,7 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
@@ -76,11 +77,14 @@ def undecided(
 
     Raises:
         InputError: see `require_gripper` and `named`.
+        TaskFailedError: the fit is lost.
     """
     require_gripper(study)
     if names is not None:
         return "", "", named(study, names)
     found = diagnose(study, say)
+    if found.verdict is Verdict.LOST:
+        raise TaskFailedError(found.sentence)
     rivals = of_diagnosis(study, found) or weakest(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:

@@ -11,10 +11,12 @@ from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
 from armdyn.identify.localise import Place, localise
+from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem, by_channel, chi2_of, samples_of
 from armdyn.identify.score import ResidualTests
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     channel_table,
@@ -101,6 +103,7 @@ class Comparison(Shown):
         correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
+        lost: what is needed where the fit is lost, a sentence; see `lost`. Empty where it is not.
     """
 
     fit: Fit
@@ -115,6 +118,7 @@ class Comparison(Shown):
     left_out: tuple[str, ...] = ()
     correction: Correction | None = None
     widened: float = 1.0
+    lost: str = ""
 
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
@@ -125,7 +129,7 @@ class Comparison(Shown):
                 " ".join(self.remarks),
                 tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
-            *([place_section("Where the model fails", self.places)] if self.places else []),
+            *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
         ]
         if self.correction is not None:
             right = parameter_table(self.correction.parameters)
@@ -137,7 +141,7 @@ class Comparison(Shown):
             "Comparison",
             self.sentence,
             sections,
-            Level.GOOD if self.explained else Level.CAUTION,
+            Level.BAD if self.lost else Level.GOOD if self.explained else Level.CAUTION,
             data={
                 "samples": lambda: sample_columns(self.fit),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
@@ -159,13 +163,18 @@ class Comparison(Shown):
 
     @cached_property
     def missing_force(self) -> tuple[ForceCurve, ...]:
-        """What the model cannot explain, against what it may depend on."""
-        return between(self.fit)
+        """What the model cannot explain, against what it may depend on; nothing where the fit is lost."""
+        return () if self.lost else between(self.fit)
 
     @property
     def explained(self) -> bool:
         """Whether nothing is left to explain."""
-        return not self.tests.fails
+        return self.verdict is Verdict.EXPLAINED
+
+    @property
+    def verdict(self) -> Verdict:
+        """Explained, not explained, or lost."""
+        return Verdict.LOST if self.lost else Verdict.NOT_EXPLAINED if self.tests.fails else Verdict.EXPLAINED
 
     @property
     def scale(self) -> Scale:
@@ -189,6 +198,8 @@ class Comparison(Shown):
     def sentence(self) -> str:
         """For a person."""
         chi2 = self.fit.chi2_per_sample
+        if self.lost:
+            return self.lost
         if self.explained:
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
         text = f"{opening(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
@@ -261,6 +272,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             *study.disbelieved(fit),
         ),
         widened=uncertainty(study, fit).widened,
+        lost=lost_sentence(fit) if lost(study, fit) else "",
     )
 
 

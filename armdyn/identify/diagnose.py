@@ -12,6 +12,7 @@ from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.force_law import opening
+from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.sample_evidence import NOISY
@@ -68,11 +69,13 @@ class Diagnosis(Shown):
             summaries: what every effect is, by its name; None leaves that out.
         """
         given, steps = self.comparison, self.search.steps
+        compared = given.document()
+        if self.verdict is Verdict.LOST:
+            return replace(compared, title="Diagnosis", verdict=self.sentence, level=Level.BAD)
         rmse = {name: channel.rmse for name, channel in given.channels.items()}
         candidates = candidate_table(self.suspects, rmse, given.scale, summaries or {})
         evidence = Section("Which effect is missing", self._evidence, tables=[candidates] if self.suspects else [])
         fits = {"as given": given.fit} | ({"with what is missing": steps[-1].fit} if len(steps) > 1 else {})
-        compared = given.document()
         return replace(
             compared,
             title="Diagnosis",
@@ -105,6 +108,9 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     """Find out what is missing from the model of a study."""
     found = search(study, progress)
     start, last = found.steps[0], found.last
+    if lost(study, last.fit):
+        given = comparison(study, start.fit, start.tests, process_error=False)
+        return Diagnosis(Verdict.LOST, lost_sentence(last.fit), given, (), {}, (), None, Search(found.steps[:1]))
     unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
     unknown = characterise(last.fit) if last.tests.fails else None
     verdict = judge(study, found, unknown)

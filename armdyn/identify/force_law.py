@@ -22,6 +22,8 @@ CLEAR = float(np.log(100.0))
 """Nats. A term is told where every law without it is a hundred times less likely than the best: very strong evidence in
 the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). The picture shows whatever is less clear."""
 QUANTITIES = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
+"""By unit; in any other it is the rate of a state."""
+RATE = "rate"
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Law:
 
     Attributes:
         joint: which joint's; None for a model without joints.
-        quantity: ``"torque"``, ``"force"`` or ``"acceleration"``.
+        quantity: ``"torque"``, ``"force"``, ``"acceleration"`` or ``"rate"``.
         terms: those that are clear.
         alike: other joints whose missing force follows the same terms, with sizes of their own.
     """
@@ -99,10 +101,11 @@ class Law:
     def sentence(self) -> str:
         """Such as ``"the missing torque of elbow steps by 1.2 N m where the joint turns round: dry friction"``."""
         whose = f" of {self.joint}" if self.joint else ""
-        what = "joint" if self.joint else "swing" if any(t.unit.startswith("rad") for t in self.terms) else "motion"
+        driven = self.quantity in ("torque", "force")
+        what = "joint" if driven else "swing" if any(t.unit.startswith("rad") for t in self.terms) else "motion"
         # A drive must make up for what friction takes; a swing is slowed by it.
         friction = [t for t in self.terms if t.shape.cause]
-        loss = 1.0 if self.joint else -1.0
+        loss = 1.0 if driven else -1.0
         drives = bool(friction) and all(loss * t.size < 0.0 for t in friction)
         along = -loss if drives else loss
         said = " and ".join(_said(t, what, t.size * (along if t.shape.cause else 1.0) > 0.0) for t in self.terms)
@@ -111,7 +114,7 @@ class Law:
         if drives:
             return f"{text}, which drives the motion and is no friction"
         # What surrounds a joint is oil as well.
-        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        causes = ["drag" if driven and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
         return f"{text}: {' and '.join(causes)}" if causes else text
 
 
@@ -156,7 +159,7 @@ def _law(curves: Sequence[ForceCurve]) -> Law | None:
     told = tuple(t for t in best if all((t.shape, t.against) in other for other in plausible))
     # Beside something that varies, the constant is what is left of it where its shape is none of these.
     told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT)
-    return Law(curves[0].joint, QUANTITIES[curves[0].unit], told) if told else None
+    return Law(curves[0].joint, QUANTITIES.get(curves[0].unit, RATE), told) if told else None
 
 
 def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[Term, ...]]]:

@@ -33,6 +33,7 @@ class Point:
     Attributes:
         values: (P,).
         states: by run, (J, n).
+        edges: by run, (J + 1,) where the pieces of these states begin and end; some may have been cut since.
         noises: by run.
         weights: by run and channel, (N,) variance of each sample over the others'; larger where it is not believed.
         evidence: of the set that was settled there.
@@ -40,6 +41,7 @@ class Point:
 
     values: np.ndarray
     states: tuple[np.ndarray, ...]
+    edges: tuple[np.ndarray, ...]
     noises: tuple[Noise, ...]
     weights: tuple[tuple[np.ndarray, ...], ...]
     evidence: float = -np.inf
@@ -67,7 +69,16 @@ class GreyBox:
         states = tuple(run.initial_states(values) for run in self.runs)
         quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
         even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
-        return Point(values, states, quiet, even)
+        return Point(values, states, self._edges, quiet, even)
+
+    @property
+    def _edges(self) -> tuple[np.ndarray, ...]:
+        """By run, where its pieces begin and end now."""
+        return tuple(run.pieces.edges for run in self.runs)
+
+    def is_cut(self, point: Point) -> bool:
+        """Whether pieces were cut since the runs settled at a point: its evidence is then that of fewer kicks."""
+        return any(len(was) != len(now) for was, now in zip(point.edges, self._edges, strict=True))
 
     def around(self, point: Point, free: np.ndarray | None = None) -> list[Around]:
         """The runs linearised at a point, by all unknowns or only those that are (P,) `free` and what returns to null.
@@ -77,9 +88,12 @@ class GreyBox:
         wanted = np.ones(len(point.values), dtype=bool)
         if free is not None:
             wanted = free | (self.removable & (point.values != self.problem.null))
-        each = zip(self.runs, point.states, point.weights, strict=True)
+        each = zip(self.runs, point.edges, point.states, point.weights, strict=True)
         with np.errstate(all="ignore"):  # a simulation that diverges shows: `Around.finite`
-            return [run.around(point.values, states, weights, wanted) for run, states, weights in each]
+            return [
+                run.around(point.values, run.pieces.cut(point.values[run.places], edges, states), weights, wanted)
+                for run, edges, states, weights in each
+            ]
 
     def largest_kick(self, point: Point) -> float:
         """Of the training runs, over what one piece tells of a speed."""
@@ -133,7 +147,7 @@ class GreyBox:
         for share in (1.0, 0.5, 0.2, 0.05):
             values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
             states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True))
-            there = replace(point, values=values, states=states)
+            there = replace(point, values=values, states=states, edges=self._edges)
             if all(np.isfinite(s).all() for s in states):
                 found = self.around(there, free)
                 if all(a.finite for a in found) and self._left(there, found) < WORSE * left:

@@ -27,6 +27,8 @@ MOST_ROWS = 100
 AT_ONCE = 2**20
 """Numbers of an array that is worked with at a time, 8 MB: a long run has thousands of pieces and looks at hundreds of
 noises. Larger is no faster."""
+ROUNDING = 1e-14
+"""Share of what the samples of a piece tell a state that is rounding, where they tell it through other states."""
 EVERY = slice(None)
 
 
@@ -255,7 +257,7 @@ def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain
     every: np.ndarray | float = 0.0
     rows = 0.0
     for sums, log_std, count in parts:
-        M, _, eta, after, logs = filter_.advanced(sums)
+        M, eta, after, logs = filter_.advanced(sums)
         C, K, b, n, width = M.shape
         phi, cross = sums[:, None, :, :n, :n], sums[:, :, :n, n:]
         total = sums[:, :, n:, n:].sum(axis=1)[:, None]
@@ -279,46 +281,60 @@ class _Filter:
         self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
         self._variance = chain.start_variance
 
-    def advanced(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def advanced(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Over the next b pieces, of which the sums are (C, b, w, w).
 
         Returns:
-            (C, K, b, n, P+1) means and (C, K, b, n, n) variances before the pieces, and what these say of them;
-            (C, K) the logarithm of the determinant.
+            (C, K, b, n, P+1) means before the pieces; what these say against them, and (C, K, b, n, n) variances after
+            them; (C, K) the logarithm of the determinant.
         """
         chain, n, here = self._chain, self._chain.gap.shape[1], self._next
         C, b, K, width = len(sums), sums.shape[1], len(self._noise), sums.shape[-1] - n
-        M, P = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
+        M = np.empty((C, K, b, n, width))
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
         drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
-        logs, one = np.zeros((C, K)), np.eye(n)
+        logs, told = np.zeros((C, K)), _root(sums[:, :, :n, :n])[:, None]
         for j in range(b):
-            phi = sums[:, None, j, :n, :n]
-            M[:, :, j], P[:, :, j] = mean, variance
-            inverse, size = _inverse(one + variance @ phi)
-            now = inverse @ variance
-            now = (now + now.swapaxes(2, 3)) / 2
-            e = sums[:, None, j, :n, n:] - phi @ mean
+            M[:, :, j] = mean
+            now, size = _measured(variance, told[:, :, j])
+            e = sums[:, None, j, :n, n:] - sums[:, None, j, :n, :n] @ mean
             eta[:, :, j], after[:, :, j] = e, now
             logs += size
             T = chain.transition[here + j]
             mean = T @ (mean + now @ e) + drive[j]
             variance = T @ now @ T.T + self._noise
         self._mean, self._variance, self._next = mean, variance, here + b
-        return M, P, eta, after, 0.5 * logs
+        return M, eta, after, 0.5 * logs
 
 
-def _inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverses of (..., n, n) matrices, and the logarithms of their determinants; two states are most frequent."""
-    if A.shape[-1] != 2:
-        return np.linalg.inv(A), np.linalg.slogdet(A)[1]
-    a, b, c, d = A[..., 0, 0], A[..., 0, 1], A[..., 1, 0], A[..., 1, 1]
-    size = a * d - b * c
-    inverse = np.empty_like(A)
-    inverse[..., 0, 0], inverse[..., 0, 1] = d / size, -b / size
-    inverse[..., 1, 0], inverse[..., 1, 1] = -c / size, a / size
-    return inverse, np.log(size)
+def _root(matrices: np.ndarray) -> np.ndarray:
+    """(..., n, n) L of which L L' is one of (..., n, n) positive semidefinite matrices; what rounding leaves is 0."""
+    left, root = matrices.copy(), np.zeros_like(matrices)
+    for k in range(left.shape[-1]):
+        pivot = left[..., k, k]
+        # A pivot that is rounding of what was there would make a measurement of nothing.
+        pivot = np.where(pivot <= ROUNDING * matrices[..., k, k], np.inf, pivot)
+        root[..., k] = left[..., :, k] / np.sqrt(pivot)[..., None]
+        root[..., :k, k] = 0.0
+        left = left - root[..., :, k, None] * root[..., None, :, k]
+    return root
+
+
+def _measured(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(..., n, n) variances P after what says L L' of the states, and the logarithms of the determinants of 1 + P L L'.
+
+    Column by column of (..., n, n) L, each a measurement of one number: nothing is inverted that may be singular
+    (Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
+    """
+    size = np.ones(variance.shape[:-2])
+    for k in range(told.shape[-1]):
+        row = told[..., k, None]
+        seen = variance @ row
+        spread = 1.0 + np.swapaxes(row, -1, -2) @ seen
+        variance = variance - seen * (np.swapaxes(seen, -1, -2) / spread)
+        size = size * spread[..., 0, 0]
+    return variance, np.log(size)
 
 
 @np.errstate(all="ignore")
@@ -334,14 +350,15 @@ def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) ->
         kick: standard deviation.
         change: (P,) of the unknowns.
     """
-    M, P, eta, _, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
+    M, eta, after, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
     weights = np.append(-change, 1.0)
-    mean, e, variance = M[0, 0] @ weights, eta[0, 0] @ weights, P[0, 0]
+    mean, e, now = M[0, 0] @ weights, eta[0, 0] @ weights, after[0, 0]
     J, n = mean.shape
-    pulls, back = np.zeros((J + 1, n)), np.swapaxes(chain.transition, 1, 2)
-    inverse, _ = _inverse(np.eye(n) + sums[:, :n, :n] @ variance)
+    pulls, moved, back = np.zeros((J + 1, n)), np.empty((J, n)), np.swapaxes(chain.transition, 1, 2)
     for j in range(J - 1, -1, -1):
-        pulls[j] = inverse[j] @ (back[j] @ pulls[j + 1] + e[j])
+        pull = back[j] @ pulls[j + 1] + e[j]
+        moved[j] = now[j] @ pull
+        pulls[j] = pull - sums[j, :n, :n] @ moved[j]
     kicks = pulls[:-1] @ (kick**2 * chain.kicked)
     kicks[0] = 0.0
-    return mean + np.einsum("jik,jk->ji", variance, pulls[:-1]), kicks
+    return mean + moved, kicks

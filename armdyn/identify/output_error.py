@@ -15,6 +15,7 @@ from armdyn.identify.fit import NEAR_NOISE, Fit, fit
 from armdyn.identify.grey_box import NEARBY, GreyBox, Point
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.problem import Problem
+from armdyn.identify.spread import alike, likeliest_starts
 from armdyn.physics.simulated import SimulatedModel
 
 UNLIKE = 0.1
@@ -98,16 +99,17 @@ class AroundMotion:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
         if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
             options = [*options, other]
+        if self.measured:
+            options = likeliest_starts(problem, self.box.training, wanted, values) or options
         found = list[tuple[np.ndarray, Point]]()
-        for k, option in enumerate(options):
+        for option in options:
+            if any(alike(option, point.values, wanted) for _, point in found):
+                continue
             found.append(self._settled_from(option, wanted))
             if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
                 break  # nothing says that the motion may be another one
-            # An option may cut pieces of the runs, which all of them share: states of the others fit them no more.
-            for earlier in range(k):
-                states = zip(found[earlier][1].states, self.box.runs, strict=True)
-                if any(len(s) != len(run.pieces) for s, run in states):
-                    found[earlier] = self._settled_from(options[earlier], wanted)
+            # An option may cut pieces of the runs, which all of them share.
+            found = [(base, self._settled_anew(base, point)) for base, point in found]
         return max(found, key=lambda one: one[1].evidence)
 
     def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Point]:
@@ -115,6 +117,10 @@ class AroundMotion:
         begin = self.box.begin(option)
         base = self.box.determined(begin, wanted)
         return base, self.box.settled(base, begin)
+
+    def _settled_anew(self, free: np.ndarray, point: Point) -> Point:
+        """A point, settled again where pieces were cut since: evidence at other kicks is not comparable."""
+        return self.box.settled(free, point, NEARBY) if self.box.is_cut(point) else point
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> Point:
         """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
@@ -145,7 +151,7 @@ class AroundMotion:
         if self.measured or self.box.largest_kick(point) < ASTRAY:
             return point
         other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
-        return max(point, other, key=lambda one: one.evidence)
+        return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
 
     def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
         """By run and channel, (N,) weights of the samples where the most similar set was settled; see `Point`."""

@@ -17,6 +17,7 @@ from armdyn.identify.explained import RepairStep, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
+from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
@@ -51,7 +52,7 @@ class Repair(Shown):
     Attributes:
         verdict: of the model after the repair.
         sentence: for a person.
-        model: with the effects and their fitted values.
+        model: with the effects and their fitted values; as given where the fit is lost.
         path: the model as given first.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
@@ -103,7 +104,7 @@ class Repair(Shown):
         """Good where only noise is left, improved where much is explained, bad only where the error grew."""
         if self.verdict is Verdict.EXPLAINED and self.after.widened == 1.0:
             return Level.GOOD
-        if self.explained < 0.0:
+        if self.explained < 0.0 or self.verdict is Verdict.LOST:
             return Level.BAD
         return Level.IMPROVED if self.explained > MUCH else Level.CAUTION
 
@@ -136,6 +137,8 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
+    if lost(study, found.last.fit):
+        return _lost(study, found)
     last = found.last
     unknown = characterise(last.fit) if last.tests.fails else None
     verdict = _verdict(study, found, unknown)
@@ -165,6 +168,20 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         explained=explained(path[0], path[-1], after.scale),
         steps=found.steps,
         missing_force=forces,
+    )
+
+
+def _lost(study: Study, found: Search) -> Repair:
+    """The model as given: what a lost fit would add is no physics."""
+    first = found.steps[0]
+    return Repair(
+        verdict=Verdict.LOST,
+        sentence=lost_sentence(found.last.fit),
+        model=study.model,
+        path=(repair_step(study, first),),
+        after=comparison(study, first.fit, first.tests, process_error=False),
+        unknown=None,
+        steps=(first,),
     )
 
 

@@ -19,7 +19,7 @@ from armdyn.kept import kept_alongside
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import Path, recorded_inputs
+from armdyn.physics.recorded import FINEST_GRID, Path, recorded_inputs
 from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
 
@@ -62,6 +62,11 @@ class PhysicsModel(SimulatedModel):
     def stages(self) -> tuple[str, ...]:
         """What its equations ask for."""
         return tuple(_bare(self.physics).stages)
+
+    @property
+    def step(self) -> float:  # type: ignore[override]
+        """See `Model.step`: as its physics says."""
+        return max(self.physics.step, FINEST_GRID)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -175,6 +180,11 @@ class PhysicsModel(SimulatedModel):
         names = list(self.physics.states)
         return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
 
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """See `SimulatedModel`: those of the physics."""
+        return tuple(p.name for p in self.physics.parameters)
+
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """See `SimulatedModel`: as its physics says."""
         del run, theta
@@ -188,6 +198,16 @@ class PhysicsModel(SimulatedModel):
         if not all(name in found for name in self.physics.states):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
+
+    def shown_against(
+        self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
+    ) -> dict[str, tuple[np.ndarray, str]]:
+        """See `SimulatedModel`: a state that is the rate of another one is a speed, others have their own names."""
+        del run, time, theta
+        states = list(self.physics.states.items())
+        found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
+        name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
+        return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
 
     def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""

@@ -156,6 +156,26 @@ class Pieces:
         simulator = shooting(system, self.model.formulation, self.channels).simulator
         return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
+    def cut(self, theta: np.ndarray, edges: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """(J', n) states at the beginning of the pieces as they are now.
+
+        Args:
+            theta: (q,) in the order of the model's names.
+            edges: (J + 1,) as they were before some of the pieces were cut.
+            states: (J, n) at the beginning of those pieces; where one was cut, its motion goes on.
+        """
+        if len(edges) == len(self.edges):
+            return states
+        system, physics, path = self._given(theta)
+        simulator = shooting(system, self.model.formulation, self.channels).simulator
+        found = []
+        for first, last, state in zip(edges[:-1], edges[1:], states, strict=True):
+            inside = self.edges[(self.edges >= first) & (self.edges < last)] - first
+            alone = len(inside) == 1
+            motion = state[None] if alone else simulator.integrated(path.part(first, last), physics, *state).states
+            found.append(motion[inside])
+        return np.concatenate(found)
+
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state at the start of the run as the model has it.
 

@@ -55,6 +55,11 @@ class SimulatedModel(Model):
     def remembering(self) -> frozenset[str]:
         """Effects that bring states of their own."""
 
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Parameters whose values are no more than guesses, so that a fit begins from other ones as well."""
+        return ()
+
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) values that would begin the motion at (J,) times, from what was measured; None where it was not.
 
@@ -76,16 +81,11 @@ class SimulatedModel(Model):
             run: prepared.
             time: (J,) s.
             motion: (J, starts) values that would begin the motion then.
-            speed: which of them is the one whose acceleration is missing.
+            speed: which of them is the one whose rate of change is missing.
             theta: (p,) in the order of `names`.
         """
-        del run, theta, time
-        found = {"speed": (motion[:, speed], self.parameters[self.start_names[speed]].unit)}
-        others = (k for k in range(len(self.start_names)) if k not in self.kicked)
-        return found | {
-            self.start_names[k].removeprefix("initial_"): (motion[:, k], self.parameters[self.start_names[k]].unit)
-            for k in others
-        }
+        del run, time, motion, speed, theta
+        return {}
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """When what nothing drives, with a period of `swing` s, rests, s: there friction holds it, no force shows."""

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from armdyn.checked_study import Known
     from armdyn.identify.compare import Comparison
 
-NOT_EXPLAINED = "not_explained"
-"""Verdict of a comparison that leaves something; which effect that is, only a repair says."""
 _one_at_a_time = threading.Lock()
 """Workers of a dask cluster may have several threads; models are not made for them."""
 
@@ -56,7 +54,7 @@ class Outcome:
 
     Attributes:
         key: of the job.
-        verdict: ``"explained"``, `NOT_EXPLAINED`, or a repair's; empty where the recording could not be used.
+        verdict: of a comparison or a repair; empty where the recording could not be used.
         sentence: for a person.
         problem: why it could not be used; empty where it could.
         passing: whether the problem may be gone next time, as a worker that was killed.
@@ -135,7 +133,7 @@ def _found(job: Job) -> dict[str, Any]:
     if job.task == "compare":
         compared = given.compare()
         answer: dict[str, Any] = {
-            "verdict": "explained" if compared.explained else NOT_EXPLAINED,
+            "verdict": compared.verdict.key,
             "sentence": compared.sentence,
             "effects": tuple(effect.name for effect in given.study.model.effects),
         }

@@ -25,7 +25,7 @@ def compare(
         found = given.compare()
 
     document = found.document()
-    if not found.explained:
+    if not (found.explained or found.lost):
         document = replace(document, next_steps=[NextStep("what is missing", inputs.command("repair", *REPAIRED))])
     finish(
         document,
@@ -33,4 +33,5 @@ def compare(
         json_file,
         report,
         lambda: comparison_report(given.study, found),
+        failed=bool(found.lost),
     )

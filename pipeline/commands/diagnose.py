@@ -17,6 +17,7 @@ def diagnose(
     json_file: JsonOption = None,
 ) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
+    from armdyn.identify.sentence import Verdict
     from pipeline.answers import diagnosis_answer
     from pipeline.report.repair import diagnosis_report
 
@@ -36,4 +37,5 @@ def diagnose(
         json_file,
         report,
         lambda: diagnosis_report(given.study, found),
+        failed=found.verdict is Verdict.LOST,
     )

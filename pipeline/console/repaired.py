@@ -21,15 +21,21 @@ REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
 def conclude_repair(
     inputs: Inputs, given: "CheckedStudy", found: "Repair", output: Path, report: Path | None, json_file: Path | None
 ) -> None:
-    """Write the repaired model, its report and its answer, and print how the error fell."""
+    """Write the repaired model, its report and its answer, and print how the error fell.
+
+    Where the fit is lost, no model is written.
+    """
+    from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
     from pipeline.answers import history_entries, repair_answer
     from pipeline.report.repair import repair_report
 
-    steps = next_steps(given.study.model, output, inputs.effects)
+    lost = found.verdict is Verdict.LOST
+    steps = [] if lost else next_steps(given.study.model, output, inputs.effects)
     history = (*given.known.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
-    write_model_file(output, ModelFile(found.model, given.known.file.description, history))
+    if not lost:
+        write_model_file(output, ModelFile(found.model, given.known.file.description, history))
 
     finish(
         replace(found.document(given.study.judges), next_steps=steps),
@@ -37,7 +43,8 @@ def conclude_repair(
         json_file,
         report,
         lambda: repair_report(given.study, found, steps),
-        [f"written to {output}{over}"],
+        [] if lost else [f"written to {output}{over}"],
+        failed=lost,
     )
 
 

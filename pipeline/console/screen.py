@@ -82,6 +82,8 @@ def finish(
     report: Path | None = None,
     page: "Callable[[], Document] | None" = None,
     written: Iterable[str] = (),
+    *,
+    failed: bool = False,
 ) -> None:
     """End a command: its report where one is asked for, its answer as JSON, or what there is to say on the screen.
 
@@ -92,23 +94,26 @@ def finish(
         report: HTML file; None for none.
         page: the document of that file, with figures.
         written: a sentence for every other file that was written.
+        failed: the answer is no.
 
     Raises:
         InputError: a file cannot be written.
+        Exit: with status 1 where the answer is no.
     """
     if report is not None and page is not None:
         save_report(page(), report)
-    if not write_answer(json_file, answer):
-        return
-    show(document)
-    if document.sections:
-        typer.echo("")
-    for line in written:
-        typer.echo(line)
-    if report is not None:
-        typer.echo(f"report {report}")
-    for step in document.next_steps:
-        typer.echo(f"{step.what}: {step.command}")
+    if write_answer(json_file, answer):
+        show(document)
+        if document.sections:
+            typer.echo("")
+        for line in written:
+            typer.echo(line)
+        if report is not None:
+            typer.echo(f"report {report}")
+        for step in document.next_steps:
+            typer.echo(f"{step.what}: {step.command}")
+    if failed:
+        raise typer.Exit(1)
 
 
 def save_report(document: "Document", file: Path) -> None:

@@ -247,7 +247,8 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
         return None
     # A rival that has won stands, also where the arm leaves more than the noise of its load cell.
     won = gap is not None and gap > MARGIN
-    return Stop.UNKNOWN if found.verdict is Verdict.UNKNOWN_EFFECT and not won else Stop.NAMED
+    nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
+    return Stop.UNKNOWN if nothing and not won else Stop.NAMED
 
 
 def _promising(proposal: Proposal) -> bool:

@@ -148,3 +148,12 @@ def test_a_signal_that_does_not_move_has_no_noise_and_no_rate():
 def test_too_few_samples_are_refused():
     with pytest.raises(InputError, match="7 samples cannot be smoothed"):
         Samples(np.arange(7.0))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_gap_of_hundreds_of_samples_is_smoothed_at_every_order(order):
+    time = np.arange(0.0, 40.0, 0.02)
+    time = time[(time < 10.0) | (time > 20.0)]
+    samples = np.sin(0.3 * time) + np.random.default_rng(4).normal(0.0, 1e-3, len(time))
+    curve = smoothed(time, samples, best_smoothing(time, samples, (order,)))
+    assert np.std(curve(time)[:, 0] - np.sin(0.3 * time)) < 5e-4

@@ -1,0 +1,71 @@
+"""Whether a fit is lost: worse than no model at all, so that nothing may be concluded from it.
+
+A simulation from wrong values ends in another motion, and a descent in a minimum that has nothing to do with the
+recording. What it leaves then varies more than the signal itself does. Predictions that are linear in what is fitted
+have one minimum and are never lost.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armdyn.identify.fit import NEAR_NOISE, Fit
+from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.study import Study
+
+MOST_NAMED = 3
+"""Parameters that a sentence asks start values of."""
+
+
+def lost(study: Study, fit: Fit) -> bool:
+    """Whether a fit of a model with states leaves more than the signals' own spread; see `left_of_spread`.
+
+    What is at the noise is not lost: a recording in which nothing happens has no spread but that.
+    """
+    if study.model.linear:
+        return False
+    blocks = [*fit.blocks, *(study.held_out_blocks(fit) if study.held_out else ())]
+    return not (chi2_of(blocks) < NEAR_NOISE * samples_of(blocks) or left_of_spread(blocks) <= 1.0)
+
+
+def left_of_spread(blocks: Sequence[Block]) -> float:
+    """Variance of the residual over that of the signal, the mean over channels: 0 is perfect, 1 as good as a constant.
+
+    Both vary about the mean of every run: an offset that a model lacks is no other motion.
+    """
+    shares = []
+    for mine in by_channel(blocks).values():
+        left, spread = (
+            sum(float(np.var(x) * len(x)) for x in parts)
+            for parts in ([b.misfit for b in mine], [b.measured.value for b in mine])
+        )
+        shares.append(left / spread if spread > 0.0 else 0.0)
+    return float(np.mean(shares))
+
+
+def lost_sentence(fit: Fit) -> str:
+    """For a person: that a fit is lost, and of which parameters start values or priors are needed."""
+    names = _asked(fit)
+    told = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0] if names else "what is unknown"
+    return (
+        f"lost: give start values or a prior for {told}. The fit leaves more than the signal itself varies by, so it "
+        "says nothing of what the model lacks."
+    )
+
+
+def _asked(fit: Fit) -> list[str]:
+    """Parameters of the fit that nothing is known of beforehand: on a bound first, then what the cost feels most."""
+    problem = fit.problem
+    unknown = fit.free & (problem.prior_weight == 0.0)
+    shared = unknown & ~problem.per_run
+    open_ = np.flatnonzero(shared if shared.any() else unknown if unknown.any() else fit.free)
+    feels = np.nan_to_num(np.diag(_curvature(problem, fit.values)))[open_] * problem.typical[open_] ** 2
+    bound = [problem.columns[j].name in fit.at_bound for j in open_]
+    order = np.lexsort((-feels, ~np.array(bound, dtype=bool)))
+    return [problem.columns[j].name for j in open_[order][:MOST_NAMED]]
+
+
+def _curvature(problem: Problem, values: np.ndarray) -> np.ndarray:
+    """(P, P) second derivatives of the cost; not finite where a simulation diverges."""
+    with np.errstate(all="ignore"):
+        return problem.expansion(values, np.ones(len(values), dtype=bool)).hessian
