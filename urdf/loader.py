@@ -250,7 +250,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
 
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
-    """Model of the arm alone, in the order of its joints from base to tool, and the joints that it carries and holds."""
+    """Model of the arm alone, in the order of its joints from base to tool, and the joints that it carries held."""
     with told(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
