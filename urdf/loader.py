@@ -283,7 +283,11 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
         if leaders.get(name) in arm
     ]
     others = [name for name in carried if leaders.get(name) not in arm]
-    return said + ([f"{', '.join(others)} held at 0; name the joints to let them move"] if others else [])
+    return said + (
+        [f"{', '.join(others)} held at 0 or as recorded; name the joints to have their torques explained"]
+        if others
+        else []
+    )
 
 
 def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:

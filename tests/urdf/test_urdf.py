@@ -143,7 +143,7 @@ def tool(loaded: urdf.Robot, q: np.ndarray) -> np.ndarray:
 
 def test_a_joint_that_the_arm_carries_and_lacks_is_named(toy) -> None:
     notes = urdf.load(toy(arm()), joints=("j0", "j1", "j3")).notes
-    assert "j2, j4, j5 held at 0; name the joints to let them move" in notes
+    assert "j2, j4, j5 held at 0 or as recorded; name the joints to have their torques explained" in notes
 
 
 def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy) -> None:
