@@ -6,8 +6,8 @@ from xml.etree import ElementTree as ET
 from urdf.validate import MOVING, link_of
 
 LIGHT = 1 / 15
-"""Largest share that fingers have of what the first joint of their chain moves. Over the 63 robots of the package
-example-robot-data that can be read: jaws and fingers up to 0.058, the calves of quadrupeds, which open as jaws do, from
+"""Largest share that fingers have of what the first joint of their chain moves. Over the 69 robots of the package
+example-robot-data: jaws and fingers up to 0.058, the calves of quadrupeds, which open as jaws do, from
 0.088."""
 OF_PALM = 0.5
 """Largest mass of a lone jaw, of that which carries it: jaws there have up to 0.34, wrists and heads at least 1."""

@@ -203,7 +203,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
     digest = hashlib.sha256(ET.tostring(root)).hexdigest()
     make_absolute(root, path)
     xml = ET.tostring(root, encoding="unicode")
-    (model, held), tool = _reduced(xml, joints, path, dynamics), settings.tool
+    (model, carried), tool = _reduced(xml, joints, path, dynamics), settings.tool
     if described.mjcf is not None:
         from urdf.mjcf_dynamics import check_torques
 
@@ -212,7 +212,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
         raise UrdfError(f"{path}: there is no link '{tool.frame}'; choose the link that carries the tool")
     defects += [*(one.sentence for one in judged), *_weightless(model)]
     lacking = [f"{sentence}, which check, excite and trials need" for sentence in missing_limits(model)]
-    notes = [*described.notes, *described.left_out(joints), *held, *lacking]
+    notes = [*described.notes, *described.left_out(joints), *_held(root, carried, joints), *lacking]
     try:
         limits = _limits(model, settings.limits)
     except UrdfError as error:
@@ -250,7 +250,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
 
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
-    """Model of the arm alone, in the order of its joints from base to tool; a sentence on joints that it holds."""
+    """Model of the arm alone, in the order of its joints from base to tool, and the joints that it carries held."""
     with told(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
@@ -267,7 +267,27 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) 
         setattr(model, limit, np.where(values > 0.0, values, np.inf))
     moved = {index for index in range(1, full.njoints) if full.names[index] in joints}
     carried = [full.names[i] for i in locked if moved.intersection(list(full.supports[i]))]
-    return model, [f"{', '.join(carried)} held at 0; name the joints to let them move"] if carried else []
+    return model, carried
+
+
+def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[str]:
+    """Sentences on joints that an arm carries and that do not move in its model."""
+    leaders = {
+        str(joint.get("name")): str(mimic.get("joint"))
+        for joint in root.findall("joint")
+        for mimic in joint.findall("mimic")
+    }
+    said = [
+        f"{name} copies {leaders[name]} and is held at 0 all the same: no joint of an arm follows another"
+        for name in carried
+        if leaders.get(name) in arm
+    ]
+    others = [name for name in carried if leaders.get(name) not in arm]
+    return said + (
+        [f"{', '.join(others)} held at 0 or as recorded; name the joints to have their torques explained"]
+        if others
+        else []
+    )
 
 
 def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:

@@ -143,11 +143,18 @@ def tool(loaded: urdf.Robot, q: np.ndarray) -> np.ndarray:
 
 def test_a_joint_that_the_arm_carries_and_lacks_is_named(toy) -> None:
     notes = urdf.load(toy(arm()), joints=("j0", "j1", "j3")).notes
-    assert "j2, j4, j5 held at 0; name the joints to let them move" in notes
+    assert "j2, j4, j5 held at 0 or as recorded; name the joints to have their torques explained" in notes
+
+
+def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy) -> None:
+    copy = joint("k", "l3", "x", limit=f'{LIMIT}<mimic joint="j1"/>')
+    notes = urdf.load(toy(arm(link("x"), copy))).notes
+    assert "k copies j1 and is held at 0 all the same: no joint of an arm follows another" in notes
 
 
 def test_friction_of_a_urdf_is_no_part_of_the_model_and_named(toy) -> None:
-    (note,) = (n for n in urdf.load(toy(third(f'{LIMIT}<dynamics damping="0.7" friction="0"/>'))).notes if "<dyn" in n)
+    dynamics = '<dynamics damping="0.7" friction="0"/>'
+    (note,) = (note for note in urdf.load(toy(third(LIMIT + dynamics))).notes if "<dynamics>" in note)
     assert note.startswith("damping of <dynamics> (j2 0.7) is no part of the model: add joint_viscous_friction")
 
 
