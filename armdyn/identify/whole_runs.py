@@ -20,6 +20,8 @@ from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
 
+FAR = 1.0
+"""Squared error above the noise, over the noise, from which whole runs are compared: noise is the smaller part then."""
 COMPARED, PAIRED = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
 CLEARLY = 2
@@ -38,7 +40,7 @@ Effects = tuple[Candidate, ...]
 def improved(study: Study, appraiser: Filtered, whole: Appraisal, say: Callable[[str], None]) -> Appraisal:
     """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
     effects, found = whole.effects, _fitted(study, whole.effects)
-    if appraiser.candidates and not study.is_at_noise(found):
+    if appraiser.candidates and np.any(study.excess(found) > FAR):
         say("comparing pairs over whole runs")
         needed = (1.0 - LITTLE) ** CLEARLY if found.chi2_per_sample > GROSS else OVERRULED
         effects = _pair_or(study, appraiser, effects, needed)

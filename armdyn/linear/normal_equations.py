@@ -1,0 +1,33 @@
+"""A linearised model as sums over samples, from which every subset's fit and its errors follow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Sums of U units, such as one channel in one recording, over P unknowns.
+
+    Attributes:
+        gram: (U, P, P) X'X, X the derivatives of the predictions.
+        slope: (U, P) X'r, r measured minus predicted.
+        square: (U,) r'r.
+        count: (U,) samples.
+    """
+
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+
+    def squared_error(self, change: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """(u,) sums of squared residuals of `units` (u,) after a change (P,) of the unknowns."""
+        c = np.flatnonzero(change)
+        d = change[c]
+        gram = self.gram[units[:, None, None], c[:, None], c]
+        return np.maximum(self.square[units] - 2.0 * self.slope[units[:, None], c] @ d + (gram @ d) @ d, 0.0)
+
+    def weighted(self, weight: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P, P) and (P,) sums over `units` (u,) of X'X and X'r, times (u,) `weight`."""
+        return np.tensordot(weight, self.gram[units], 1), weight @ self.slope[units]
