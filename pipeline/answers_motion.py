@@ -92,6 +92,14 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
     return np.exp(np.log(std[:, 1:] / std[:, :1]).mean(axis=0)).tolist() if len(std) else [math.nan, math.nan]
 
 
+def times_better(found: Excitation) -> list[float]:
+    """As `gains`; of a motion for two rivals, how many times larger its smallest separation is than the others'."""
+    if not found.goal.rivals:
+        return gains(found)
+    own, *others = separations(found).min(axis=0).tolist()
+    return [own / other for other in others]
+
+
 def sentence(found: Excitation) -> str:
     """What the motion is expected to do, beside others, in one or two sentences."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
@@ -164,6 +172,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
             fields(case, "effect joint= rival", joint=case.joint or None) | figures("separation", row)
             for case, row in apart
         ],
+        "times_better_than": plain(dict(zip(("random", "condition_number"), times_better(found), strict=True))),
         "random_motions": found.tried,
         "peaks": peaks(found),
         "energy": found.energy,

@@ -40,6 +40,8 @@ FADING = (0.03, 0.06, 0.1, 0.15)
 """rad/s; a friction that fades with the speed is a mixture of those that fade over these."""
 RIDGE = 1e-10
 """Of a column's square; what the motion does not show stays zero."""
+ROUNDING = 1e-10
+"""Of the largest column's size; what is below, as gravity on a joint whose axis is vertical, is rounding."""
 SMOOTHED = 6.0
 """Density of a torque's noise below the cut-off over that of what came after the low-pass, amplitudes, the median over
 joints, from which on drives are said to smooth. Generated robots: up to 4 where they do not, 10 where they do."""
@@ -214,7 +216,8 @@ def _unexplained(motion: Motion, regressor: np.ndarray, joint: int, torque: np.n
         late = np.gradient(load, motion.time)
         of_load = [way * np.abs(load), late, np.gradient(late, motion.time)]
         columns = np.column_stack([regressor, *own, *of_load])
-        columns /= np.maximum(np.linalg.norm(columns[used], axis=0), np.finfo(float).tiny)
+        sizes = np.linalg.norm(columns[used], axis=0)
+        columns /= np.maximum(sizes, ROUNDING * sizes.max())
         normal = columns[used].T @ columns[used] + RIDGE * np.eye(columns.shape[1])
         found = cho_solve(cho_factor(normal), columns[used].T @ torque[used])
         load, left = columns[:, : regressor.shape[1]] @ found[: regressor.shape[1]], torque - columns @ found
