@@ -158,8 +158,8 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
 
     Args:
         model: without it.
-        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess, but
-            of what has a prior, as gravity has: that is then held.
+        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess, and
+            exact where no fit changes it.
 
     Raises:
         InputError: an unknown name, unit or value.
@@ -173,8 +173,8 @@ def with_known(model: Model, known: Mapping[str, str]) -> Model:
             value = parse_quantity(text, parameter.unit)
         if value.std is not None:
             model = model.with_prior(name, value.value, value.std)
-        elif parameter.prior is not None:
-            exact = replace(parameter, value=value.value, prior=None, fitted=False)
+        elif not parameter.fitted:
+            exact = replace(parameter, value=value.value, prior=None)
             model = model.with_parameters({name: exact})
         else:
             model = model.with_values({name: value.value})

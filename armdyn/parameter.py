@@ -70,6 +70,11 @@ class Parameter:
     needs: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
 
+    @property
+    def considered(self) -> bool:
+        """Whether no fit changes it, but its standard deviation counts: a base's that is only known to a prior."""
+        return not self.fitted and self.prior is not None and not self.effect
+
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show it."""
         return not asked_for(channels, self.needs, self.beside)

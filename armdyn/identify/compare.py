@@ -289,6 +289,6 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
         absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
         if absent:
             continue
-        std = float(np.sqrt(covariance[i, i])) if fit.free[i] else None
+        std = float(np.sqrt(covariance[i, i])) if fit.free[i] or fit.considered[i] else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))
     return result

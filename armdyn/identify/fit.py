@@ -67,6 +67,11 @@ class Fit:
         return float(self.cost + constant + self.free.sum() * np.log(self.samples))
 
     @property
+    def considered(self) -> np.ndarray:
+        """(P,) bool: unknowns of the base that no fit changes, though they are only known to a prior."""
+        return ~self.free & np.array([c.parameter.considered for c in self.problem.columns], dtype=bool)
+
+    @property
     def at_bound(self) -> tuple[str, ...]:
         """Fitted unknowns that ended on a physical bound other than their null value."""
         p = self.problem
@@ -112,28 +117,19 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = problem.expansion(values, free).hessian * np.outer(typical, typical)
-    return independent(whole, free, problem.known)
+    return independent(whole, free)
 
 
-def independent(gram: np.ndarray, wanted: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(P,) bool: those of `wanted` whose sensitivities no earlier ones imitate.
-
-    What is known from outside the data is kept: a precise angle tells a length from gravity by that alone.
-
-    Args:
-        gram: (P, P) products of the sensitivities, that of the priors added.
-        wanted: (P,) bool.
-        known: (P,) information of the priors, in the scale of `gram`.
-    """
+def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(P,) bool: those of `wanted` whose sensitivities no earlier ones imitate; (P, P) `gram` holds their products."""
     index = np.flatnonzero(wanted)
-    gram, known = gram[np.ix_(index, index)], known[index]
+    gram = gram[np.ix_(index, index)]
     norms = np.sqrt(np.diag(gram))
     kept = np.zeros(len(wanted), dtype=bool)
     factor = np.empty((0, len(index)))  # rows of the Cholesky factor of what has been kept
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
         rest = gram[j] - factor[:, j] @ factor
-        rest[j] = max(rest[j], known[j])  # which rounding may hide
-        if known[j] or rest[j] > (DEPENDENT * norms[j]) ** 2:
+        if rest[j] > (DEPENDENT * norms[j]) ** 2:
             factor = np.vstack([factor, rest / np.sqrt(rest[j])])
             kept[index[j]] = True
     return kept

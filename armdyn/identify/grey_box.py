@@ -164,8 +164,8 @@ class GreyBox:
 
         Looked at with kicks as large as they may be: what shows only in a motion that nothing kicks is not lost then.
         """
-        known = self.problem.known
-        return independent(np.diag(known) + self._kicked(point), wanted, known)
+        known = np.diag((self.problem.prior_weight * self.problem.typical) ** 2)
+        return independent(known + self._kicked(point), wanted)
 
     def seen(self, point: Point) -> np.ndarray:
         """(P,) bool: unknowns that change anything in the runs."""

@@ -170,11 +170,6 @@ class Problem:
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
-    @property
-    def known(self) -> np.ndarray:
-        """(P,) information of the priors on unknowns in typical sizes."""
-        return np.asarray((self.prior_weight * self.typical) ** 2)
-
     def start(self) -> np.ndarray:
         """(P,) values of the model and first guesses."""
         return np.array([c.parameter.value for c in self.columns])

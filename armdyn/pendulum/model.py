@@ -261,7 +261,7 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
         Parameter("mass", "kg", mass, 0.1, null=mass, lower=1e-4, upper=50.0, source="of the load"),
         Parameter(
             "gravity", "m/s^2", STANDARD_GRAVITY, GRAVITY_SPREAD, null=STANDARD_GRAVITY, lower=1.0, upper=30.0,
-            prior=Prior(STANDARD_GRAVITY, GRAVITY_SPREAD), source="of free fall, where the pendulum stands",
+            prior=Prior(STANDARD_GRAVITY, GRAVITY_SPREAD), fitted=False, source="of free fall, where it stands",
         ),
         Parameter("initial_angle", "rad", 0.0, 0.1, lower=-3.2, upper=3.2, scope="per_run"),
         Parameter(
