@@ -60,8 +60,14 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
                 f"{foreign.name}: its joints ({_some(own)}) are not called as the robot's ({_some(joints.arm)}): let "
                 "armdyn propose which is which with --guess, or give the right robot"
             )
-        renamed = {e.channel.partition(".")[2]: found[n].channel.partition(".")[2] for n, e in entries.items() if n in found}
-        notes += [f"joint '{own}' of the recording is '{joint}' of the robot" for own, joint in renamed.items() if own != joint]
+        renamed = {
+            e.channel.partition(".")[2]: found[n].channel.partition(".")[2] for n, e in entries.items() if n in found
+        }
+        notes += [
+            f"joint '{own}' of the recording is '{joint}' of the robot"
+            for own, joint in renamed.items()
+            if own != joint
+        ]
         notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(found, joints)]
         entries = {name: found.get(name, entry) for name, entry in entries.items()}
     return ColumnMap(entries, "time" if foreign.is_table else "", "", notes=tuple(notes))
@@ -226,7 +232,20 @@ def _is_arm(labels: Mapping[str, Label]) -> bool:
     )
 
 
-_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha", "gyro", "gyroscope"}
+_PENDULUM = {
+    "swing",
+    "phi",
+    "pendulum",
+    "pend",
+    "pole",
+    "cart",
+    "pivot",
+    "trolley",
+    "bob",
+    "alpha",
+    "gyro",
+    "gyroscope",
+}
 
 
 def _name_column(name: str, label: Label) -> str:

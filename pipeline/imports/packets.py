@@ -215,9 +215,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
         database.execute("PRAGMA writable_schema = ON")  # else nothing is read of a file that is too short
         definitions = {}
         with suppress(sqlite3.DatabaseError):  # bags before ROS 2 Iron have none
-            rows = database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
+            rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {kind: (str(definition), str(language)) for kind, language, definition in rows}
         connections = {
             number: Connection(topic, kind, encoding, *definitions.get(kind, ("", "")))

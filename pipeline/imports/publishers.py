@@ -212,7 +212,8 @@ class Publishers:
         for topic, by_publisher in self._series.items():
             taken, left_out = _taken(by_publisher.values())
             left_out[UNREADABLE] += unread.get(topic, 0)
-            kept, steps, stamped = 0, (), True
+            kept, stamped = 0, True
+            steps: tuple[float, ...] = ()
             for series in taken:
                 order = np.argsort(series.arrivals, kind="stable")
                 stamps, arrivals = np.array(series.stamps)[order], np.array(series.arrivals)[order]
