@@ -50,12 +50,12 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
         )
     notes: list[str] = []
     missing = _missing(entries, joints) if joints is not None else ()
-    if joints is not None and missing:
+    own = dict.fromkeys(entry.channel.partition(".")[2] for entry in entries.values())
+    if joints is not None and missing and not set(own) <= set(joints.names):
         mapping = guess_map([foreign], joints)
         found = {name: mapping.entries[name] for name in entries if name in mapping.entries}
         asked = [name for name, entry in found.items() if "CHECK" in entry.why]
         if asked or not set(missing) - set(_missing(found, joints)):
-            own = dict.fromkeys(entry.channel.partition(".")[2] for entry in entries.values())
             raise InputError(
                 f"{foreign.name}: its joints ({_some(own)}) are not called as the robot's ({_some(joints.arm)}): let "
                 "armdyn propose which is which with --guess, or give the right robot"
@@ -68,8 +68,9 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
             for own, joint in renamed.items()
             if own != joint
         ]
-        notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(found, joints)]
         entries = {name: found.get(name, entry) for name, entry in entries.items()}
+    if joints is not None:
+        notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(entries, joints)]
     return ColumnMap(entries, "time" if foreign.is_table else "", "", notes=tuple(notes))
 
 
@@ -130,7 +131,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
         if name == time:
             continue
         quantity, _, joint = declared[name].channel.partition(".") if name in declared else ("", "", "")
-        if name in declared and (whole or not joint or joint in known.names):
+        if name in declared and (whole or not joint or joint in known.beside):
             entries[name] = declared[name]
         elif name in declared:
             of_joints[name] = replace(label_of(joint), quantity=quantity, unit=declared[name].unit, doubt="")
