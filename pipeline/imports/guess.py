@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import in_contract
+from armdyn.channels import FloatArray, in_contract
 from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
@@ -276,17 +276,26 @@ def _joint_claims(labels: Mapping[str, Label], known: Joints, texts: Mapping[str
     return claims
 
 
+RISES = 0.9
+"""Share of the rows from which a column that is called the time goes on: single stamps may be wrong."""
+
+
+def _stamps(value: FloatArray, share: float) -> int:
+    """How many different stamps a column holds; 0 where it does not rise in such a share of its rows."""
+    known = value[np.isfinite(value)]
+    if len(known) < max(2, share * len(value)) or np.mean(np.diff(known) >= 0.0) < share or np.ptp(known) == 0.0:
+        return 0
+    return len(np.unique(known))
+
+
 def _time(foreign: Foreign) -> tuple[str, str, str]:
     """Column, unit and reason."""
-    rising = {
-        name: len(np.unique(column.value))
-        for name, column in foreign.columns.items()
-        if np.all(np.isfinite(column.value)) and np.all(np.diff(column.value) >= 0.0) and np.ptp(column.value) > 0.0
-    }
-    named = {
-        n: count for n, count in rising.items() if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)
-    }
-    if not rising:
+    called = [n for n in foreign.columns if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)]
+    named, rising = (
+        {name: n for name in names if (n := _stamps(foreign.columns[name].value, share))}
+        for names, share in ((called, RISES), (foreign.columns, 1.0))
+    )
+    if not (named or rising):
         raise InputError(
             f"{foreign.name}: no column rises all the time, so none is the time: give --rate, the rows per second"
         )
@@ -298,7 +307,7 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
     elif choice[name] < len(column.value):
         doubts.append(f"{len(column.value) - choice[name]} stamps are those of the row before")
     written = column.unit or label_of(name).unit
-    step = float(np.median(np.diff(np.unique(column.value))))
+    step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
     if fits(written, "s"):
         return name, written, reason("as written", doubts)
     for unit, factor in STEPS:
