@@ -33,7 +33,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 
 
 def shortest_gap(time: FloatArray) -> float:
-    """s between two of (n,) stamps beyond which samples between them are missing."""
+    """S between two of (n,) stamps beyond which samples between them are missing."""
     steps = np.diff(time)
     return max(GAP * float(np.median(steps)), CUT) if len(steps) else CUT
 

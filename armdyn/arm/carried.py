@@ -1,7 +1,7 @@
 """Joints that a model leaves out and that move in its recordings: a lift under the arm, a tool that turns.
 
-They are no unknowns: their recorded motion is given to the rigid bodies, so that the weight and the inertia of what they
-move are where they were.
+They are no unknowns: their recorded motion is given to the rigid bodies, so that the weight and the inertia of what
+they move are where they were.
 """
 
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from armdyn.run import Run
 
 MOVES = 1e-3
 """rad or m from its zero, that a joint which is left out is away at least."""
-MATTERS = 2e-3
-"""Of the largest weight that a joint of the arm holds, that it holds more or less because another one moved. The fingers
-of a Panda change 2e-4, a wrist with a tool more than 1e-2."""
+MATTERS = 3e-4
+"""Of the largest weight that a joint of the arm holds, that it holds more or less because another one moved. A Panda's
+fingers that open and close change 1.3e-4, its last joint, which turns a hand almost about its own axis, 5.8e-4."""
 POSTURES = 20
 """Of a recording, at which that is looked at."""
 
@@ -69,7 +69,10 @@ def joints_described(arm: Arm) -> tuple[str, ...]:
 
 
 def _away(run: Run, full: pin.Model, joint: int) -> bool:
-    channel, slides = run.channels.get(f"q.{full.names[joint]}"), "P" in full.joints[joint].shortname()[len("JointModel") :]
+    channel, slides = (
+        run.channels.get(f"q.{full.names[joint]}"),
+        "P" in full.joints[joint].shortname()[len("JointModel") :],
+    )
     if channel is None or (channel.unit == "m") != slides:
         return False
     return bool(np.quantile(np.abs(channel.value), 0.99) > MOVES)
@@ -82,7 +85,7 @@ def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
     if joint not in given:
         return False
     time = np.linspace(given[joint].time[0], given[joint].time[-1], POSTURES)
-    data, change, largest = full.createData(), 0.0, np.finfo(float).tiny
+    data, change, largest = full.createData(), 0.0, float(np.finfo(float).tiny)
     own = [full.joints[full.getJointId(name)].idx_v for name in arm.driven]
     for t in time:
         q = pin.neutral(full)
@@ -92,4 +95,4 @@ def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
         q[full.joints[joint].idx_q] = pin.neutral(full)[full.joints[joint].idx_q]
         change = max(change, float(np.abs(as_recorded - pin.computeGeneralizedGravity(full, data, q)[own]).max()))
         largest = max(largest, float(np.abs(as_recorded).max()))
-    return change > MATTERS * largest
+    return bool(change > MATTERS * largest)

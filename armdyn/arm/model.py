@@ -60,7 +60,7 @@ class ArmModel(Model):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints from base to tool; every other joint of the URDF stays at its zero, or moves as recorded."""
+        """Names of the joints from base to tool; others of the URDF stay at their zero, or move as recorded."""
         return self.arm.driven
 
     def following(self, runs: Sequence[Run]) -> Self:
@@ -221,8 +221,7 @@ class ArmModel(Model):
     @cached_property
     def _functions(self) -> tuple[JointFunctions, ...]:
         return tuple(
-            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)])
-            for joint in self.arm.joints
+            compose_joint([e for e in self.effects if joint in self.joints_with(e.name)]) for joint in self.arm.joints
         )
 
     @cached_property

@@ -66,7 +66,9 @@ def functions_of(model: Model) -> tuple[list[Function], list[str]]:
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     from armdyn.arm.symbolic import inverse_dynamics_function
 
-    per = ", ".join(f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True))
+    per = ", ".join(
+        f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True)
+    )
     found = Function(
         inverse_dynamics_function(model),
         "Torques that the drives give during a motion; dry friction has the sign of v.",

@@ -54,6 +54,8 @@ def read_bag(path: Path) -> Foreign:
     if crowded:
         notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {', '.join(sorted(crowded))} left out")
     columns, accounts, told = publishers.columns(reading.unread)
+    nothing = [f"{topic}: nothing can be read of its {n} messages" for topic, n in reading.unread.items()]
+    notes += [said for said, topic in zip(nothing, reading.unread, strict=True) if topic not in accounts]
     columns, more = _chosen(columns)
     if not columns:
         raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")

@@ -22,9 +22,9 @@ from armdyn.channels import (
     check_joint_units,
 )
 from armdyn.errors import InputError, UnknownNameError, at, collect
+from armdyn.inspection.check import Check
 from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
-from armdyn.inspection.check import Check
 from pipeline.imports.foreign import Account, Column, Foreign
 from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
 from pipeline.imports.stamps import dated
@@ -74,7 +74,8 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     silent: list[str] = []
     if foreign.is_table:
         with collect(problems):
-            *table, account = _table_time(foreign, mapping)
+            time, rows, account = _table_time(foreign, mapping)
+            table = time, rows
             accounts.append(account)
     channels: dict[str, Channel] = {}
     taken: dict[str, str] = {}
@@ -143,9 +144,14 @@ def _channel(
     present = np.isfinite(value)
     if table is None and not present.all():
         notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
-    beyond = present & (np.abs(value, where=present, out=np.zeros_like(value)) > LARGEST.get(to_si.unit, LARGEST_OF_OTHERS))
+    beyond = present & (
+        np.abs(value, where=present, out=np.zeros_like(value)) > LARGEST.get(to_si.unit, LARGEST_OF_OTHERS)
+    )
     if beyond.any() and 2 * beyond.sum() < present.sum():
-        notes.append(f"'{name}': {beyond.sum()} values, such as {value[beyond][0]:.4g} {to_si.unit}, are missing: nothing has them")
+        notes.append(
+            f"'{name}': {beyond.sum()} values, such as {value[beyond][0]:.4g} {to_si.unit}, are nothing that a sensor "
+            "measures: they are missing"
+        )
         present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
     return Channel(time[present] - late, value[present], to_si.unit)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import in_contract
+from armdyn.channels import FloatArray, in_contract
 from armdyn.errors import InputError
 from armdyn.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
@@ -50,20 +50,27 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
         )
     notes: list[str] = []
     missing = _missing(entries, joints) if joints is not None else ()
-    if joints is not None and missing:
+    own = dict.fromkeys(entry.channel.partition(".")[2] for entry in entries.values())
+    if joints is not None and missing and not set(own) <= set(joints.names):
         mapping = guess_map([foreign], joints)
         found = {name: mapping.entries[name] for name in entries if name in mapping.entries}
         asked = [name for name, entry in found.items() if "CHECK" in entry.why]
         if asked or not set(missing) - set(_missing(found, joints)):
-            own = dict.fromkeys(entry.channel.partition(".")[2] for entry in entries.values())
             raise InputError(
                 f"{foreign.name}: its joints ({_some(own)}) are not called as the robot's ({_some(joints.arm)}): let "
                 "armdyn propose which is which with --guess, or give the right robot"
             )
-        renamed = {e.channel.partition(".")[2]: found[n].channel.partition(".")[2] for n, e in entries.items() if n in found}
-        notes += [f"joint '{own}' of the recording is '{joint}' of the robot" for own, joint in renamed.items() if own != joint]
-        notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(found, joints)]
+        renamed = {
+            e.channel.partition(".")[2]: found[n].channel.partition(".")[2] for n, e in entries.items() if n in found
+        }
+        notes += [
+            f"joint '{own}' of the recording is '{joint}' of the robot"
+            for own, joint in renamed.items()
+            if own != joint
+        ]
         entries = {name: found.get(name, entry) for name, entry in entries.items()}
+    if joints is not None:
+        notes += [f"joint '{joint}' of the robot was never sent" for joint in _missing(entries, joints)]
     return ColumnMap(entries, "time" if foreign.is_table else "", "", notes=tuple(notes))
 
 
@@ -124,7 +131,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
         if name == time:
             continue
         quantity, _, joint = declared[name].channel.partition(".") if name in declared else ("", "", "")
-        if name in declared and (whole or not joint or joint in known.names):
+        if name in declared and (whole or not joint or joint in known.beside):
             entries[name] = declared[name]
         elif name in declared:
             of_joints[name] = replace(label_of(joint), quantity=quantity, unit=declared[name].unit, doubt="")
@@ -226,7 +233,20 @@ def _is_arm(labels: Mapping[str, Label]) -> bool:
     )
 
 
-_PENDULUM = {"swing", "phi", "pendulum", "pend", "pole", "cart", "pivot", "trolley", "bob", "alpha", "gyro", "gyroscope"}
+_PENDULUM = {
+    "swing",
+    "phi",
+    "pendulum",
+    "pend",
+    "pole",
+    "cart",
+    "pivot",
+    "trolley",
+    "bob",
+    "alpha",
+    "gyro",
+    "gyroscope",
+}
 
 
 def _name_column(name: str, label: Label) -> str:
@@ -256,17 +276,26 @@ def _joint_claims(labels: Mapping[str, Label], known: Joints, texts: Mapping[str
     return claims
 
 
+RISES = 0.9
+"""Share of the rows from which a column that is called the time goes on: single stamps may be wrong."""
+
+
+def _stamps(value: FloatArray, share: float) -> int:
+    """How many different stamps a column holds; 0 where it does not rise in such a share of its rows."""
+    known = value[np.isfinite(value)]
+    if len(known) < max(2, share * len(value)) or np.mean(np.diff(known) >= 0.0) < share or np.ptp(known) == 0.0:
+        return 0
+    return len(np.unique(known))
+
+
 def _time(foreign: Foreign) -> tuple[str, str, str]:
     """Column, unit and reason."""
-    rising = {
-        name: len(np.unique(column.value))
-        for name, column in foreign.columns.items()
-        if np.all(np.isfinite(column.value)) and np.all(np.diff(column.value) >= 0.0) and np.ptp(column.value) > 0.0
-    }
-    named = {
-        n: count for n, count in rising.items() if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)
-    }
-    if not rising:
+    called = [n for n in foreign.columns if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)]
+    named, rising = (
+        {name: n for name in names if (n := _stamps(foreign.columns[name].value, share))}
+        for names, share in ((called, RISES), (foreign.columns, 1.0))
+    )
+    if not (named or rising):
         raise InputError(
             f"{foreign.name}: no column rises all the time, so none is the time: give --rate, the rows per second"
         )
@@ -278,7 +307,7 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
     elif choice[name] < len(column.value):
         doubts.append(f"{len(column.value) - choice[name]} stamps are those of the row before")
     written = column.unit or label_of(name).unit
-    step = float(np.median(np.diff(np.unique(column.value))))
+    step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
     if fits(written, "s"):
         return name, written, reason("as written", doubts)
     for unit, factor in STEPS:

@@ -3,7 +3,7 @@
 The first two lines in a row that hold mostly numbers tell what divides the cells and how many there are.
 """
 
-from collections.abc import Sequence
+from itertools import pairwise
 
 from armdyn.delimited import MISSING, separator_of
 from pipeline.imports.words import KINDS, fits
@@ -29,7 +29,7 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     filled = [i for i, line in enumerate(lines) if line.strip()]
     comments = {i for i in filled if lines[i].lstrip().startswith(COMMENTS)}
     rows = [i for i in filled if i not in comments]
-    pairs = zip(rows[:LONGEST_HEAD], rows[1:], strict=False)
+    pairs = pairwise(rows[:LONGEST_HEAD])
     first = next((i for i, j in pairs if _is_row(lines[i]) and _is_row(lines[j])), None)
     if first is None or (not comments and rows[1] == first):
         return text, True, []
@@ -48,7 +48,9 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     if comments - used:
         notes.append(f"{len(comments - used)} lines of comment left out")
     if other:
-        notes.append(f"lines above the header left out: {shown(lines[other[0]].strip(), 40)!r}" + " ..." * (len(other) > 1))
+        notes.append(
+            f"lines above the header left out: {shown(lines[other[0]].strip(), 40)!r}" + " ..." * (len(other) > 1)
+        )
     for i in {*comments, *(i for i, _ in above)}:
         lines[i] = ""
     head = separator.join(f'"{name}"' if separator in name else name for name in names)
@@ -86,8 +88,3 @@ def _cells(line: str, separator: str, wanted: int = 0) -> list[str]:
 def _is_unit(cell: str) -> bool:
     text = cell.strip(_BRACKETS)
     return not text or fits(text, *(unit for units in KINDS.values() for unit in units))
-
-
-def joined(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as the text of a table."""
-    return "".join("\t".join(cell.replace("\t", " ").replace("\n", " ") for cell in row) + "\n" for row in rows)

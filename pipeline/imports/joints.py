@@ -58,6 +58,11 @@ class Joints:
         """All of them."""
         return (*self.arm, *self.others, *self.grippers)
 
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Those that are none of the arm's."""
+        return (*self.others, *self.grippers)
+
     def slides(self, joint: str) -> bool:
         """Whether a joint is known to slide."""
         return joint in self.ranges and self.ranges[joint].slides

@@ -35,9 +35,7 @@ def read_mat(path: Path) -> Foreign:
             raise InputError(f"{path}: holds more than {LARGEST_CONTENT / MIB:g} MiB of numbers: cut it")
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:
-        raise InputError(
-            f"{path}: is of MATLAB's version 7.3: save it with save('{path.name}', ..., '-v7')"
-        ) from error
+        raise InputError(f"{path}: is of MATLAB's version 7.3: save it with save('{path.name}', ..., '-v7')") from error
     except InputError:
         raise
     except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, MemoryError, EOFError) as error:

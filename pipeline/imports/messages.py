@@ -132,7 +132,7 @@ def _register(store: "Typestore", connection: Connection) -> None:
 
     if connection.language == "ros2idl":
         parts = connection.definition.split("=" * 80 + "\n")
-        found = {}
+        found: dict[str, Any] = {}
         for part in parts:
             text = part.partition("\n")[2] if part.startswith("IDL: ") else part
             found |= get_types_from_idl(text) if text.strip() else {}

@@ -172,22 +172,26 @@ def _ros1_packet(header: dict[str, bytes], data: bytes, connections: dict[bytes,
 
 
 def _records(source: io.BufferedIOBase) -> Iterator[tuple[dict[str, bytes], bytes]]:
-    """Headers and data of the records in a row.
+    """Headers and data of the records in a row; of a chunk that is cut off, what there is.
 
     Raises:
         EOFError: the last one is not whole.
     """
     while size := source.read(4):
-        header = _fields(_read(source, size))
-        yield header, _read(source, source.read(4))
+        data, whole = _read(source, size)
+        header = _fields(data) if whole else {}
+        data, whole = _read(source, source.read(4))
+        if whole or header.get("op") == _CHUNK:
+            yield header, data
+        if not whole:
+            raise EOFError("it is cut off, its recording did not end properly")
 
 
-def _read(source: io.BufferedIOBase, size: bytes) -> bytes:
+def _read(source: io.BufferedIOBase, size: bytes) -> tuple[bytes, bool]:
+    """So many bytes, and whether all of them are there."""
     wanted = struct.unpack("<I", size)[0] if len(size) == 4 else 0
     data = source.read(wanted)
-    if len(size) < 4 or len(data) < wanted:
-        raise EOFError("it is cut off, its recording did not end properly")
-    return data
+    return data, len(size) == 4 and len(data) == wanted
 
 
 def _fields(data: bytes) -> dict[str, bytes]:
@@ -215,9 +219,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
         database.execute("PRAGMA writable_schema = ON")  # else nothing is read of a file that is too short
         definitions = {}
         with suppress(sqlite3.DatabaseError):  # bags before ROS 2 Iron have none
-            rows = database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
+            rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {kind: (str(definition), str(language)) for kind, language, definition in rows}
         connections = {
             number: Connection(topic, kind, encoding, *definitions.get(kind, ("", "")))

@@ -212,7 +212,8 @@ class Publishers:
         for topic, by_publisher in self._series.items():
             taken, left_out = _taken(by_publisher.values())
             left_out[UNREADABLE] += unread.get(topic, 0)
-            kept, steps, stamped = 0, (), True
+            kept, stamped = 0, True
+            steps: tuple[float, ...] = ()
             for series in taken:
                 order = np.argsort(series.arrivals, kind="stable")
                 stamps, arrivals = np.array(series.stamps)[order], np.array(series.arrivals)[order]
@@ -238,12 +239,12 @@ class Publishers:
 
 def _tells(arrivals: FloatArray, stamps: FloatArray) -> bool:
     """Whether it was written down when messages came; a program that converts bags may write the same for all."""
-    known = stamps[np.isfinite(stamps)]
-    return bool(np.ptp(arrivals) > SAME * np.ptp(known)) if len(known) else True
+    steps = np.abs(np.diff(stamps[np.isfinite(stamps)]))
+    return not len(steps) or bool(np.ptp(arrivals) > SAME * len(steps) * np.median(steps))
 
 
 SAME = 0.01
-"""Of a recording's length by its stamps, within which all messages cannot have come."""
+"""Of a recording's length by its usual step, within which all messages cannot have come."""
 
 
 def _taken(publishers: Iterable[_Series]) -> tuple[list[_Series], Counter[str]]:

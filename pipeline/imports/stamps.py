@@ -8,6 +8,7 @@ show the gap.
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -70,7 +71,7 @@ def dated(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dated:
             return Dated(rows, time, _reasons(arrivals, rows) + left, stamped=False)
         pieces = _pieces(stamps[present], arrivals[present])
     pieces = [present[piece] for piece in pieces]
-    steps = tuple(float(stamps[b[0]] - stamps[a[-1]]) for a, b in zip(pieces, pieces[1:], strict=False))
+    steps = tuple(float(stamps[b[0]] - stamps[a[-1]]) for a, b in pairwise(pieces))
     rows, time, left = _laid(pieces, stamps, arrivals)
     return Dated(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
 
@@ -147,7 +148,9 @@ def _laid(
         return np.empty(0, dtype=np.intp), np.empty(0), Counter()
     longest = max(pieces, key=len)
     gap = 1.01 * shortest_gap(stamps[longest])
-    rows, times, left, end = [], [], Counter[str](), -np.inf
+    rows: list[npt.NDArray[np.intp]] = []
+    times: list[FloatArray] = []
+    left, end = Counter[str](), -np.inf
     for piece in pieces:
         time = stamps[piece]
         if arrivals is not None:

@@ -60,7 +60,9 @@ def of_text(name: str, text: str) -> Foreign:
         table = parse_delimited(text, separator, MISSING, decimal_comma=True)
     except CutOffError as error:
         table = parse_delimited(text[: text.rfind("\n") + 1], separator, MISSING, decimal_comma=True)
-        notes.append(f"{str(error).partition(':')[0]}: the file ends without a newline and may be cut off: row left out")
+        notes.append(
+            f"{str(error).partition(':')[0]}: the file ends without a newline and may be cut off: row left out"
+        )
     if not len(table.rows):
         raise InputError("holds a header and no row: give a recording")
     called = name

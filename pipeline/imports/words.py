@@ -34,7 +34,8 @@ OTHER = words_in(
     "external contact wrench ft momentum tcp ee eef flange cartesian pose orientation quaternion quat euler rpy "
     "accelerometer imu inertia gravity coriolis friction bias residual feedforward ff predicted computed "
     "calculated image images digital analog io scaling fraction execution counter index id seq frame success "
-    "energy energies kinetic potential work enthalpy brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog"
+    "brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog "
+    "energy energies kinetic potential kin pot"
 )
 """Words of what is recorded beside a joint's motion and torque, or is computed from a model."""
 CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")

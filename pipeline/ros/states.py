@@ -27,8 +27,8 @@ class StampClock:
 
     A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
     guess of the offset between the clocks, and is forgotten as slowly as clocks part. What is left is the quickest
-    delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more than
-    `BURST` is believed when the next one says the same: then a clock was set, else one stamp was wrong.
+    delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more
+    than `BURST` is believed when the next one says the same: then a clock was set, else one stamp was wrong.
     """
 
     def __init__(self) -> None:

@@ -151,17 +151,17 @@ def guess_and_import(path):
     for foreign in read_foreign(path):
         mapping = guess_map([foreign], Joints(("j0", "j1", "j2")))
         (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
-        imported(foreign, read_map(path.parent / "guessed.toml")).run
+        imported(foreign, read_map(path.parent / "guessed.toml"))
 
 
 def import_mapped(path):
     (foreign,) = read_foreign(path.parent / "foreign.csv")
-    imported(foreign, read_map(path)).run
+    imported(foreign, read_map(path))
 
 
 def import_known(path):
     for foreign in read_foreign(path):
-        imported(foreign, known_columns(foreign)).run
+        imported(foreign, known_columns(foreign))
 
 
 def read_journal(path):

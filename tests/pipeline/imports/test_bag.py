@@ -107,6 +107,31 @@ def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
     assert "/cell/flags/1" in foreign.columns
 
 
+@pytest.mark.parametrize("share", [0.4, 0.6, 0.8, 0.99])
+def test_of_a_bag_that_was_cut_off_all_that_came_before_is_read(bag, share, joints):
+    files = [bag] if bag.is_file() else [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
+    data = files[0].read_bytes()
+    files[0].write_bytes(data[: int(share * len(data))])
+    (foreign,) = read_foreign(bag)
+    found = imported(foreign, known_columns(foreign))
+    q = found.run.channels["q.elbow"]
+    assert len(q) > 0.5 * share * len(TIME)
+    rows = np.round(q.time / 0.01).astype(int)  # a database loses pages in between
+    np.testing.assert_allclose(q.value, joints[0][rows, 1], atol=1e-12)
+    assert any("what came after is lost" in note for note in found.run.warnings) or share == 0.99
+
+
+@pytest.mark.parametrize("definition", ["float32 grams\nnosuch/Type x", "???", "float32 grams"])
+def test_a_definition_that_is_wrong_leaves_out_its_messages_alone(definition, tmp_path):
+    path = write_plain_mcap(tmp_path / "a.mcap", {OWN: definition})
+    (foreign,) = read_foreign(path)
+    assert len(imported(foreign, known_columns(foreign)).run.channels["q.elbow"]) == len(TIME)
+    assert "/wrench/wrench/force/z" in foreign.columns
+    if definition != "float32 grams":
+        assert "/cell/grams" not in foreign.columns
+        assert any("/cell" in note for note in foreign.notes)
+
+
 def test_what_is_no_bag_says_so(tmp_path):
     (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(range(200)))
     with pytest.raises(InputError, match="cannot be read as a bag"):
@@ -115,7 +140,7 @@ def test_what_is_no_bag_says_so(tmp_path):
         read_bag(tmp_path / "b.bag")
 
 
-def write_plain_mcap(path):
+def write_plain_mcap(path, instead=()):
     """As Foxglove writes it: no profile of ROS, definitions with all that they need, and a topic of JSON."""
     store = store_with_own(Stores.ROS2_HUMBLE)
     with path.open("wb") as file:
@@ -124,7 +149,7 @@ def write_plain_mcap(path):
         channels = {}
         for topic, kind, t, message in messages(store, has_sequence=False):
             if topic not in channels:
-                definition, _ = store.generate_msgdef(kind, ros_version=2)
+                definition = dict(instead).get(kind) or store.generate_msgdef(kind, ros_version=2)[0]
                 schema = writer.register_schema(kind, "ros2msg", definition.encode())
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             stamp = round((START + t) * 1e9)

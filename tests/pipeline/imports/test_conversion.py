@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from armdyn.errors import InputError
 from pipeline.imports.conversion import imported
 from pipeline.imports.foreign import Column, Foreign
-from pipeline.imports.stamps import NONE, REPEATED
 from pipeline.imports.mapping import ColumnMap, Entry, map_text, read_map
+from pipeline.imports.stamps import NONE, REPEATED
 
 UNITS = {
     "q.a": {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3},
@@ -109,4 +109,4 @@ def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
 def test_a_line_that_cannot_be_is_told(entry, count, says):
     value = np.where(np.arange(20) < count, 1.0, np.nan)
     with pytest.raises(InputError, match=says):
-        imported(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t")).run
+        imported(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t"))

@@ -45,7 +45,8 @@ def silently_wrong(layout, found):
         if made.channel and name not in found.entries and made.channel not in asked:
             wrong.append(f"{name} is lost")
     if (
-        found.time != layout.time.split(" (")[0].split("(")[0].split(" [")[0].lstrip("%") or found.time_unit != layout.unit
+        found.time != layout.time.split(" (")[0].split("(")[0].split(" [")[0].lstrip("%")
+        or found.time_unit != layout.unit
     ) and "CHECK" not in found.why:
         wrong.append(f"time: {found.time} {found.time_unit} {found.why}")
     return wrong

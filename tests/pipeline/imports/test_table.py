@@ -92,7 +92,7 @@ def test_every_problem_of_the_columns_is_told_at_once(german, tmp_path):
     """
     (foreign,) = read_foreign(german)
     with pytest.raises(InputError) as caught:
-        imported(foreign, mapped(tmp_path, text)).run
+        imported(foreign, mapped(tmp_path, text))
     message = str(caught.value)
     for part in (
         "6 problems",
@@ -212,5 +212,7 @@ def test_time_that_goes_back_row_by_row_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("time,load_force [N]\n" + "".join(f"{20 - i},{i}\n" for i in range(20)))
     (foreign,) = read_foreign(path)
-    with pytest.raises(InputError, match="'time' is no time: 20 rows came, 1 are used; .*19 whose stamp.*: sort the rows by time"):
-        imported(foreign, known_columns(foreign)).run
+    with pytest.raises(
+        InputError, match=r"'time' is no time: 20 rows came, 1 are used; .*19 whose stamp.*: sort the rows by time"
+    ):
+        imported(foreign, known_columns(foreign))

@@ -122,7 +122,7 @@ def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, tmp_path):
 
 def test_a_joint_that_is_never_sent_is_named(loopback, baxter, tmp_path):
     thread = speaking(loopback, lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
-    with pytest.raises(InputError, match="no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
+    with pytest.raises(InputError, match=r"no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
         record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
     loopback.stopped.set()
     thread.join()

@@ -1,0 +1,70 @@
+"""The first sheet of an Excel workbook (.xlsx), which is XML in a ZIP archive."""
+
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from armdyn.errors import InputError, at
+from pipeline.imports.foreign import Foreign, Reader
+from pipeline.imports.table import of_text
+from urdf.bounds import LARGEST_XML, MIB, MOST_COLUMNS, MOST_ROWS
+
+_SPACE = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+SHEET, STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+
+
+def read_sheet(path: Path) -> Foreign:
+    """Columns of the first sheet, as of a CSV.
+
+    Raises:
+        InputError: it is no workbook, or too large, or its first sheet is no table.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    with at(path):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+                strings = [_text(item) for item in _root(archive, STRINGS)] if STRINGS in names else []
+                rows = list(_rows(_root(archive, SHEET), strings))
+        except (zipfile.BadZipFile, KeyError, ET.ParseError, ValueError, IndexError, OSError, RuntimeError) as error:
+            raise InputError(f"is no Excel workbook that can be read ({error}): save it as CSV") from error
+        return of_text(path.stem, "".join("\t".join(row) + "\n" for row in rows))
+
+
+def _root(archive: zipfile.ZipFile, name: str) -> ET.Element:
+    if archive.getinfo(name).file_size > LARGEST_XML:
+        raise InputError(f"its sheet is larger than {LARGEST_XML / MIB:g} MiB: save it as CSV")
+    return ET.fromstring(archive.read(name))
+
+
+def _text(item: ET.Element) -> str:
+    return re.sub(r"\s+", " ", "".join(part.text or "" for part in item.iter(f"{_SPACE}t"))).strip()
+
+
+def _rows(sheet: ET.Element, strings: list[str]) -> Iterator[list[str]]:
+    """The cells of each row as text, empty ones included."""
+    width = 0
+    for number, row in enumerate(sheet.iter(f"{_SPACE}row")):
+        cells: dict[int, str] = {}
+        for cell in row:
+            kind, value = cell.get("t", "n"), cell.findtext(f"{_SPACE}v") or ""
+            text = strings[int(value)] if kind == "s" else _text(cell) if kind == "inlineStr" else value
+            cells[_place(cell.get("r", ""), len(cells))] = text
+        width = max(width, 1 + max(cells, default=-1))
+        if width > MOST_COLUMNS or number > MOST_ROWS:
+            raise InputError("its sheet is too large: save it as CSV")
+        yield [cells.get(i, "") for i in range(width)]
+
+
+def _place(reference: str, otherwise: int) -> int:
+    """The column of a cell such as ``AB12``, from 0."""
+    place = 0
+    for letter in re.match("[A-Z]{0,3}", reference)[0]:  # type: ignore[index]
+        place = 26 * place + ord(letter) - ord("A") + 1
+    return place - 1 if place else otherwise
+
+
+READERS = (Reader(lambda path: [read_sheet(path)], (".xlsx",)),)
