@@ -72,7 +72,7 @@ class CheckedStudy:
 
     Attributes:
         known: the model as given.
-        study: of it.
+        study: of it, without its background where effects are chosen: that is then found anew.
         effects: to choose from.
         inspection: of the recordings.
         trusted: go on where recordings are not what they say they are.
@@ -123,7 +123,16 @@ class CheckedStudy:
         if not trusted:
             require_usable(found)
         chosen = known.catalogue if effects is None else tuple(effects)
-        return cls(known, Study(known.file.model, training, others, chosen, last), chosen, found, trusted)
+        begun = known.file.model.named_only() if chosen else known.file.model
+        return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader must know of how the study begins, a sentence each."""
+        given = self.known.file.model.background
+        if given is None or self.study.model.background is not None:
+            return ()
+        return (f"Begun without the model's {given.label}.",)
 
     def compare(self) -> Comparison:
         """Fit the model and see where it fails."""
