@@ -127,12 +127,11 @@ class CheckedStudy:
         return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted)
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What a reader must know of how the study begins, a sentence each."""
+    def set_aside(self) -> tuple[str, ...]:
+        """What the study does not use of the model as given, a sentence each without its full stop."""
         given = self.known.file.model.background
-        if given is None or self.study.model.background is not None:
-            return ()
-        return (f"Begun without the model's {given.label}.",)
+        held = given is None or self.study.model.background is not None
+        return () if held else (f"The {given.label} of the model as given is set aside, to be found anew",)
 
     def compare(self) -> Comparison:
         """Fit the model and see where it fails."""
@@ -144,23 +143,27 @@ class CheckedStudy:
         """Find out which effect the model lacks."""
         found = diagnose(self.study, say)
         self._require_plausible(fitted_model(self.study, found.search.last))
-        return found
+        return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:
         """Diagnose and add until nothing is left to explain."""
         found = repair(self.study, say)
         self._require_plausible(found.model)
-        return found
+        return replace(found, after=self._telling(found.after))
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings ask for them."""
         found = add(self.study, wanted)
         self._require_plausible(found.model)
-        return found
+        return replace(found, after=self._telling(found.after))
 
     def discover(self, say: Say | None = None) -> Discovery:
         """Find a formula for the force that the model lacks."""
         return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
+
+    def _telling(self, found: Comparison) -> Comparison:
+        """A comparison that tells what was set aside."""
+        return replace(found, left_out=(*found.left_out, *self.set_aside))
 
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:

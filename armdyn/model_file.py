@@ -1,6 +1,7 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
@@ -212,18 +213,15 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
         raise InputError('effects: write a list of names, such as effects = ["linear_drag"]')
     for name in effects:
-        try:
+        with _own_effects_in_a_file():
             model = model.with_effect(find(name, extra))
-        except UnknownNameError as error:
-            remedy = "; for an effect of your own give the file that defines it, --effects FILE.py"
-            raise InputError(f"{error}{remedy if error.kind == 'effect' else ''}") from error
     parameters = table.get("parameters", {})
     if not isinstance(parameters, dict):
         raise InputError("[parameters]: write a table")
     model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
     if "background" in table:
         held = read_as(_BackgroundEntry, table["background"], "[background]")
-        with at("[background]"):
+        with at("[background]"), _own_effects_in_a_file():
             known = {**CATALOGUE, **{item.name: item for item in extra}}
             model = model.with_background(held.width, held.values, known.values())
     history = table.get("history", [])
@@ -233,6 +231,16 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     for number, change in enumerate(history, start=1):
         read_as(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
     return ModelFile(model, description, tuple(history))
+
+
+@contextmanager
+def _own_effects_in_a_file() -> Iterator[None]:
+    """Say of an effect that is not known where it may be."""
+    try:
+        yield
+    except UnknownNameError as error:
+        remedy = "; for an effect of your own give the file that defines it, --effects FILE.py"
+        raise InputError(f"{error}{remedy if error.kind == 'effect' else ''}") from error
 
 
 def _parameter(model: Model, name: str, entry: Any) -> Parameter:

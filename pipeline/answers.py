@@ -115,7 +115,8 @@ def link_answer(link: Any) -> dict[str, Any]:
 
 def model_answer(study: Study) -> dict[str, Any]:
     """Base and effects of the model as given."""
-    return {"base": study.model.base, "effects": [effect.name for effect in study.model.named_effects if not effect.wrong]}
+    named = [effect.name for effect in study.model.named_effects if not effect.wrong]
+    return {"base": study.model.base, "effects": named}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:

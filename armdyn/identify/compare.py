@@ -99,7 +99,7 @@ class Comparison(Shown):
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
-        left_out: what was not used of the recordings, such as outliers, a sentence each.
+        left_out: what was not used of the recordings, such as outliers, and of the model as given, a sentence each.
         correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
@@ -280,7 +280,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
-    """Values and standard deviations of the model's parameters, without its background and effects at their null values.
+    """Values and standard deviations of the model's named parameters, without effects at their null values.
 
     The standard deviations count correlation of the noise in and, where it is larger than the noise, the model's own
     error; see `uncertainty`.
