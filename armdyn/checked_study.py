@@ -130,8 +130,9 @@ class CheckedStudy:
     def set_aside(self) -> tuple[str, ...]:
         """What the study does not use of the model as given, a sentence each without its full stop."""
         given = self.known.file.model.background
-        held = given is None or self.study.model.background is not None
-        return () if held else (f"The {given.label} of the model as given is set aside, to be found anew",)
+        if given is None or self.study.model.background is not None:
+            return ()
+        return (f"The {given.label} of the model as given is set aside, to be found anew",)
 
     def compare(self) -> Comparison:
         """Fit the model and see where it fails."""
