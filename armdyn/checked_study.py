@@ -72,7 +72,7 @@ class CheckedStudy:
 
     Attributes:
         known: the model as given.
-        study: of it.
+        study: of it, without its background where effects are chosen: that is then found anew.
         effects: to choose from.
         inspection: of the recordings.
         trusted: go on where recordings are not what they say they are.
@@ -123,7 +123,16 @@ class CheckedStudy:
         if not trusted:
             require_usable(found)
         chosen = known.catalogue if effects is None else tuple(effects)
-        return cls(known, Study(known.file.model, training, others, chosen, last), chosen, found, trusted)
+        begun = known.file.model.named_only() if chosen else known.file.model
+        return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted)
+
+    @property
+    def set_aside(self) -> tuple[str, ...]:
+        """What the study does not use of the model as given, a sentence each without its full stop."""
+        given = self.known.file.model.background
+        if given is None or self.study.model.background is not None:
+            return ()
+        return (f"The {given.label} of the model as given is set aside, to be found anew",)
 
     def compare(self) -> Comparison:
         """Fit the model and see where it fails."""
@@ -135,23 +144,27 @@ class CheckedStudy:
         """Find out which effect the model lacks."""
         found = diagnose(self.study, say)
         self._require_plausible(fitted_model(self.study, found.search.last))
-        return found
+        return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:
         """Diagnose and add until nothing is left to explain."""
         found = repair(self.study, say)
         self._require_plausible(found.model)
-        return found
+        return replace(found, after=self._telling(found.after))
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings ask for them."""
         found = add(self.study, wanted)
         self._require_plausible(found.model)
-        return found
+        return replace(found, after=self._telling(found.after))
 
     def discover(self, say: Say | None = None) -> Discovery:
         """Find a formula for the force that the model lacks."""
         return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
+
+    def _telling(self, found: Comparison) -> Comparison:
+        """A comparison that tells what was set aside."""
+        return replace(found, left_out=(*found.left_out, *self.set_aside))
 
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:

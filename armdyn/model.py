@@ -2,14 +2,15 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
 
-from armdyn.document import Column, Document, Section, Table, columns_of
+from armdyn.document import Column, Columns, Document, Section, Table, columns_of
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
@@ -57,6 +58,30 @@ class Bend:
     function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
+@dataclass(frozen=True)
+class Background:
+    """Small values of effects that a model has without naming them: together they predict, none of them is told.
+
+    Attributes:
+        width: standard deviation about their null values with which they were found, in typical sizes.
+        names: of the parameters; they are held by every fit.
+    """
+
+    width: float
+    names: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Such as ``"background of 57 small values"``."""
+        count = len(self.names)
+        return f"background of {count} small value{'' if count == 1 else 's'}"
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        return f"Not listed: a {self.label}, of a width of {self.width:.3g} typical sizes."
+
+
 @dataclass(frozen=True, repr=False)
 class Model(Shown):
     """Base class of `PendulumModel` and `ArmModel`.
@@ -64,10 +89,13 @@ class Model(Shown):
     Attributes:
         effects: in the order in which they were added.
         parameters: by name, of the base first, then of the effects; `names` gives the order used in every vector.
+        background: which of the effects' parameters are small values without a name; None where none are. An effect
+            has all its parameters on a joint in the background, or none.
     """
 
     effects: tuple[Effect, ...]
     parameters: Mapping[str, Parameter]
+    background: Background | None = field(default=None, kw_only=True)
 
     step = 0.005
     """s; of a simulation, about: how long a recording can be simulated follows from it."""
@@ -76,8 +104,9 @@ class Model(Shown):
 
     def __str__(self) -> str:
         """One line: the base, its values, its effects."""
-        effects = ", ".join(effect.label for effect in self.effects) or "no effects"
-        return f"{self.about}; {effects}"
+        said = [effect.label for effect in self.named_effects] or ["no effects"]
+        said += [self.background.label] if self.background is not None else []
+        return f"{self.about}; {', '.join(said)}"
 
     __repr__ = __str__
 
@@ -90,12 +119,25 @@ class Model(Shown):
 
     def document(self) -> Document:
         """Its parameters."""
-        shared = {name: p for name, p in self.parameters.items() if p.scope == "shared"}
+        shared = {name: p for name, p in self.named_only().parameters.items() if p.scope == "shared"}
         values = shared.values()
         columns = [Column("parameter", list(shared)), *columns_of(values, value=".6g")]
         columns += [Column("std", [p.std for p in values], ".2g"), *columns_of(values, unit="", fitted="")]
         tables = [Table(columns, name="parameters")]
-        return Document(f"Model: {self.base}", f"{self}.", [Section("Parameters", tables=tables)])
+        said = self.background.sentence if self.background is not None else ""
+        sections = [Section("Parameters", said, tables=tables)]
+        return Document(f"Model: {self.base}", f"{self}.", sections, data=self.background_data())
+
+    def background_data(self) -> Mapping[str, Callable[[], Columns]]:
+        """The values of its background as a table of a document's data; empty where it has none."""
+        return {} if self.background is None else {"background": self._background_columns}
+
+    def _background_columns(self) -> Columns:
+        """A row per value."""
+        held = [self.parameters[name] for name in self.background.names] if self.background is not None else []
+        columns = [Column("parameter", [p.name for p in held]), *columns_of(held, effect="", joint="", value="")]
+        columns += [*columns_of(held, unit=""), Column("typical_sizes", [(p.value - p.null) / p.typical for p in held])]
+        return Table(columns).values
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """First guesses of the parameters that are one value per run: the state at the start of a simulated motion."""
@@ -165,6 +207,8 @@ class Model(Shown):
     def with_effect(self, effect: Effect) -> Self:
         """The model with one effect more, or with one that it has on more joints, at its null value.
 
+        On joints where only the background has the effect, it leaves the background.
+
         Raises:
             InputError: the model has it already, or lacks the stage on which it acts.
             UnknownNameError: it is meant for a joint that the model lacks.
@@ -178,8 +222,11 @@ class Model(Shown):
         if effect.joints and reachable == ("",):
             listed = ",".join(effect.joints)
             raise InputError(f"the effect '{effect.name}' acts on the {effect.acts_on}: leave out ':{listed}'")
-        has = self.joints_with(effect.name)
         wanted = effect.joints or reachable
+        unnamed = [joint for joint in self._joints_without_name(effect.name) if joint in wanted]
+        if unnamed:
+            return self.without_effect(effect.on(*unnamed).label).with_effect(effect)
+        has = self.joints_with(effect.name)
         new = tuple(joint for joint in reachable if joint in wanted and joint not in has)
         if not new:
             raise InputError(f"the model already has the effect '{effect.label}'")
@@ -191,11 +238,7 @@ class Model(Shown):
             for joint in new
             for short, quantity in effect.quantities.items()
         ]
-        return replace(
-            self,
-            effects=tuple(effects if has else [*effects, whole]),
-            parameters=MappingProxyType({**self.parameters, **{p.name: p for p in added}}),
-        )
+        return self._with(effects if has else [*effects, whole], {**self.parameters, **{p.name: p for p in added}})
 
     def without_effect(self, name: str) -> Self:
         """The model with one effect less, or ``"<effect>:<joint>,<joint>"`` with one on fewer joints.
@@ -213,8 +256,7 @@ class Model(Shown):
                 raise UnknownNameError(f"joint with the effect '{name}'", joint, has)
         left = tuple(joint for joint in has if joint not in gone)
         kept = {n: p for n, p in self.parameters.items() if p.effect != name or p.joint in left}
-        effects = (e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left)
-        return replace(self, effects=tuple(effects), parameters=MappingProxyType(kept))
+        return self._with((e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left), kept)
 
     def with_only(self, effects: Collection[str], *, wrong: bool = True) -> Self:
         """The model with these effects only, and with formulas known to be wrong unless `wrong` is False.
@@ -225,7 +267,72 @@ class Model(Shown):
         if len(kept) == len(self.effects):
             return self
         own = {n: p for n, p in self.parameters.items() if not p.effect or p.effect in effects}
-        return replace(self, effects=kept, parameters=MappingProxyType(own))
+        return self._with(kept, own)
+
+    def _with(self, effects: Iterable[Effect], parameters: Mapping[str, Parameter]) -> Self:
+        """The model with these effects and parameters, and with what they leave of its background."""
+        held = tuple(name for name in self.background.names if name in parameters) if self.background else ()
+        background = replace(self.background, names=held) if self.background and held else None
+        return replace(
+            self, effects=tuple(effects), parameters=MappingProxyType(dict(parameters)), background=background
+        )
+
+    def with_background(self, width: float, values: Mapping[str, float], effects: Iterable[Effect]) -> Self:
+        """The model with small values of effects, on joints where it does not name them, in place of its background.
+
+        Args:
+            width: standard deviation about their null values with which they were found, in typical sizes.
+            values: by name of the parameter; others of the same effect on the same joint are at their null values.
+            effects: definitions; those that the values need are added on the joints that they need.
+
+        Raises:
+            InputError: the width is negative, a value is out of bounds, or belongs to an effect that the model
+                names on this joint.
+            UnknownNameError: there is no such effect, joint or parameter.
+        """
+        if not 0.0 <= width < inf:
+            raise InputError(f"width {width:g}: give a number that is not negative, in typical sizes")
+        bare, known = self.named_only(), {effect.name: effect for effect in effects}
+        joints: dict[str, list[str]] = {}
+        for name in values:
+            quantity, _, joint = name.partition("[")
+            effect, joint = quantity.partition(".")[0], joint.removesuffix("]")
+            if effect not in known:
+                raise UnknownNameError("effect", effect, known)
+            if joint in bare.joints_with(effect):
+                where = f" on {joint}" if joint else ""
+                raise InputError(f"{name}: the model names the effect '{effect}'{where}: write the value with its name")
+            joints.setdefault(effect, []).append(joint)
+        model = bare
+        for effect, needed in joints.items():
+            model = model.with_effect(known[effect].on(*(joint for joint in dict.fromkeys(needed) if joint)))
+        own = {name: p for name, p in model.parameters.items() if name not in bare.parameters}
+        settable = [name for name, p in own.items() if p.scope == "shared"]
+        for name in values:
+            if name not in settable:
+                raise UnknownNameError("parameter", name, settable)
+        held = {name: replace(p, value=float(values.get(name, p.value)), fitted=False) for name, p in own.items()}
+        background = Background(float(width), tuple(held)) if held else None
+        return replace(model.with_parameters(held), background=background)
+
+    def named_only(self) -> Self:
+        """The model without its background."""
+        model = self
+        for effect in self.effects:
+            unnamed = self._joints_without_name(effect.name)
+            if unnamed:
+                model = model.without_effect(effect.on(*unnamed).label)
+        return model
+
+    @property
+    def named_effects(self) -> tuple[Effect, ...]:
+        """The effects that it names, each on the joints where it is named: all but those of the background."""
+        return self.named_only().effects
+
+    def _joints_without_name(self, effect: str) -> tuple[str, ...]:
+        """Joints where only the background has an effect, ``("",)`` where its stage has none."""
+        held = self.background.names if self.background is not None else ()
+        return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
@@ -273,8 +380,9 @@ class Model(Shown):
         model = self
         for effect in effects:
             if model.lacks(effect):
-                had = set(model.names)
-                model = model.with_effect(effect)
+                had, there = set(model.names), model.joints_with(effect.name)
+                new = (joint for joint in effect.joints or model.reachable(effect) if joint and joint not in there)
+                model = model.with_effect(effect.on(*new))
                 model = model.with_fixed(*(name for name in model.names if name not in had))
         return model
 

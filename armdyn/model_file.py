@@ -1,13 +1,14 @@
 """Model files: readable TOML, the only state that is kept between commands."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 from armdyn import atomic
-from armdyn.effects.catalogue import find
+from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
@@ -19,7 +20,7 @@ from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Where each base is read; a user's own is the path of a Python file."""
-KEYS = ("base", "effects", "parameters", "history")
+KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys of every model file; each base has its own besides."""
 _Names = str | tuple[str, ...]
 _Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
@@ -51,6 +52,14 @@ class _ParameterEntry:
     unit: str | None = None
     fitted: bool | None = None
     prior: str | None = None
+
+
+@dataclass(frozen=True)
+class _BackgroundEntry:
+    """The entries of the background; values are in SI units."""
+
+    width: float
+    values: dict[str, Annotated[float, Check(lambda value: abs(value) <= LARGEST, "write a number, in SI units")]]
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,7 @@ def model_text(file: ModelFile, folder: Path) -> str:
     """The model file as TOML; paths in it begin at the folder where it will lie."""
     import tomlkit
 
-    model = file.model
+    model, background = file.model.named_only(), file.model.background
     document = tomlkit.document()
     for key, value in {**model.described(folder), **file.description}.items():
         document[key] = value
@@ -127,6 +136,11 @@ def model_text(file: ModelFile, folder: Path) -> str:
             entry["prior"] = f"{parameter.prior.mean!r} +/- {parameter.prior.std!r}"
         parameters[name] = entry
     document["parameters"] = parameters
+    if background is not None:
+        held = tomlkit.table()
+        held["width"] = background.width
+        held["values"] = {name: file.model.value(name) for name in background.names}
+        document["background"] = held
     if file.history:
         entries = tomlkit.aot()
         for change in file.history:
@@ -199,22 +213,34 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
         raise InputError('effects: write a list of names, such as effects = ["linear_drag"]')
     for name in effects:
-        try:
+        with _own_effects_in_a_file():
             model = model.with_effect(find(name, extra))
-        except UnknownNameError as error:
-            remedy = "; for an effect of your own give the file that defines it, --effects FILE.py"
-            raise InputError(f"{error}{remedy if error.kind == 'effect' else ''}") from error
     parameters = table.get("parameters", {})
     if not isinstance(parameters, dict):
         raise InputError("[parameters]: write a table")
-    changed = {name: _parameter(model, name, entry) for name, entry in parameters.items()}
+    model = model.with_parameters({name: _parameter(model, name, entry) for name, entry in parameters.items()})
+    if "background" in table:
+        held = read_as(_BackgroundEntry, table["background"], "[background]")
+        with at("[background]"), _own_effects_in_a_file():
+            known = {**CATALOGUE, **{item.name: item for item in extra}}
+            model = model.with_background(held.width, held.values, known.values())
     history = table.get("history", [])
     if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in history):
         raise InputError("[[history]]: write a list of tables")
     declared = {each.name for each in fields(_Change)}
     for number, change in enumerate(history, start=1):
         read_as(_Change, {key: value for key, value in change.items() if key in declared}, f"[[history]] {number}")
-    return ModelFile(model.with_parameters(changed), description, tuple(history))
+    return ModelFile(model, description, tuple(history))
+
+
+@contextmanager
+def _own_effects_in_a_file() -> Iterator[None]:
+    """Say of an effect that is not known where it may be."""
+    try:
+        yield
+    except UnknownNameError as error:
+        remedy = "; for an effect of your own give the file that defines it, --effects FILE.py"
+        raise InputError(f"{error}{remedy if error.kind == 'effect' else ''}") from error
 
 
 def _parameter(model: Model, name: str, entry: Any) -> Parameter:

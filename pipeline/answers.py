@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from armdyn.identify.study import Study
     from armdyn.identify.unknown import Unknown
     from armdyn.inspection.check import Check, Inspection
+    from armdyn.model import Model
     from armdyn.parameter import Parameter
 
 
@@ -57,8 +58,9 @@ def repair_answer(found: Repair) -> dict[str, Any]:
     return {
         "schema": "armdyn.repair/1",
         **fields(found, "verdict sentence explained"),
-        "effects": [effect.name for effect in found.model.effects],
+        "effects": [effect.name for effect in found.model.named_effects],
         **fit_answer(found.after),
+        **background_answer(found.model),
         "steps": [step_answer(step) for step in found.path],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
@@ -113,7 +115,8 @@ def link_answer(link: Any) -> dict[str, Any]:
 
 def model_answer(study: Study) -> dict[str, Any]:
     """Base and effects of the model as given."""
-    return {"base": study.model.base, "effects": [effect.name for effect in study.model.effects if not effect.wrong]}
+    named = [effect.name for effect in study.model.named_effects if not effect.wrong]
+    return {"base": study.model.base, "effects": named}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
@@ -121,6 +124,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value="
     return {
         "parameters": parameters_answer(found.parameters),
+        **background_answer(found.fit.problem.model),
         **fields(found, "intervals_hold std_widened_by= at_bound", std_widened_by=found.widened),
         **fields(found, "not_determined= left_out", not_determined=found.undetermined),
         "outliers": outliers_of(found.fit.problem.runs),
@@ -159,6 +163,14 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
 def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
     """Values, standard deviations and units by name."""
     return {name: fields(p, "value std unit fitted") for name, p in parameters.items()}
+
+
+def background_answer(model: Model) -> dict[str, Any]:
+    """The background of a model as its file has it, in SI units; nothing where it has none."""
+    if model.background is None:
+        return {}
+    values = {name: number(model.value(name)) for name in model.background.names}
+    return {"background": {"width": model.background.width, "values": values}}
 
 
 def places_answer(places: Sequence[Place]) -> list[dict[str, Any]]:

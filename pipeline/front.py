@@ -179,4 +179,4 @@ def _arm_of(model: AnyModel) -> "ArmModel":
     known = model if isinstance(model, Model) else read_model_file(model).model
     if not isinstance(known, ArmModel):
         raise InputError(f"a motion is designed for arms, and this model's base is '{known.base}': give an arm's")
-    return known
+    return known.named_only()

@@ -99,7 +99,7 @@ class Comparison(Shown):
         intervals_hold: whether the standard deviations can be trusted.
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
-        left_out: what was not used of the recordings, such as outliers, a sentence each.
+        left_out: what was not used of the recordings, such as outliers, and of the model as given, a sentence each.
         correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
@@ -123,10 +123,12 @@ class Comparison(Shown):
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
         prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
+        model = self.fit.problem.model
+        held = [model.background.sentence] if model.background is not None else []
         sections = [
             Section(
                 "Parameters",
-                " ".join(self.remarks),
+                " ".join([*self.remarks, *held]),
                 tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
             *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
@@ -145,6 +147,7 @@ class Comparison(Shown):
             data={
                 "samples": lambda: sample_columns(self.fit),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
+                **model.background_data(),
             },
             curves=partial(curves_of, {"predicted": self.fit}),
         )
@@ -277,17 +280,18 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
-    """Values and standard deviations of the model's parameters, without effects at their null values.
+    """Values and standard deviations of the model's named parameters, without effects at their null values.
 
     The standard deviations count correlation of the noise in and, where it is larger than the noise, the model's own
     error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
     present = {name for c in study.candidates for name in c.names}
+    held = study.model.background.names if study.model.background is not None else ()
     result = {}
     for i, column in enumerate(study.problem.columns):
         absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
-        if absent:
+        if absent or column.parameter.name in held:
             continue
         std = float(np.sqrt(covariance[i, i])) if fit.free[i] or fit.considered[i] else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))

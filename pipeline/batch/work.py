@@ -135,7 +135,7 @@ def _found(job: Job) -> dict[str, Any]:
         answer: dict[str, Any] = {
             "verdict": compared.verdict.key,
             "sentence": compared.sentence,
-            "effects": tuple(effect.name for effect in given.study.model.effects),
+            "effects": tuple(effect.name for effect in given.study.model.named_effects),
         }
     else:
         repaired = given.repair()
@@ -144,7 +144,7 @@ def _found(job: Job) -> dict[str, Any]:
             "verdict": repaired.verdict.key,
             "sentence": repaired.sentence,
             "explained": number(repaired.explained),
-            "effects": tuple(effect.name for effect in repaired.model.effects),
+            "effects": tuple(effect.name for effect in repaired.model.named_effects),
         }
     return {**answer, **_numbers(compared), "duration": duration}
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.inputs import Inputs
-from pipeline.console.options import JsonOption, OutputOption, ReportOption
+from pipeline.console.options import JsonOption, NamedOnlyOption, OutputOption, ReportOption
 from pipeline.console.repaired import conclude_repair
 
 PANEL = "What a model lacks"
@@ -15,6 +15,7 @@ def add(
     inputs: Inputs,
     effect: Annotated[str, typer.Argument(metavar="EFFECT[:JOINT,...]", help="Name of the effect, with its joints.")],
     output: OutputOption = None,
+    named_only: NamedOnlyOption = False,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -26,4 +27,4 @@ def add(
         given.study.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
         found = given.add([wanted])
-    conclude_repair(inputs, given, found, output or inputs.model, report, json_file)
+    conclude_repair(inputs, given, found, output or inputs.model, report, json_file, named_only=named_only)

@@ -31,7 +31,8 @@ def discover(
         found = given.discover(say)
     if output is not None and found.new:
         found.write(output)
-    document = replace(found.document(), next_steps=_next_steps(inputs, found, output))
+    aside = [f"{text}." for text in given.set_aside]
+    document = replace(found.document(), notes=aside, next_steps=_next_steps(inputs, found, output))
     notes = [f"written to {output}"] if output is not None and found.new else []
     finish(
         document, lambda: {**_answer(found, output), **checked(given)}, json_file, report,

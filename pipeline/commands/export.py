@@ -1,12 +1,13 @@
 """`armdyn export`: a model for other tools."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from armdyn.errors import at
-from pipeline.console.options import EffectsOption, JsonOption, ModelArgument
+from pipeline.console.options import EffectsOption, JsonOption, ModelArgument, NamedOnlyOption
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import spinner, write_answer
 
@@ -25,6 +26,7 @@ def export(
     force: Annotated[
         bool, typer.Option("--force", help="Write over the file where it is there, and what lacks much of the model.")
     ] = False,
+    named_only: NamedOnlyOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Write a model for other tools, and say what the format cannot hold: exit status 1 where that is much."""
@@ -37,6 +39,7 @@ def export(
     free_to_write(output, force)
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
+        file = replace(file, model=file.model.named_only()) if named_only else file
         say(f"writing {output}")
         with at(model):
             written = write_export(file, output, model.name, force=force)

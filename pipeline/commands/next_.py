@@ -1,5 +1,6 @@
 """`armdyn next`: which experiment tells apart what the runs so far do not."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -53,6 +54,7 @@ def next_(
     if offer is not None and output is not None:
         write_motion(offer, output)
     document = next_document(made, sentence, written if limits is None else None)
+    document = replace(document, notes=[*document.notes, *(f"{text}." for text in given.set_aside)])
     finish(
         document,
         lambda: next_answer(made, verdict, sentence, written),

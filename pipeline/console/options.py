@@ -41,6 +41,9 @@ OutputOption = Annotated[
     Path | None,
     typer.Option("--output", "--out", help="Where the repaired model goes; over the old one when not given."),
 ]
+NamedOnlyOption = Annotated[
+    bool, typer.Option("--named-only", help="Leave the model's background out of what is written.")
+]
 RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")]
 ArmOption = Annotated[
     str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")

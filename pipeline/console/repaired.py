@@ -19,11 +19,18 @@ REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
 
 
 def conclude_repair(
-    inputs: Inputs, given: "CheckedStudy", found: "Repair", output: Path, report: Path | None, json_file: Path | None
+    inputs: Inputs,
+    given: "CheckedStudy",
+    found: "Repair",
+    output: Path,
+    report: Path | None,
+    json_file: Path | None,
+    *,
+    named_only: bool = False,
 ) -> None:
     """Write the repaired model, its report and its answer, and print how the error fell.
 
-    Where the fit is lost, no model is written.
+    Where the fit is lost, no model is written; `named_only` leaves its background out of the written one.
     """
     from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
@@ -35,7 +42,8 @@ def conclude_repair(
     history = (*given.known.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
     if not lost:
-        write_model_file(output, ModelFile(found.model, given.known.file.description, history))
+        model = found.model.named_only() if named_only else found.model
+        write_model_file(output, ModelFile(model, given.known.file.description, history))
 
     finish(
         replace(found.document(given.study.judges), next_steps=steps),

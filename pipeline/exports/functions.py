@@ -12,8 +12,9 @@ from shlex import quote
 import casadi as ca
 
 from armdyn import __version__
+from armdyn.arm.composition import compose_joint
 from armdyn.arm.model import ArmModel
-from armdyn.effects.effect import columns_of
+from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile
@@ -22,7 +23,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import Format
-from pipeline.exports.parts import SENSOR, left_over
+from pipeline.exports.parts import SENSOR, background_left_over, left_over
 
 PENDULUM_SENSOR = "sensor"
 
@@ -69,14 +70,18 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     per = ", ".join(
         f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True)
     )
+    # Where only the background has an effect with a memory, the function lacks a small value; a named one it refuses.
+    named = {effect.name for effect in model.named_effects}
+    small = [effect for effect in model.effects if effect.name not in named and effect.reach != "base"]
+    lacking = {effect.name for effect in small if compose_joint([effect]).remembers}
+    held = {effect.name for effect in model.effects} - lacking
     found = Function(
-        inverse_dynamics_function(model),
+        inverse_dynamics_function(model.with_only(held)),
         "Torques that the drives give during a motion; dry friction has the sign of v.",
         {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"},
         {"tau": "torques, N m (forces, N, of joints that slide)"},
     )
-    held = {effect.name for effect in model.effects} - SENSOR
-    return [found], left_over(model, held, "a function", symmetric=False)
+    return [found], left_over(model, held - SENSOR, "a function", symmetric=False)
 
 
 def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
@@ -99,13 +104,18 @@ def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
         },
         {"s_next": "the state after the step", "tension": "of the string at s [N]"},
     )
-    notes = []
-    for effect in model.effects:
-        if effect.acts_on == PENDULUM_SENSOR:
-            notes.append(f"{effect.name}: belongs to the sensor, not to the pendulum")
-        elif effect.name in ("gripper_lag", "out_of_plane_swing"):
-            notes.append(f"{effect.name}: a step along the line of motion leaves it out")
-    return [found], notes
+    why = {effect.name: _left_out_of_a_step(effect) for effect in model.effects}
+    notes = [f"{effect.name}: {why[effect.name]}" for effect in model.named_effects if why[effect.name]]
+    held = {name for name, reason in why.items() if not reason}
+    return [found], [*notes, *background_left_over(model, held, "a step along the line of motion")]
+
+
+def _left_out_of_a_step(effect: Effect) -> str:
+    """Why a pendulum's step leaves an effect out; empty where it does not."""
+    if effect.acts_on == PENDULUM_SENSOR:
+        return "belongs to the sensor, not to the pendulum"
+    aside = effect.name in ("gripper_lag", "out_of_plane_swing")
+    return "a step along the line of motion leaves it out" if aside else ""
 
 
 def c_text(functions: list[Function], about: list[str]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre
 from armdyn.model_file import ModelFile
+from pipeline.answers import background_answer
 from pipeline.exports.format import Format
 from pipeline.exports.parts import parts_of
 from pipeline.fields import number
@@ -22,11 +23,11 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
     A link's values follow from several parameters whose correlation the model file does not keep: `repair --json` tells
     their standard deviations.
     """
-    model = file.model
+    model, named = file.model, file.model.named_only()
     answer: dict[str, Any] = {
         "schema": "armdyn.parameters/1",
         "base": model.base,
-        "effects": [effect.label for effect in model.effects if not effect.wrong],
+        "effects": [effect.label for effect in named.effects if not effect.wrong],
         "parameters": {
             name: {
                 "value": number(p.value),
@@ -36,9 +37,10 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
                 "meaning": p.source,
                 **({"joint": p.joint} if p.joint else {}),
             }
-            for name, p in model.parameters.items()
+            for name, p in named.parameters.items()
             if p.scope == "shared"
         },
+        **background_answer(model),
     }
     if isinstance(model, ArmModel):
         parts = parts_of(model)

@@ -56,12 +56,13 @@ class LeftOut:
 def left_out(file: ModelFile, held: Collection[str]) -> LeftOut | None:
     """What a file that holds the effects `held` lacks; None where that is nothing, or no repair of an arm is on record.
 
-    A pendulum's functions are of its motion: what its sensors do is no part of that.
+    Values of the background are small and not counted; a pendulum's functions are of its motion: what its sensors do is
+    no part of that.
     """
     if not isinstance(file.model, ArmModel):
         return None
     entries = [entry for entry in file.history if "contribution" in entry]
-    present = {effect.name for effect in file.model.effects}
+    present = {effect.name for effect in file.model.named_effects}
     error: dict[str, float] = {}
     for entry in entries:
         added = entry["added"] if isinstance(entry["added"], list) else [entry["added"]]

@@ -8,6 +8,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
+from armdyn.model import Model
 from urdf.mend import no_body
 
 LINKS = frozenset({"link_inertia", "payload"})
@@ -108,7 +109,7 @@ def need_body(link: str, inertia: np.ndarray) -> None:
 
 
 def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True) -> list[str]:
-    """A sentence for each effect that a format cannot hold.
+    """A sentence for each effect that a format cannot hold, and one for all of the background.
 
     Args:
         model: the arm.
@@ -117,8 +118,9 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
         symmetric: whether its friction is the same in both directions.
     """
     sentences = []
-    for effect in model.effects:
-        joints = [joint for joint in model.joints_with(effect.name) if joint]
+    named = model.named_only()
+    for effect in named.effects:
+        joints = [joint for joint in named.joints_with(effect.name) if joint]
         where = f" ({', '.join(joints)})" if joints else ""
         if effect.name not in held:
             why = WHY.get(effect.name, f"{whose} has no place for it")
@@ -130,7 +132,22 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
                     f"{effect.name} ({', '.join(unequal)}): {whose} has one friction for both directions; their mean "
                     "is used"
                 )
-    return sentences
+    return [*sentences, *background_left_over(model, held, whose)]
+
+
+def background_left_over(model: Model, held: Collection[str], whose: str) -> list[str]:
+    """A sentence on the values of a model's background that a format cannot hold; none where it holds them all.
+
+    Args:
+        model: with its background.
+        held: names of effects that the format holds.
+        whose: what the format is called.
+    """
+    if model.background is None:
+        return []
+    lost = [p.effect for p in map(model.parameters.__getitem__, model.background.names) if p.effect not in held]
+    effects = ", ".join(dict.fromkeys(lost))
+    return [f"{len(lost)} of the {model.background.label} ({effects}): {whose} has no place for them"] if lost else []
 
 
 def child_link(joint: ET.Element) -> str:

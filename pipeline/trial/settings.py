@@ -91,7 +91,7 @@ class ProtocolSettings:
                 fitted = given.parameters[p.name]
                 model = model.with_prior(p.name, fitted.value, fitted.std) if fitted.std else model.with_fixed(p.name)
         for name, (parameter, mean, std) in NUISANCES.items():
-            if all(effect.name != name for effect in given.effects):
+            if all(effect.name != name for effect in given.named_effects):
                 model = model.with_effect(CATALOGUE[name]).with_prior(parameter, mean, std)
         model = model.with_prior("mass", self.mass, self.mass_std)
         model = model.with_values({"length": self.length_guess})

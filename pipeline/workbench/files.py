@@ -184,7 +184,7 @@ def _toml(path: Path) -> Dropped:
     table = read_toml(path)
     if "base" in table:
         model: Model = read_model_file(path).model
-        effects = ", ".join(effect.label for effect in model.effects)
+        effects = ", ".join(effect.label for effect in model.named_effects)
         return Dropped(
             "model", path, f"{path.name}: a model of base '{model.base}'" + (f" with {effects}" * bool(effects))
         )

@@ -96,6 +96,9 @@ urdf = "toy.urdf"
 joints = ["j0", "j1", "j2"]
 tool = "l2"
 effects = ["joint_viscous_friction:j0"]
+[background]
+width = 0.3
+values = { "joint_viscous_friction.coefficient[j1]" = 0.01, "torque_offset.torque[j0]" = -0.02 }
 """
 EFFECT = '''import casadi as ca
 from armdyn.effects.effect import effect

@@ -217,6 +217,53 @@ def test_an_effect_with_a_memory_is_refused_with_its_name(bare_arm):
         functions_of(bare_arm.with_effect(bristle))
 
 
+def with_background(arm, named, small, own=()):
+    """The arm with effects at random sizes, some by name, others as its background; and with all of them by name."""
+    whole = with_effects(arm, named)
+    for one in (*(CATALOGUE[name] for name in small), *own):
+        whole = whole.with_effect(one)
+    values = {p.name: 0.02 * p.typical for p in whole.parameters.values() if p.effect not in named}
+    bare = whole.with_only(named)
+    return bare.with_background(0.1, values, [*CATALOGUE.values(), *own]), whole.with_values(values)
+
+
+def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
+    small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring"}))
+    assert mujoco_text(small) == mujoco_text(named)
+    assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
+    q, v, a = states(small, 5)
+    ours, theirs = (inverse_dynamics_function(model) for model in (small, named))
+    for state in zip(q, v, a, strict=True):
+        np.testing.assert_array_equal(ours(*state), theirs(*state))
+
+
+def test_what_a_format_cannot_hold_of_a_background_is_counted_in_one_sentence(bare_arm, tmp_path):
+    small = ["torque_offset", "joint_load_friction"]
+    model, _ = with_background(bare_arm, ["joint_viscous_friction"], small, [bristle])
+    n = len(model.joints)
+    counted = f"{2 * n} of the background of {3 * n} small values"
+    functions, notes = functions_of(model)
+    assert notes == [f"{counted} (torque_offset, bristle): a function has no place for them"]
+    q, v, a = (x[0] for x in states(model, 1))
+    rest = model.without_effect("bristle").without_effect("torque_offset")
+    np.testing.assert_allclose(functions[0].function(q, v, a).full().ravel(), by_formulas(rest, q, v, a), atol=1e-9)
+    assert sum(note.startswith(f"{3 * n} of the background of") for note in urdf_text(model, tmp_path)[1]) == 1
+    answer = parameters_answer(ModelFile(model, {}))
+    assert answer["effects"] == ["joint_viscous_friction"]
+    assert len(answer["parameters"]) == n
+    assert len(answer["background"]["values"]) == 3 * n
+
+
+def test_the_command_leaves_the_background_out_where_only_names_are_asked_for(armdyn, tmp_path):
+    model, _ = with_background(arm_model(robot="baxter"), ["joint_viscous_friction"], ["joint_coulomb_friction"])
+    write_model_file(tmp_path / "m.toml", ModelFile(model, {"robot": "baxter"}))
+    assert armdyn("export", "m.toml", "--output", "both.json")[0] == 0
+    assert armdyn("export", "m.toml", "--output", "named.json", "--named-only")[0] == 0
+    both, named = (json.loads((tmp_path / name).read_text()) for name in ("both.json", "named.json"))
+    assert len(both.pop("background")["values"]) == 7
+    assert both == named
+
+
 def test_the_command_writes_names_the_next_step_and_never_over_silently(armdyn, tmp_path):
     assert armdyn("new", "pendulum", "m.toml")[0] == 0
     status, out, _ = armdyn("export", "m.toml", "--output", "m.py", "--json", "answer.json")

@@ -1,0 +1,179 @@
+"""Small values that a model predicts with and does not name."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from armdyn.arm.model import arm_model
+from armdyn.effects.catalogue import CATALOGUE, find
+from armdyn.errors import InputError
+from armdyn.model_file import ModelFile, model_text, read_model, write_model_file
+from armdyn.run import Channel, Run, write_run_csv
+
+from . import urdfs
+
+CROSS = [("along", "prismatic", "1 0 0", "0 0 0"), ("across", "prismatic", "0 1 0", "0 0 0")]
+"""Two slides at right angles, 2 kg each: the first one moves both, and neither feels the other or gravity."""
+FRICTION = "joint_viscous_friction.coefficient"
+SMALL = {f"{FRICTION}[along]": 3.0, f"{FRICTION}[across]": 1.5, "torque_offset.torque[across]": -0.25}
+HEAD = 'base = "arm"\nurdf = "arm.urdf"\njoints = ["along", "across"]\n'
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.urdf").write_text(urdfs.chain(CROSS))
+    return arm_model(urdf=tmp_path / "arm.urdf", joints=["along", "across"])
+
+
+def with_small(model, values=SMALL, width=0.3):
+    return model.with_background(width, values, CATALOGUE.values())
+
+
+def recorded(name, phase=0.0):
+    """Both slides on waves; forces by Newton's law with the small values, and noise."""
+    rng, t = np.random.default_rng(len(name)), np.arange(1500) / 100
+    channels = {}
+    for joint, mass, rate, offset in (("along", 4.0, 3.1, 0.0), ("across", 2.0, 4.3, -0.25)):
+        waves = [(0.3, rate, phase), (0.1, 2.3 * rate, 1.0 + phase)]
+        q = sum(a * np.sin(w * t + p) for a, w, p in waves)
+        v = sum(a * w * np.cos(w * t + p) for a, w, p in waves)
+        force = mass * sum(-a * w**2 * np.sin(w * t + p) for a, w, p in waves)
+        force += SMALL[f"{FRICTION}[{joint}]"] * v + offset
+        channels |= {
+            f"q.{joint}": Channel(t, q, "m"), f"v.{joint}": Channel(t, v, "m/s"),
+            f"tau.{joint}": Channel(t, force + 0.02 * rng.standard_normal(len(t)), "N"),
+        }  # fmt: skip
+    return Run(name, channels)
+
+
+def forces(model, run):
+    prepared = model.prepared(run)
+    found = model.predict(prepared, model.theta())
+    return {name: found.values[rows] for name, rows in found.slices.items()}
+
+
+def test_predictions_count_small_values_in_as_named_ones(arm):
+    run = recorded("a.csv")
+    bare, small = forces(arm, run), forces(with_small(arm), run)
+    named = arm.with_effect(find("joint_viscous_friction")).with_effect(find("torque_offset:across"))
+    named = forces(named.with_values(SMALL), run)
+    for name, ours in small.items():
+        np.testing.assert_array_equal(ours, named[name])
+        assert np.ptp(ours - bare[name]) > 1.0
+    np.testing.assert_array_equal(forces(with_small(arm).named_only(), run)["tau.across"], bare["tau.across"])
+
+
+def test_the_background_is_held_and_has_no_names(arm):
+    model = with_small(arm.with_effect(find("joint_viscous_friction:along")), {f"{FRICTION}[across]": 1.5})
+    assert [effect.label for effect in model.named_effects] == ["joint_viscous_friction:along"]
+    assert "joint_viscous_friction:along, background of 1 small value" in str(model)
+    assert [p.fitted for p in model.parameters.values()] == [True, False]
+    assert model.named_only().names == (f"{FRICTION}[along]",)
+    table = model.to_dataframe("background")
+    assert list(table["joint"]) == ["across"]
+    assert list(table["typical_sizes"] * model.parameters[f"{FRICTION}[across]"].typical) == [pytest.approx(1.5)]
+    assert list(model.to_dataframe("parameters")["parameter"]) == [f"{FRICTION}[along]"]
+
+
+def test_an_effect_that_gets_a_name_leaves_the_background(arm):
+    model = with_small(arm)
+    named = model.with_effect(find("joint_viscous_friction:across"))
+    assert named.background.names == (f"{FRICTION}[along]", "torque_offset.torque[across]")
+    assert (named.value(f"{FRICTION}[across]"), named.parameters[f"{FRICTION}[across]"].fitted) == (0.0, True)
+    assert [effect.label for effect in named.named_effects] == ["joint_viscous_friction:across"]
+    rest = model.without_effect("joint_viscous_friction").without_effect("torque_offset")
+    assert (rest.background, rest.effects) == (None, ())
+    assert model.with_only(["torque_offset"]).background.names == ("torque_offset.torque[across]",)
+
+
+def test_candidates_leave_the_background_as_it_is(arm):
+    model = with_small(arm, {f"{FRICTION}[across]": 1.5}).with_candidates([find("joint_viscous_friction")])
+    assert model.background.names == (f"{FRICTION}[across]",)
+    assert model.value(f"{FRICTION}[across]") == 1.5
+    assert model.value(f"{FRICTION}[along]") == 0.0
+
+
+def test_a_new_background_replaces_the_old_one(arm):
+    model = with_small(with_small(arm), {"torque_offset.torque[along]": 0.1}, 2.0)
+    assert (model.background.width, model.background.names) == (2.0, ("torque_offset.torque[along]",))
+    assert model.names == model.background.names
+    assert with_small(model, {}).background is None
+
+
+def test_a_model_file_holds_the_background(arm, tmp_path):
+    model = with_small(arm.with_effect(find("rotor_inertia")).with_values({"rotor_inertia.inertia[along]": 0.1}))
+    file = ModelFile(model, {"joints": ["along", "across"]})
+    write_model_file(tmp_path / "m.toml", file)
+    text = (tmp_path / "m.toml").read_text()
+    table = tomllib.loads(text)
+    assert table["effects"] == ["rotor_inertia"]
+    assert list(table["parameters"]) == ["rotor_inertia.inertia[along]", "rotor_inertia.inertia[across]"]
+    assert table["background"] == {"width": 0.3, "values": SMALL}
+    again = read_model(tmp_path / "m.toml")
+    assert (again.names, again.parameters, again.background) == (model.names, model.parameters, model.background)
+    assert model_text(ModelFile(again, file.description), tmp_path) == text
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ('width = 0.3\nvalues = { "rub.c[along]" = 1.0 }', "[background]: unknown effect 'rub'"),
+        ('width = 0.3\nvalues = { "rub.c[along]" = 1.0 }', "--effects FILE.py"),
+        ('width = 0.3\nvalues = { "torque_offset.torque[alon]" = 1.0 }', "did you mean 'along'"),
+        ('width = 0.3\nvalues = { "torque_offset.force[along]" = 1.0 }', "did you mean 'torque_offset.torque[along]"),
+        ('width = 0.3\nvalues = { "torque_offset.torque" = 1.0 }', "unknown parameter 'torque_offset.torque'"),
+        ('width = 0.3\nvalues = { "base_tilt.roll[along]" = 1.0 }', "cannot act on joint 'along'"),
+        (f'width = 0.3\nvalues = {{ "{FRICTION}[across]" = nan }}', "nan"),
+        (f'width = 0.3\nvalues = {{ "{FRICTION}[across]" = -1.0 }}', "outside its physical range"),
+        (f'width = 0.3\nvalues = {{ "{FRICTION}[across]" = "1 N" }}', "is not a number"),
+        (f'width = 0.3\nvalues = {{ "{FRICTION}[along]" = 1.0 }}', "the effect 'joint_viscous_friction' on along"),
+        ("width = -0.3\nvalues = {}", "width -0.3: give a positive number"),
+        ("values = {}", "width"),
+        ("width = 0.3\nvalue = {}", "did you mean 'values'"),
+    ],
+)
+def test_a_background_that_cannot_be_read_is_one_line(refused, arm, tmp_path, entries, message):
+    del arm
+    text = f'{HEAD}effects = ["joint_viscous_friction:along"]\n[background]\n{entries}\n'
+    (tmp_path / "m.toml").write_text(text)
+    line = refused("export", "m.toml", "--output", "m.json")
+    assert message in line
+    assert line.startswith("armdyn: m.toml: ")
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_no_width_is_no_background(arm):
+    with pytest.raises(InputError, match="width 0: give a positive number"):
+        with_small(arm, SMALL, 0.0)
+
+
+@pytest.fixture
+def place(arm, tmp_path, armdyn):
+    """A folder with a model that has a background, and runs that show nothing else."""
+    write_model_file(tmp_path / "m.toml", ModelFile(with_small(arm), {"joints": ["along", "across"]}))
+    for name, phase in (("a.csv", 0.0), ("b.csv", 0.7)):
+        write_run_csv(recorded(name, phase), tmp_path / name)
+    return armdyn
+
+
+def test_compare_predicts_with_the_background_as_it_is(place, tmp_path):
+    status, out, _ = place("compare", "m.toml", "a.csv", "--held-out", "b.csv", "--json", "answer.json")
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert (status, answer["verdict"]) == (0, "explained")
+    assert answer["background"] == {"width": 0.3, "values": SMALL}
+    assert answer["parameters"] == {}
+    assert answer["model"]["effects"] == []
+    assert "a background of 3 small values, of a width of 0.3 typical sizes" in out
+
+
+def test_a_repair_begins_without_the_background(place, tmp_path):
+    status, out, err = place("repair", "m.toml", "a.csv", "--held-out", "b.csv", "--output", "n.toml", "--named-only")
+    assert (status, err) == (0, "")
+    assert "The background of 3 small values of the model as given is set aside, to be found anew." in out
+    table = tomllib.loads((tmp_path / "n.toml").read_text())
+    assert "background" not in table
+    for joint in ("along", "across"):
+        found = table["parameters"][f"{FRICTION}[{joint}]"]["value"]
+        assert found == pytest.approx(SMALL[f"{FRICTION}[{joint}]"], rel=0.05)
