@@ -182,7 +182,8 @@ def places_answer(places: Sequence[Place]) -> list[dict[str, Any]]:
 def step_answer(step: RepairStep) -> dict[str, Any]:
     """One step of the repair path; the format knows `removed`, and a repair only adds."""
     names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
-    return fields(step, names, added=_joined(step.added), removed=[])
+    values = {"values": step.values} if step.values else {}
+    return {**fields(step, names, added=_joined(step.added), removed=[]), **values}
 
 
 def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:

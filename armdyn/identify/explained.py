@@ -34,6 +34,7 @@ class RepairStep:
         chi2_per_sample: 1 when only noise is left.
         bic: with the noise as assumed.
         exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
+        values: number of small values, of the step that adds a background.
     """
 
     added: tuple[str, ...]
@@ -44,6 +45,7 @@ class RepairStep:
     chi2_per_sample: float
     bic: float
     exam_rmse: dict[str, float] = field(default_factory=dict)
+    values: int = 0
 
     @property
     def errors(self) -> dict[str, dict[str, float]]:

@@ -11,16 +11,17 @@ from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.faults import outlier_sentence
+from armdyn.identify.background import find_background
 from armdyn.identify.compare import Comparison, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, explained
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.search import Search, repair_step, search
-from armdyn.identify.sentence import Left, Verdict, repair_sentences
+from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     curves_of,
@@ -41,6 +42,8 @@ from armdyn.threads import one_thread
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
 
+BACKGROUND = "background"
+"""Name of the step that adds small values without a name."""
 MUCH = 0.5
 """Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
 
@@ -52,7 +55,9 @@ class Repair(Shown):
     Attributes:
         verdict: of the model after the repair.
         sentence: for a person.
-        model: with the effects and their fitted values; as given where the fit is lost.
+        model: with the effects and their fitted values, and a background where that predicts better; as given where the
+            fit is lost.
+        named: the same without a background, fitted without it.
         path: the model as given first.
         after: the repaired model, against the runs.
         unknown: what is left, where something is.
@@ -65,6 +70,7 @@ class Repair(Shown):
     verdict: Verdict
     sentence: str
     model: Model
+    named: Model
     path: tuple[RepairStep, ...]
     after: Comparison
     unknown: Unknown | None
@@ -111,8 +117,38 @@ class Repair(Shown):
 
 @one_thread
 def repair(study: Study, progress: Progress | None = None) -> Repair:
-    """Diagnose and add until nothing is left to explain or nothing in the catalogue helps."""
-    return _concluded(study, search(study, progress))
+    """Diagnose and add until nothing is left to explain or nothing in the catalogue helps.
+
+    An arm's model gets a background as well, where that predicts other runs better; see `find_background`.
+    """
+    told = _concluded(study, search(study, progress))
+    if not study.model.linear or told.verdict is Verdict.LOST:
+        return told
+    return _with_background(study, told, progress or (lambda _: None))
+
+
+def _with_background(study: Study, told: Repair, say: Progress) -> Repair:
+    """A repair with small values beside what it names, where they predict other runs better."""
+    last = told.steps[-1]
+    around = study.appraiser(last.fit, sparse=True)
+    small = find_background(study, around.within(last.effects), last.fit, around.sums, say)
+    if small is None:
+        return told
+    step = Step((), (), last.effects, small.fit, last.tests)
+    held_out = channel_rmse(study.held_out_blocks(small.fit)) if study.held_out else small.rmse_in_turn
+    described = replace(repair_step(study, step, held_out), added=(BACKGROUND,), values=len(small.values))
+    joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
+    named = {n: p.with_value(joint[n], p.std) for n, p in told.named.parameters.items() if n in joint}
+    model = told.named.with_parameters(named).with_background(small.width, small.values, study.effects.values())
+    path, scale = (*told.path, described), told.after.scale
+    return replace(
+        told,
+        model=model,
+        path=path,
+        steps=(*told.steps, step),
+        explained=explained(path[0], path[-1], scale),
+        sentence=told.sentence + background_sentence(path[-2], path[-1], study.judges[0], scale),
+    )
 
 
 @one_thread
@@ -157,10 +193,12 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     repaired = len(path) > 1
     forces = found.missing_force()
     law = opening(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
+    model = fitted_model(study, last)
     return Repair(
         verdict=verdict,
         sentence=law + repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
-        model=fitted_model(study, last),
+        model=model,
+        named=model,
         path=path,
         after=after,
         unknown=unknown,
@@ -178,6 +216,7 @@ def _lost(study: Study, found: Search) -> Repair:
         verdict=Verdict.LOST,
         sentence=lost_sentence(found.last.fit),
         model=study.model,
+        named=study.model,
         path=(repair_step(study, first),),
         after=comparison(study, first.fit, first.tests, process_error=False),
         unknown=None,

@@ -120,14 +120,16 @@ def without_little(study: Study, steps: list[Step]) -> list[Step]:
     return steps
 
 
-def repair_step(study: Study, step: Step) -> RepairStep:
-    """One step, with its errors on every kind of run."""
+def repair_step(study: Study, step: Step, held_out: dict[str, float] | None = None) -> RepairStep:
+    """One step, with its errors on every kind of run; those on held-out runs may be known already."""
+    if held_out is None:
+        held_out = channel_rmse(study.held_out_blocks(step.fit))
     return RepairStep(
         added=tuple(c.effect for c in step.added),
         joints=tuple(dict.fromkeys(j for c in step.added for j in c.joints)),
         tied_with=tuple(c.effect for c in step.tied),
         rmse=step.fit.rmse(),
-        held_out_rmse=channel_rmse(study.held_out_blocks(step.fit)),
+        held_out_rmse=held_out,
         chi2_per_sample=step.fit.chi2_per_sample,
         bic=step.fit.bic,
         exam_rmse=channel_rmse(study.exam_blocks(step.fit)),

@@ -78,6 +78,22 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Sca
     return f"{_found(steps, judge, scale, before, after, left.searched)} {_left(steps[-1], scale, after, left)}"
 
 
+def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> str:
+    """What small values beside the named effects do to the error.
+
+    Args:
+        before: with the named effects alone.
+        after: with the background.
+        judge: who that is whose error is told.
+        scale: units of the channels.
+    """
+    old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
+    return (
+        f" A background of {after.values} small values, which have no name, predicts other runs better: the error "
+        f"{WHOSE[judge]} {_change(old, new)}."
+    )
+
+
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
     """By unit: root of the summed squares of the channels' errors; of a single channel its own.
 

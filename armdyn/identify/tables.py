@@ -207,6 +207,8 @@ def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Column
 def step_name(step: RepairStep) -> str:
     """Such as ``+ quadratic_drag + wind (2 joints)``."""
     text = " ".join(f"+ {name}" for name in step.added) or "as given"
+    if step.values:
+        return f"{text} ({step.values} small values)"
     return f"{text} ({joint_text(step.joints)})" if step.joints else text
 
 

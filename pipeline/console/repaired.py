@@ -42,7 +42,7 @@ def conclude_repair(
     history = (*given.known.file.history, *history_entries(given.study, found))
     over = " (over the earlier one)" if output.exists() else ""
     if not lost:
-        model = found.model.named_only() if named_only else found.model
+        model = found.named if named_only else found.model
         write_model_file(output, ModelFile(model, given.known.file.description, history))
 
     finish(
