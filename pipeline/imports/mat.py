@@ -10,6 +10,7 @@ import numpy as np
 
 from armdyn.channels import MIN_SAMPLES, FloatArray
 from armdyn.errors import InputError
+from armdyn.user_code import rehearse
 from pipeline.imports.foreign import Column, Foreign, Reader
 from urdf.bounds import LARGEST_CONTENT, LARGEST_RECORDING, MIB, MOST_COLUMNS
 
@@ -23,23 +24,12 @@ def read_mat(path: Path) -> Foreign:
     Raises:
         InputError: it cannot be read, is too large, or holds no array of numbers that is long enough.
     """
-    from scipy.io import loadmat, whosmat
-    from scipy.io.matlab import MatReadError
-
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     if path.stat().st_size > LARGEST_RECORDING:
         raise InputError(f"{path}: is larger than {LARGEST_RECORDING / MIB:g} MiB: cut it")
-    try:
-        if sum(8 * prod(shape) for _, shape, _ in whosmat(path)) > LARGEST_CONTENT:
-            raise InputError(f"{path}: holds more than {LARGEST_CONTENT / MIB:g} MiB of numbers: cut it")
-        content = loadmat(path, simplify_cells=True)
-    except NotImplementedError as error:
-        raise InputError(f"{path}: is of MATLAB's version 7.3: save it with save('{path.name}', ..., '-v7')") from error
-    except InputError:
-        raise
-    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, MemoryError, EOFError) as error:
-        raise InputError(f"{path}: is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
+    rehearse(path, lambda: _content(path))  # scipy ends the process on some damaged files
+    content = _content(path)
     arrays = {
         name: array
         for key, value in content.items()
@@ -64,6 +54,21 @@ def read_mat(path: Path) -> Foreign:
         raise InputError(f"{path}: {len(columns)} columns, where {MOST_COLUMNS} are the most: leave some out")
     notes = [f"not of {rows} rows: {', '.join(other)}: left out"] if other else []
     return Foreign(path.stem, columns, tuple(notes))
+
+
+def _content(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat, whosmat
+
+    try:
+        size = sum(8 * prod(shape) for _, shape, _ in whosmat(path))
+        content: dict[str, Any] = loadmat(path, simplify_cells=True) if size <= LARGEST_CONTENT else {}
+    except NotImplementedError as error:
+        raise InputError(f"{path}: is of MATLAB's version 7.3: save it with save('{path.name}', ..., '-v7')") from error
+    except Exception as error:  # damaged bytes surface as a dozen exceptions of scipy
+        raise InputError(f"{path}: is no MATLAB file that can be read: {' '.join(str(error).split())}") from error
+    if size > LARGEST_CONTENT:
+        raise InputError(f"{path}: holds more than {LARGEST_CONTENT / MIB:g} MiB of numbers: cut it")
+    return content
 
 
 def _arrays(name: str, value: Any, depth: int) -> Iterator[tuple[str, FloatArray]]:
