@@ -155,6 +155,8 @@ class Comparison(Shown):
     @property
     def remarks(self) -> list[str]:
         """What the standard deviations are worth, what ended on a bound, what was not fitted or not used."""
+        if self.lost:
+            return [f"{text}." for text in self.left_out]
         found = [self.how_certain]
         for name in self.at_bound:
             found.append(f"{name} ended on its physical bound: it may stand in for something else.")
@@ -250,6 +252,8 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             exam_rmse=exam_rmse.get(channel),
         )
     ends = set(fit.at_bound)
+    needed = lost_sentence(fit) if lost(study, fit) else ""
+    white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
         parameters=fitted_parameters(study, fit),
@@ -257,7 +261,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         tests=left,
         places=localise(fit),
         process_error=process_error_share(fit) if process_error and left.fails else None,
-        intervals_hold=not left.fails and all(c.white > NOT_WHITE / len(channels) for c in channels.values()),
+        intervals_hold=not (left.fails or needed) and white,
         at_bound=tuple(sorted(ends)),
         undetermined=tuple(
             c.name
@@ -275,7 +279,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             *study.disbelieved(fit),
         ),
         widened=uncertainty(study, fit).widened,
-        lost=lost_sentence(fit) if lost(study, fit) else "",
+        lost=needed,
     )
 
 
@@ -293,6 +297,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
         absent = column.parameter.name in present and not fit.free[i] and fit.values[i] == study.problem.null[i]
         if absent or column.parameter.name in held:
             continue
-        std = float(np.sqrt(covariance[i, i])) if fit.free[i] or fit.considered[i] else None
+        told = (fit.free[i] or fit.considered[i]) and np.isfinite(covariance[i, i])
+        std = float(np.sqrt(covariance[i, i])) if told else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))
     return result

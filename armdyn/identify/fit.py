@@ -97,6 +97,7 @@ class Fit:
         return channel_rmse([replace(there, residual=there.residual - one.residual) for one, there in pairs])
 
 
+@np.errstate(all="ignore")  # what a simulation leaves that diverges is infinite
 def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
     """Root mean square residual by channel, in its unit."""
     misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in by_channel(blocks).items()}

@@ -157,6 +157,7 @@ def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -
 def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(p,) step, and its length in standard deviations of the most certain direction, sqrt(step' H step)."""
     step = np.zeros(len(at.gradient))
+    free = free & (np.diag(at.hessian) > 0.0)  # what changes nothing stays: its step would be rounding over nothing
     if not free.any():
         return step, 0.0
     matrix = at.hessian[np.ix_(free, free)]

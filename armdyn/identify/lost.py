@@ -11,6 +11,7 @@ import numpy as np
 
 from armdyn.identify.fit import NEAR_NOISE, Fit
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.sentence import listed
 from armdyn.identify.study import Study
 
 MOST_NAMED = 3
@@ -45,24 +46,25 @@ def left_of_spread(blocks: Sequence[Block]) -> float:
 
 def lost_sentence(fit: Fit) -> str:
     """For a person: that a fit is lost, and of which parameters start values or priors are needed."""
-    names = _asked(fit)
-    told = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0] if names else "what is unknown"
     return (
-        f"lost: give start values or a prior for {told}. The fit leaves more than the signal itself varies by, so it "
-        "says nothing of what the model lacks."
+        f"lost: give start values or a prior for {listed(_asked(fit))}. The fit leaves more than the signal itself "
+        "varies by, so it says nothing of what the model lacks."
     )
 
 
 def _asked(fit: Fit) -> list[str]:
-    """Parameters of the fit that nothing is known of beforehand: on a bound first, then what the cost feels most."""
+    """Parameters of the base that nothing is known of beforehand: on a bound first, then what the cost feels most.
+
+    Where there is none, or the simulation diverges, what was stated may be wrong.
+    """
     problem = fit.problem
-    unknown = fit.free & (problem.prior_weight == 0.0)
-    shared = unknown & ~problem.per_run
-    open_ = np.flatnonzero(shared if shared.any() else unknown if unknown.any() else fit.free)
-    feels = np.nan_to_num(np.diag(_curvature(problem, fit.values)))[open_] * problem.typical[open_] ** 2
-    bound = [problem.columns[j].name in fit.at_bound for j in open_]
+    own = ~problem.per_run & ~problem.is_effect
+    unknown = own & problem.fitted & (problem.prior_weight == 0.0)
+    asked = np.flatnonzero(unknown if unknown.any() and np.isfinite(fit.cost) else own)
+    feels = np.nan_to_num(np.diag(_curvature(problem, fit.values)))[asked] * problem.typical[asked] ** 2
+    bound = [problem.columns[j].name in fit.at_bound for j in asked]
     order = np.lexsort((-feels, ~np.array(bound, dtype=bool)))
-    return [problem.columns[j].name for j in open_[order][:MOST_NAMED]]
+    return [problem.columns[j].name for j in asked[order][:MOST_NAMED]]
 
 
 def _curvature(problem: Problem, values: np.ndarray) -> np.ndarray:

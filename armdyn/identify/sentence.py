@@ -136,9 +136,9 @@ def _found(
     helps = share > 0.0
     is_missing = "missing" if searched and helps else "added"
     verb = ("are" if several else "is") if is_missing == "missing" else ("were" if several else "was")
-    text = f"{_listed(named)} {verb} {is_missing}"
+    text = f"{listed(named)} {verb} {is_missing}"
     if ties:
-        text += f" (these runs cannot tell {_listed(ties, 'or')} from {'them' if several else 'it'})"
+        text += f" (these runs cannot tell {listed(ties, 'or')} from {'them' if several else 'it'})"
     them = "they explain" if several else "it explains"
     if helps:
         text += f": {them} {in_percent(share)} of the misfit"
@@ -181,17 +181,17 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
             parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
         else:
             parts.append(f"stays at {_number(old)} {unit}")
-    return _listed(parts)
+    return listed(parts)
 
 
 def _sizes(by_unit: Mapping[str, float]) -> str:
-    return _listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
+    return listed([f"{_number(error)} {unit}" for unit, error in by_unit.items()])
 
 
 def _on(name: str, joints: Sequence[str]) -> str:
     if not joints:
         return name
-    return f"{name} on {_listed(list(joints)) if len(joints) <= MOST_JOINTS else f'{len(joints)} joints'}"
+    return f"{name} on {listed(list(joints)) if len(joints) <= MOST_JOINTS else f'{len(joints)} joints'}"
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -199,6 +199,6 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def _listed(names: Sequence[str], word: str = "and") -> str:
+def listed(names: Sequence[str], word: str = "and") -> str:
     """Such as ``a, b and c``."""
     return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

@@ -90,6 +90,8 @@ def _covariance(
 ) -> np.ndarray:
     """(P, P) of what is fitted or known to a prior; zero for the rest, and where `bounded` for what a bound holds.
 
+    Not finite where the simulation diverges.
+
     Args:
         fit: the minimum.
         factors: f_c by channel.
@@ -111,6 +113,8 @@ def _covariance(
         meat += factors[block.channel] * information
         gradient += S.T @ residual
         beside += S.T @ s
+    if not (np.isfinite(bread).all() and np.isfinite(beside).all()):
+        return np.full((len(fit.free), len(fit.free)), np.nan)
     lowest, highest = (fit.values <= problem.lower)[free], (fit.values >= problem.upper)[free]
     held = bounded & (lowest & (gradient < 0) | highest & (gradient > 0))
     here, (bread, meat) = free[~held], (matrix[np.ix_(~held, ~held)] for matrix in (bread, meat))
