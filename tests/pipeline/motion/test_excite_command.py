@@ -60,9 +60,12 @@ def test_the_answer_says_what_is_expected_beside_the_best_random_motion(made):
         assert unknown["random_std"] > 0
         assert unknown["condition_number_std"] is None
     ratios = [u["random_std"] / u["std"] for u in answer["unknowns"] if u["determined"]]
-    gain = float(re.search(r"are (\S+) times smaller than with the best of 3 random motions", answer["sentence"])[1])
-    assert gain == pytest.approx(np.exp(np.mean(np.log(ratios))), rel=0.06)  # two digits are said
+    gain = answer["times_better_than"]["random"]
+    assert gain == pytest.approx(np.exp(np.mean(np.log(ratios))))
     assert gain > 1.0
+    assert answer["times_better_than"]["condition_number"] is None
+    said = float(re.search(r"are (\S+) times smaller than with the best of 3 random motions", answer["sentence"])[1])
+    assert said == pytest.approx(gain, rel=0.06)  # two digits are said
     assert answer["sentence"] in printed
     assert all(peak[what]["share"] <= 1.0 for peak in answer["peaks"] for what in ("speed", "acceleration", "torque"))
     assert answer["energy"] > 0
