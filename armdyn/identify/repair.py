@@ -124,11 +124,11 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
     told = _concluded(study, search(study, progress))
     if not study.model.linear or told.verdict is Verdict.LOST:
         return told
-    return _with_background(study, told, progress or (lambda _: None))
+    return with_background(study, told, progress or (lambda _: None))
 
 
-def _with_background(study: Study, told: Repair, say: Progress) -> Repair:
-    """A repair with small values beside what it names, where they predict other runs better."""
+def with_background(study: Study, told: Repair, say: Progress) -> Repair:
+    """A repair with small values beside what it names, or as it is where they predict other runs no better."""
     last = told.steps[-1]
     around = study.appraiser(last.fit, sparse=True)
     small = find_background(study, around.within(last.effects), last.fit, around.sums, say)
