@@ -63,7 +63,8 @@ class Background:
     """Small values of effects that a model has without naming them: together they predict, none of them is told.
 
     Attributes:
-        width: standard deviation about their null values with which they were found, in typical sizes.
+        width: standard deviation about their null values with which they were found, in typical sizes; 0 where only
+            those were looked for that are sure.
         names: of the parameters; they are held by every fit.
     """
 
