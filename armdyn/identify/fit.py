@@ -17,8 +17,8 @@ NEAR_NOISE = 1.5
 """Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
 
 MORE, MORE_STEPS = 16, 8
-"""How often a fit that ran out of steps is continued at most, and by how many of them: values that make up for each other
-lie in a bent valley, of which a step goes through a hundredth."""
+"""How often a fit that ran out of steps is continued at most, and by how many of them: where values make up for each
+other, the cost is a bent valley, and a step goes down a hundredth of it."""
 NEGLIGIBLE = 1.0
 """Fall of chi2 over `MORE_STEPS`, in units of what is left per sample, that changes no ranking."""
 
