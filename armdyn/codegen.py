@@ -34,7 +34,9 @@ def compiler() -> str | None:
     return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
 
 
-def compile_functions(name: str, functions: Mapping[str, ca.Function], *, make: bool = True) -> dict[str, ca.Function]:
+def compile_functions(
+    name: str, functions: Mapping[str, ca.Function], *, make: bool = True
+) -> dict[str, ca.Function]:
     """The same functions as machine code where a compiler exists, else as they are.
 
     The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
