@@ -5,11 +5,9 @@ from collections.abc import Iterable
 from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.effect import Effect
-from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.repair import Repair, add
-from armdyn.identify.sentence import Verdict
+from armdyn.identify.repair import Repair, add, require_found
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
@@ -29,10 +27,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
         WrongRecordingError: see `inspect`.
         TaskFailedError: the fit is lost.
     """
-    found = add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())
-    if found.verdict is Verdict.LOST:
-        raise TaskFailedError(found.sentence)
-    return found.model
+    return require_found(add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:

@@ -11,7 +11,7 @@ from armdyn.experiments.separation import MARGIN
 from armdyn.identify.appraisal import SURE
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.diagnose import Diagnosis, diagnose
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, converged
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.sentence import Verdict
@@ -202,7 +202,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
-    fits = [study.converge(study.fit_with((*study.present, *s), first)) for s in sets]
+    fits = [converged(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
     common = set.intersection(*(set(s) for s in sets))

@@ -16,6 +16,12 @@ DEPENDENT = 1e-5
 NEAR_NOISE = 1.5
 """Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
 
+MORE, MORE_STEPS = 16, 8
+"""How often a fit that ran out of steps is continued at most, and by how many of them: where values make up for each
+other, the cost is a bent valley, and a step goes down a hundredth of it."""
+NEGLIGIBLE = 1.0
+"""Fall of chi2 over `MORE_STEPS`, in units of what is left per sample, that changes no ranking."""
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -108,6 +114,19 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: in
     """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
     found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
+
+
+def converged(found: Fit) -> Fit:
+    """A fit after as many more steps as lower the cost by what matters in a comparison."""
+    for _ in range(MORE):
+        if found.outcome is not Outcome.OUT_OF_STEPS:
+            break
+        again = fit(found.problem, found.free, found.values, most_steps=MORE_STEPS)
+        before, found = found, replace(again, settled=found.settled)
+        # Where much is left unexplained, what is left is the noise.
+        if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
+            break
+    return found
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -294,10 +294,10 @@ class _Filter:
         eta, after = np.empty((C, K, b, n, width)), np.empty((C, K, b, n, n))
         mean, variance = np.broadcast_to(self._mean, (C, K, n, width)), np.broadcast_to(self._variance, (C, K, n, n))
         drive = np.concatenate([-chain.by_unknown[here : here + b], chain.gap[here : here + b, :, None]], axis=2)
-        logs, told = np.zeros((C, K)), _root(sums[:, :, :n, :n])[:, None]
+        logs, told = np.zeros((C, K)), square_root(sums[:, :, :n, :n])[:, None]
         for j in range(b):
             M[:, :, j] = mean
-            now, size = _measured(variance, told[:, :, j])
+            now, size = updated(variance, told[:, :, j])
             e = sums[:, None, j, :n, n:] - sums[:, None, j, :n, :n] @ mean
             eta[:, :, j], after[:, :, j] = e, now
             logs += size
@@ -308,20 +308,20 @@ class _Filter:
         return M, eta, after, 0.5 * logs
 
 
-def _root(matrices: np.ndarray) -> np.ndarray:
+def square_root(matrices: np.ndarray) -> np.ndarray:
     """(..., n, n) L of which L L' is one of (..., n, n) positive semidefinite matrices; what rounding leaves is 0."""
-    left, root = matrices.copy(), np.zeros_like(matrices)
+    left, found = matrices.copy(), np.zeros_like(matrices)
     for k in range(left.shape[-1]):
         pivot = left[..., k, k]
         # A pivot that is rounding of what was there would make a measurement of nothing.
         pivot = np.where(pivot <= ROUNDING * matrices[..., k, k], np.inf, pivot)
-        root[..., k] = left[..., :, k] / np.sqrt(pivot)[..., None]
-        root[..., :k, k] = 0.0
-        left = left - root[..., :, k, None] * root[..., None, :, k]
-    return root
+        found[..., k] = left[..., :, k] / np.sqrt(pivot)[..., None]
+        found[..., :k, k] = 0.0
+        left = left - found[..., :, k, None] * found[..., None, :, k]
+    return found
 
 
-def _measured(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(..., n, n) variances P after what says L L' of the states, and the logarithms of the determinants of 1 + P L L'.
 
     Column by column of (..., n, n) L, each a measurement of one number: nothing is inverted that may be singular

@@ -154,6 +154,7 @@ def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -
     return bool(np.isfinite(after.cost) and before.cost - after.cost >= SUFFICIENT_DECREASE * max(promised, 0.0))
 
 
+@np.errstate(all="ignore")  # near a divergence curvatures overflow, and the step is no descent
 def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(p,) step, and its length in standard deviations of the most certain direction, sqrt(step' H step)."""
     step = np.zeros(len(at.gradient))

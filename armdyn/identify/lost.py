@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.fit import NEAR_NOISE, Fit
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.problem import Block, Problem, by_channel
 from armdyn.identify.sentence import listed
 from armdyn.identify.study import Study
 
@@ -19,14 +19,14 @@ MOST_NAMED = 3
 
 
 def lost(study: Study, fit: Fit) -> bool:
-    """Whether a fit of a model with states leaves more than the signals' own spread; see `left_of_spread`.
+    """Whether a fit of a model with states leaves more than the signals' own spread, in training or held-out runs.
 
-    What is at the noise is not lost: a recording in which nothing happens has no spread but that.
+    What is at the noise is not lost: a recording in which nothing happens has no spread but that. See `left_of_spread`.
     """
-    if study.model.linear:
+    if study.model.linear or fit.chi2_per_sample < NEAR_NOISE:
         return False
-    blocks = [*fit.blocks, *(study.held_out_blocks(fit) if study.held_out else ())]
-    return not (chi2_of(blocks) < NEAR_NOISE * samples_of(blocks) or left_of_spread(blocks) <= 1.0)
+    kinds = [fit.blocks, study.held_out_blocks(fit)] if study.held_out else [fit.blocks]
+    return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
 
 
 def left_of_spread(blocks: Sequence[Block]) -> float:

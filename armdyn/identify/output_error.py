@@ -11,7 +11,7 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, Fit, fit
+from armdyn.identify.fit import NEAR_NOISE, Fit, converged, fit
 from armdyn.identify.grey_box import NEARBY, GreyBox, Point
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.problem import Problem
@@ -223,7 +223,8 @@ def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
         sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
         found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
-    return min(found, key=lambda one: one.cost)
+    best = min(found, key=lambda one: one.cost)
+    return converged(best) if steps == MOST_STEPS else best
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:

@@ -9,7 +9,7 @@ import numpy as np
 
 from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError
+from armdyn.errors import InputError, TaskFailedError
 from armdyn.faults import outlier_sentence
 from armdyn.identify.background import find_background
 from armdyn.identify.compare import Comparison, comparison, fitted_parameters
@@ -170,6 +170,17 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
         now = study.fit_with(effects, now)
         steps.append(Step((candidate,), (), effects, now, study.tests(now, effects)))
     return _concluded(study, Search(tuple(steps)), searched=False)
+
+
+def require_found(found: Repair) -> Repair:
+    """The repair.
+
+    Raises:
+        TaskFailedError: its fit is lost.
+    """
+    if found.verdict is Verdict.LOST:
+        raise TaskFailedError(found.sentence)
+    return found
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:

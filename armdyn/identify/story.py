@@ -7,7 +7,7 @@ import numpy as np
 from armdyn.identify.appraisal import HARM, Appraisal
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import best_set, chosen, without_worthless
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, converged
 from armdyn.identify.study import Study
 from armdyn.identify.summed import Summed
 from armdyn.identify.way import Leg, Progress, Step
@@ -102,7 +102,7 @@ def _best_around(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
-            turned = study.converge(study.fit_with((*study.present, candidate), first))
+            turned = converged(study.fit_with((*study.present, candidate), first))
             own = study.problem.of(candidate.names)
             angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
             if np.any(np.abs(angles) > FAR * typical):

@@ -13,7 +13,6 @@ from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
-from armdyn.identify.least_squares import Outcome
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
@@ -29,10 +28,6 @@ from armdyn.threads import one_thread
 
 QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
-NEGLIGIBLE = 1.0
-"""Fall of chi2 over `QUICK_STEPS`, in units of what is left per sample, that changes no ranking."""
-MORE = 4
-"""Times `QUICK_STEPS` that may be added."""
 MOST_TOLD = 5
 """Times of glitches that are listed."""
 LITTLE = 0.125
@@ -234,17 +229,6 @@ class Study:
             found = replace(found, settled=self.own(point.values, motion.problem))
         self._started[found] = starts
         self._around_motion[key] = found
-        return found
-
-    def converge(self, found: Fit) -> Fit:
-        """A fit after as many more steps as lower the cost by what matters in a comparison."""
-        for _ in range(MORE):
-            if found.outcome is not Outcome.OUT_OF_STEPS:
-                break
-            before, found = found, fit(self.problem, found.free, found.values, most_steps=QUICK_STEPS)
-            # Where much is left unexplained, what is left is the noise.
-            if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
-                break
         return found
 
     def model_with(self, effects: Collection[Candidate]) -> Model:

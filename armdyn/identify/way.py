@@ -6,7 +6,7 @@ from functools import cached_property
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import Fit, converged
 from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import ordered_steps, tied
@@ -63,7 +63,7 @@ class Leg:
     @cached_property
     def fit(self) -> Fit:
         """The minimum where it ends."""
-        return self.study.converge(self._fitted(self.effects, self.whole))
+        return converged(self._fitted(self.effects, self.whole))
 
     def steps(self, say: Progress) -> list[Step]:
         """Every step, refitted to all samples, without ties; `say` is told each."""

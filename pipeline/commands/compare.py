@@ -25,7 +25,7 @@ def compare(
         found = given.compare()
 
     document = found.document()
-    if not (found.explained or found.lost):
+    if not found.explained:
         document = replace(document, next_steps=[NextStep("what is missing", inputs.command("repair", *REPAIRED))])
     finish(
         document,

@@ -11,7 +11,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.fit import Fit, channel_rmse, converged
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
 from armdyn.identify.problem import Block, Problem
@@ -177,7 +177,7 @@ class Workbench:
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.expansion
             start = None if around is None else study.own(around.minimum(chosen)[2], around.sums.problem)
-            self._fits[key] = study.converge(study.fit_with(whole, near, start))
+            self._fits[key] = converged(study.fit_with(whole, near, start))
         return self._fits[key]
 
     def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:

@@ -292,9 +292,10 @@ def keep(
 
     Raises:
         InputError: a file cannot be written, or is there.
+        TaskFailedError: the fit is lost.
     """
     from armdyn.document import NextStep
-    from armdyn.identify.repair import add
+    from armdyn.identify.repair import add, require_found
     from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
@@ -308,7 +309,7 @@ def keep(
     for target in (model, report, exported):
         if target is not None:
             writable.check(target, over)
-    found = add(study, bench.effects_of(effects))
+    found = require_found(add(study, bench.effects_of(effects)))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
     if opened.effects is not None and is_temporary(opened.effects):
         laws = model.with_name(f"{model.stem}_effects.py")

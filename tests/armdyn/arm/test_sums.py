@@ -11,6 +11,7 @@ from hidden_effects.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.fit import converged
 from armdyn.identify.repair import add, repair
 from armdyn.identify.sample_evidence import misfit_of
 from armdyn.identify.sentence import Verdict
@@ -123,7 +124,7 @@ def test_a_link_is_usual_where_it_is_wrong_by_as_little_as_descriptions_are():
     heavy = Hidden("link_inertia", "wrist_2_joint", lump=Lump(1.0, (0.04, 0.07, 0.08), 0.001))
     noise = rng.standard_normal((3, len(world.stamps), len(world.plant.joints)))
     study = Study(arm_model(robot="ur5"), [world.recorded((heavy,), noise, "off")], [], [CATALOGUE["link_inertia"]])
-    appraiser = study.appraiser(study.converge(study.fit_with(study.candidates, study.first())))
+    appraiser = study.appraiser(converged(study.fit_with(study.candidates, study.first())))
     usual = appraiser.usual(appraiser.of(appraiser.candidates))
     assert {c.joints[0] for c in usual} == set(world.plant.joints) - {"wrist_2_joint"}
 

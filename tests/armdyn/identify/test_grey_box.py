@@ -8,7 +8,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.grey_box import GreyBox
 from armdyn.identify.grey_run import Noise
-from armdyn.identify.innovations import Colour, combined, filtered, smoothed
+from armdyn.identify.innovations import Colour, combined, filtered, smoothed, square_root, updated
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import add
 from armdyn.identify.study import Study
@@ -97,6 +97,35 @@ def test_the_smoother_gives_the_mean_of_the_dense_posterior():
     residual, _, covariance, of_states, mean = dense(around, noise, len(problem.columns), states=True)
     posterior = mean + of_states @ np.linalg.solve(covariance, residual)
     assert np.allclose(states.ravel(), posterior, rtol=1e-5, atol=1e-8)
+
+
+def test_variances_after_a_measurement_are_those_of_the_dense_formula():
+    rng = np.random.default_rng(3)
+    factors, told = rng.normal(size=(2, 6, 4, 4))
+    variance, information = (x @ np.swapaxes(x, 1, 2) for x in (factors, told * [3.0, 1.0, 0.1, 0.0]))
+    after, size = updated(variance, square_root(information))
+    assert np.allclose(after, np.linalg.inv(np.linalg.inv(variance) + information), rtol=1e-6, atol=1e-9)
+    assert np.allclose(size, np.linalg.slogdet(np.eye(4) + variance @ information)[1], rtol=1e-9)
+
+
+def test_what_a_divergence_tells_ends_in_no_singular_matrix():
+    exploded = 1e39 * np.ones((4, 1)) @ np.ones((1, 4))
+    after, size = updated(np.eye(4), square_root(exploded @ exploded.T))
+    assert np.isfinite(after).all()
+    assert size == pytest.approx(np.log(16e78))
+    assert np.isnan(updated(np.eye(4), square_root(np.full((4, 4), np.nan)))[1])
+
+
+def test_a_motion_goes_on_where_a_piece_is_cut():
+    box, problem = box_of(swing(0.6, 3.0))
+    point = box.begin(problem.start())
+    before = box.around(point)[0]
+    assert box.runs[0].pieces.halve(np.arange(len(point.states[0])) == 1)
+    after = box.around(point)[0]
+    kept = np.arange(len(after.states)) != 2
+    assert np.array_equal(after.states[kept], before.states)
+    assert np.allclose(after.chain.gap[1], 0.0, atol=1e-9)
+    assert np.isfinite(box.settled(box.determined(point, problem.of(["length"])), point).evidence)
 
 
 def dense(around, noise, unknowns, *, states=False):

@@ -78,6 +78,18 @@ def test_a_friction_that_drives_is_called_none():
     assert law(curves(given)).sentence.endswith("which drives the motion and is no friction")
 
 
+def test_what_slows_one_of_several_speeds_is_friction():
+    """An acceleration of one state of a base of one's own, which is named as a joint is."""
+    rng, time = np.random.default_rng(0), np.arange(0.0, 20.0, 0.02)
+    speed = np.sin(2.0 * time)
+    slowed = Unexplained(
+        "a", "lower_rate", "rad/s^2", time, -speed + 0.1 * rng.normal(size=1000), {"speed": (speed, "rad/s")}
+    )
+    told = law(curves([slowed])).sentence
+    assert told.startswith("the missing acceleration of lower_rate grows in proportion to the speed, by 1 rad/s²")
+    assert told.endswith(": viscous friction")
+
+
 def test_beside_a_drag_less_viscous_friction_than_was_fitted_is_no_drive():
     given = [_samples(seed, 0.0, 0.4) for seed in range(2)]
     less = [

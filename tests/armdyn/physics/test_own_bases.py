@@ -1,0 +1,180 @@
+"""Bases of one's own, on data from scipy: first-order states, values far off, states that nothing shows, lost fits."""
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from command import called
+from scipy.integrate import solve_ivp
+
+from armdyn.effects.effect import effect
+from armdyn.errors import TaskFailedError
+from armdyn.front import compare, fit, repair
+from armdyn.identify.sentence import Verdict
+from armdyn.parameter import quantity
+from armdyn.physics import Equations, Expression, Stage, constant, physics, state
+from armdyn.physics.model import physics_model
+from armdyn.physics.user import load_base
+from armdyn.run import Channel, Run, write_run_csv
+
+STIFFNESS, DAMPING, INERTIA = 30.0, 0.8, 1.0
+OSCILLATOR = '''
+"""A mass on a spring that is pushed; free motions show ratios only, and of the inertia a known part is taken off."""
+
+from armdyn.physics import Equations, constant, physics, state
+
+
+@physics(
+    "oscillator", summary="A mass on a spring.", source="Goldstein, Classical Mechanics, 3rd ed., §6.1",
+    parameters=(
+        constant("stiffness", "N/m", 30.0, lower=0.1, upper=1e4),
+        constant("damping", "N s/m", 0.8, lower=0.0),
+        constant("inertia", "kg", 1.0, lower=0.1, upper=10.0),
+    ),
+    states=(state("place", "m", typical=0.1), state("speed", "m/s", typical=0.5)),
+    inputs={"tau.push": "N"}, outputs={"q.mass": "m"}, period=1.0,
+)
+def oscillator(at):
+    force = at.input("tau.push").value - at["stiffness"] * at["place"] - at["damping"] * at["speed"]
+    rates = {"place": at["speed"], "speed": force / (at["inertia"] - 0.5)}
+    return Equations(rates, {"q.mass": at["place"]})
+'''
+
+
+@dataclass(frozen=True)
+class Surface(Stage):
+    warmer: Expression
+    loss: Expression = 0
+
+
+@effect("radiation", acts_on="surface", summary="Heat is lost with the square of the excess.", source="of its own")
+def radiation(surface, size=quantity("1/(rad s)", typical=1e-3, lower=0.0)):
+    return replace(surface, loss=surface.loss + size * surface.warmer**2)
+
+
+@physics(
+    "thermal", summary="A heated body.", source="Newton 1701",
+    parameters=(
+        constant("rate", "1/s", 0.02, lower=1e-5, upper=1.0),
+        constant("power", "rad/(m s)", 1.0, lower=1e-3, upper=1e3),
+    ),
+    states=(state("body", "rad", typical=20.0, start=20.0),),
+    inputs={"gripper_x": "m"}, outputs={"q.body": "rad"}, period=60.0, step=0.5,
+)  # fmt: skip
+def thermal(at):
+    surface = at.stage("surface", Surface(at["body"]))
+    rate = at["power"] * at.input("gripper_x").value - at["rate"] * at["body"] - surface.loss
+    return Equations({"body": rate}, {"q.body": at["body"]})
+
+
+@physics(
+    "spinning", summary="A shaft of which only the speed is measured.", source="Newton 1687",
+    parameters=(constant("inertia", "kg m^2", 0.02, lower=1e-4, upper=10.0),),
+    states=(state("angle", "rad", typical=3.0), state("speed", "rad/s", typical=3.0)),
+    inputs={"tau.motor": "N m"}, outputs={"v.shaft": "rad/s"},
+)  # fmt: skip
+def spinning(at):
+    speed = at["speed"]
+    return Equations({"angle": speed, "speed": at.input("tau.motor").value / at["inertia"]}, {"v.shaft": speed})
+
+
+def pushed(seed, size=1.0):
+    """A force or another input as a sum of sines."""
+    rng = np.random.default_rng(seed)
+    sizes, paces, phases = rng.uniform(0.3, 1.0, 3), rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 6.0, 3)
+    return lambda t: size * sum(s * np.sin(p * t + f) for s, p, f in zip(sizes, paces, phases, strict=True))
+
+
+def recorded(name, change, start, seconds, rate, driven, channels, noise, seed):
+    """A run of what `change` says, with an input and (channel, unit, state) of what is measured."""
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    found = solve_ivp(change, (0.0, seconds), start, t_eval=time, rtol=1e-9, atol=1e-10, max_step=2.0 / rate).y
+    rng, (column, unit, force) = np.random.default_rng(seed), driven
+    measured = {c: Channel(time, found[k] + noise * rng.normal(size=len(time)), u) for c, u, k in channels}
+    return Run(name, {column: Channel(time, force(time), unit), **measured})
+
+
+@pytest.fixture(scope="module")
+def heated():
+    def run(seed):
+        heat = pushed(seed, 0.2)
+
+        def change(t, s):
+            return [0.8 + heat(0.05 * t) - 0.02 * s[0] - 3e-4 * s[0] ** 2]
+
+        driven = "gripper_x", "m", lambda t: 0.8 + heat(0.05 * t)
+        shown = [("q.body", "rad", 0)]
+        return recorded(f"{seed}.csv", change, [15.0 + 5 * seed], 600.0, 1.0, driven, shown, 0.05, seed)
+
+    return [run(seed) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def oscillations():
+    def run(seed):
+        push = pushed(seed)
+
+        def change(t, s):
+            return [s[1], (push(t) - STIFFNESS * s[0] - DAMPING * s[1]) / (INERTIA - 0.5)]
+
+        driven = "tau.push", "N", push
+        return recorded(f"{seed}.csv", change, [0.05, 0.0], 8.0, 100.0, driven, [("q.mass", "m", 0)], 2e-4, seed)
+
+    return [run(seed) for seed in range(2)]
+
+
+@pytest.fixture
+def oscillator(tmp_path):
+    path = tmp_path / "oscillator.py"
+    path.write_text(OSCILLATOR)
+    return path
+
+
+def test_what_a_state_of_first_order_lacks_is_named_and_is_no_acceleration(heated):
+    found = repair(physics_model(thermal, own_effects=[radiation]), heated[:2], heated[2:])
+    assert [e.name for e in found.model.effects] == ["radiation"]
+    size = found.model.parameters["radiation.size"]
+    assert abs(size.value - 3e-4) < 4 * size.std
+    assert {(curve.unit, curve.against) for curve in found.missing_force} == {("rad/s", "body"), ("rad/s", "time")}
+    assert not {"acceleration", "speed"} & set(found.sentence.split())
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_values_half_off_end_at_the_truth(oscillator, oscillations, factor):
+    # At 0.5 nothing has an inertia: the equations divide by zero where the user's values begin.
+    truth = {"stiffness": STIFFNESS, "damping": DAMPING, "inertia": INERTIA}
+    model = load_base(oscillator).with_values({name: factor * value for name, value in truth.items()})
+    found = compare(model, oscillations)
+    assert found.verdict is Verdict.EXPLAINED
+    assert all(abs(found.parameters[n].value - value) < 4 * found.parameters[n].std for n, value in truth.items())
+
+
+def test_a_state_that_nothing_shows_stays_where_it_begins():
+    torque = pushed(1, 0.1)
+    driven, shown = ("tau.motor", "N m", torque), [("v.shaft", "rad/s", 1)]
+    run = recorded("a.csv", lambda t, s: [s[1], torque(t) / 0.02], [0.0, 1.0], 8.0, 100.0, driven, shown, 0.01, 1)
+    found = compare(physics_model(spinning).with_values({"inertia": 0.03}), [run])
+    assert abs(found.parameters["inertia"].value - 0.02) < 4 * found.parameters["inertia"].std
+    assert found.parameters["initial_angle"].value == 0.0
+
+
+@pytest.mark.parametrize("stated", [{"stiffness": ("2 N/m", "1 mN/m"), "damping": ("0.01 N s/m", "0.01 mN s/m")},
+                                    {"inertia": ("0.5 kg", "1 ug")}])  # fmt: skip
+def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(tmp_path, oscillator, oscillations, stated):
+    runs = [tmp_path / run.name for run in oscillations]
+    for run, path in zip(oscillations, runs, strict=True):
+        write_run_csv(run, path)
+    model, output = tmp_path / "m.toml", tmp_path / "repaired.toml"
+    known = [word for name, (value, std) in stated.items() for word in ("--set", f"{name}={value} +/- {std}")]
+    assert called("new", "--base", oscillator, model, *known)[0] == 0
+    for command in (("compare",), ("diagnose",), ("repair", "--output", output)):
+        answer = tmp_path / f"{command[0]}.json"
+        assert called(command[0], model, *runs, *command[1:], "--json", answer, "--report", tmp_path / "r.html")[0] == 1
+        found = json.loads(answer.read_text())
+        assert found["verdict"] == "lost"
+        assert found["sentence"].startswith("lost: give start values or a prior for ")
+        assert not any(found.get(what) for what in ("effects", "candidates", "missing_force"))
+    assert not output.exists()
+    with pytest.raises(TaskFailedError, match="lost: "):
+        fit(model, runs)
