@@ -6,7 +6,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -20,8 +20,6 @@ from armdyn.quoting import identifier
 # reassociation and no contraction: an effect at its null value must change nothing to the last digit. -O2 takes twice
 # the time to compile and gives code that is no faster.
 FLAGS = ("-O1", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
-PAYS = 50_000
-"""Calls after which a function is compiled: the compiler takes 0.1 ms for an operation, the virtual machine 2 ns."""
 SWITCH = "ARMDYN_COMPILE"
 """Environment variable: ``0`` keeps to the virtual machine."""
 
@@ -34,9 +32,7 @@ def compiler() -> str | None:
     return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
 
 
-def compile_functions(
-    name: str, functions: Mapping[str, ca.Function], *, make: bool = True
-) -> dict[str, ca.Function]:
+def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
     """The same functions as machine code where a compiler exists, else as they are.
 
     The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
@@ -46,7 +42,6 @@ def compile_functions(
     Args:
         name: prefix of the file in the cache, an identifier.
         functions: by key; each keeps its inputs and outputs.
-        make: whether to compile what is not in the cache.
     """
     command = compiler()
     if command is None:
@@ -62,7 +57,7 @@ def compile_functions(
     identity = "\n".join((source, command, *FLAGS, platform.machine(), ca.__version__))
     stem = f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}"
     try:
-        library = _kept(directory, stem) or (_compile(command, source, directory, stem) if make else None)
+        library = _kept(directory, stem) or _compile(command, source, directory, stem)
         if library is not None:
             return {key: ca.external(key, str(library)) for key in functions}
     except (OSError, RuntimeError):  # a disk that is full or forbids to execute, or a library that cannot be loaded
@@ -100,36 +95,6 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
             return None
         product.chmod(0o700)
         return product.replace(directory / _library_name(stem, product.read_bytes()))
-
-
-class WarmingUp:
-    """A function that the virtual machine evaluates until compiling it pays: of hundreds, most are used little.
-
-    Args:
-        name: prefix of the file in the cache, an identifier.
-        function: with a name of its own.
-    """
-
-    def __init__(self, name: str, function: ca.Function) -> None:
-        self._name, self._left = name, PAYS
-        self._function, self._buffered = function, dict[str, Buffered]()
-        self._compile(make=False)
-
-    def _compile(self, *, make: bool) -> None:
-        key = self._function.name()
-        self._function = compile_functions(self._name, {key: self._function}, make=make)[key]
-        if "External" in self._function.class_name():
-            self._left = 0
-            self._buffered.clear()
-
-    def within(self, name: str, made: Callable[[ca.Function], ca.Function], calls: int) -> "Buffered":
-        """What is `made` of the function, under a name, for so many calls of it."""
-        if 0 < self._left <= calls:
-            self._compile(make=True)
-        self._left = max(self._left - calls, 0)
-        if name not in self._buffered:
-            self._buffered[name] = Buffered(made(self._function))
-        return self._buffered[name]
 
 
 class Buffered:

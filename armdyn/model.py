@@ -262,7 +262,7 @@ class Model(Shown):
     def with_only(self, effects: Collection[str], *, wrong: bool = True) -> Self:
         """The model with these effects only, and with formulas known to be wrong unless `wrong` is False.
 
-        At the null values of what it lacks it predicts the same, in less time; its parameters keep their order.
+        Its parameters keep their order.
         """
         kept = tuple(effect for effect in self.effects if effect.name in effects or (wrong and effect.wrong))
         if len(kept) == len(self.effects):
@@ -397,6 +397,14 @@ class Model(Shown):
         """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
         del runs
         return self
+
+    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+        """A model that may lack effects which are not `needed`, where `runs` are predicted faster without them.
+
+        At the null values of what it lacks it predicts the same; its parameters keep their order.
+        """
+        del runs
+        return self.with_only(needed)
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run as this model is compared with it; prepare every run once, before its noise is estimated.

@@ -231,9 +231,9 @@ class Problem:
         return frozenset(compress(self._effects, concerned.any(axis=1) | ~self._of_effects.any(axis=1)))
 
     def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
-        """The model with these effects only, and (q,) where its parameters are in the whole one's."""
+        """The model with these effects, or more, and (q,) where its parameters are in the whole one's."""
         if needed not in self._lean:
-            model = self.model.with_only(needed)
+            model = self.model.holding(needed, self.runs)
             place = {name: i for i, name in enumerate(self.model.names)}
             self._lean[needed] = model, np.array([place[name] for name in model.names], dtype=int)
         return self._lean[needed]

@@ -199,7 +199,12 @@ class PendulumModel(SimulatedModel):
     @property
     def remembering(self) -> frozenset[str]:
         """See `SimulatedModel`."""
-        return frozenset(effect.name for effect in self.effects if _brings_states(effect))
+        return frozenset(effect.name for effect in self.effects if _brings(effect)[0])
+
+    @property
+    def slow(self) -> frozenset[str]:
+        """See `SimulatedModel`: what brings states or inputs."""
+        return frozenset(effect.name for effect in self.effects if any(_brings(effect)))
 
     def described(self, folder: File) -> Mapping[str, Any]:
         """See `Model.described`."""
@@ -235,9 +240,10 @@ def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> Dynamics:
 
 
 @lru_cache(maxsize=256)
-def _brings_states(effect: Effect) -> bool:
+def _brings(effect: Effect) -> tuple[bool, bool]:
+    """Whether an effect brings states, and whether it brings inputs."""
     with_it = Composition([effect])
-    return with_it.crosses or with_it.remembers > 0
+    return with_it.crosses or with_it.remembers > 0, with_it.yields or with_it.trails
 
 
 @lru_cache(maxsize=64)

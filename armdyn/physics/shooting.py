@@ -1,12 +1,13 @@
 """Many short simulations at once, each from a state of its own: multiple shooting (Bock & Plitt, IFAC 1984)."""
 
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from armdyn.codegen import Buffered
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import SHORT, Simulator, System
 
@@ -53,6 +54,13 @@ class Shooting:
         free = replace(system, starts=system.states, initial=itself)
         self._inputs = system.inputs
         self.simulator = Simulator(free, name, channels)
+        self._together: dict[int, Buffered] = {}
+
+    def _steps(self, pieces: int) -> Buffered:
+        """The compiled steps of so many pieces."""
+        if pieces not in self._together:
+            self._together[pieces] = Buffered(self.simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
+        return self._together[pieces]
 
     def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
         """Simulate from each edge to the next.
@@ -74,8 +82,7 @@ class Shooting:
         for first in range(0, J, TOGETHER):
             these = slice(first, min(first + TOGETHER, J))
             size = these.stop - first
-            at, lasts = edges[:-1][these], steps[these]
-            advance = s.steps.within(f"shots_{size}", partial(_of_pieces, size), int(lasts.sum()))
+            at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
             shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end is nobody else's
             state, sensitivity = states[these].T, np.tile(begin, size)
             for done in range(0, int(shown.max()), SHORT):
@@ -95,11 +102,6 @@ class Shooting:
             slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
         by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
         return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
-
-
-def _of_pieces(pieces: int, steps: ca.Function) -> ca.Function:
-    """The same steps of so many pieces at once."""
-    return steps.map(f"shots_{pieces}", "serial", pieces, [4], [])
 
 
 @lru_cache(maxsize=64)

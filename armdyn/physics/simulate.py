@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from armdyn.codegen import Buffered, WarmingUp
+from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
@@ -113,8 +113,10 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        self.steps = WarmingUp(f"simulate_{name}", _repeated(_step(dynamics, self.active, rows), "steps", SHORT))
+        steps = _repeated(_step(dynamics, self.active, rows), "steps", SHORT)
+        self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
         self._start = Buffered(_start(dynamics, self.active))
+        self._advance = Buffered(_repeated(self.steps, "block", BLOCK // SHORT))
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
@@ -145,10 +147,10 @@ class Simulator:
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
-        advance = self.steps.within("block", lambda steps: _repeated(steps, "block", BLOCK // SHORT), K)
         for first in range(0, padded, BLOCK):
             block = slice(first, first + BLOCK)
-            state, sensitivity, before, y, dy = advance(state, sensitivity, inputs[:, block], step[:, block], theta)
+            along = inputs[:, block], step[:, block], theta
+            state, sensitivity, before, y, dy = self._advance(state, sensitivity, *along)
             states[block], outputs[block] = before.T, y.T
             sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
         last = np.zeros((n, m))

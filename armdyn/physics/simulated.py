@@ -1,9 +1,10 @@
 """What models have in common that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
+REPAID = 70_000
+"""Steps times derivatives that a smaller model saves in a prediction, 6 ms, from which on it repays the 0.2 s of its
+compilation in the thirty predictions of a fit."""
 FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
 """s, and at least as many samples, through which a parabola gives a value and its rate at the start."""
 
@@ -54,6 +58,18 @@ class SimulatedModel(Model):
     @abstractmethod
     def remembering(self) -> frozenset[str]:
         """Effects that bring states of their own."""
+
+    @property
+    def slow(self) -> frozenset[str]:
+        """Effects with which a simulation takes twice as long, or longer."""
+        return self.remembering
+
+    def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
+        """See `Model.holding`: every set of effects is compiled, which short runs do not repay."""
+        lean, steps = self.with_only(needed), sum(self.path(run).nodes.shape[1] for run in runs)
+        if steps * (len(self.names) - len(lean.names)) > REPAID:
+            return lean
+        return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
 
     @property
     def guessed(self) -> tuple[str, ...]:
