@@ -102,7 +102,7 @@ def examine(kind: str, what: str, seed: int) -> hidden_table.Row:
     study = study_of(runs)
     if kind == "pairs":
         mended = repair(study)
-        names = [effect.name for effect in mended.model.effects]
+        names = [effect.name for effect in mended.named.effects]
         tied = {t for step in mended.path for t in step.tied_with}
         exact = set(names) == set(hidden)
         return row | {
