@@ -42,6 +42,13 @@ JOINT_CHANNELS = {
     "v": ChannelKind(("rad/s", "m/s")),
     "a": ChannelKind(("rad/s^2", "m/s^2")),
     "tau": ChannelKind(("N m", "N"), measured=True),
+    "q_cmd": ChannelKind(("rad", "m")),  # what the joint was told, until the next stamp
+    "v_cmd": ChannelKind(("rad/s", "m/s")),
+    "tau_ff": ChannelKind(("N m", "N")),  # asked for beside them
+    "duty": ChannelKind(("1",)),  # what the drive did
+    "current": ChannelKind(("A",)),
+    "voltage": ChannelKind(("V",)),
+    "enabled": ChannelKind(("1",)),  # 0 where the drive was off
 }
 
 LARGEST = {
@@ -243,7 +250,7 @@ def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
     first: dict[str, tuple[str, str, int]] = {}
     for name, unit in channels:
         quantity, dot, joint = name.partition(".")
-        if not dot or quantity == FURTHER:
+        if not dot or quantity == FURTHER or len(JOINT_CHANNELS[quantity].units) == 1:
             continue
         slides = JOINT_CHANNELS[quantity].units.index(unit)
         other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))

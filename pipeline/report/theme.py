@@ -148,7 +148,11 @@ def add_band(
     figure.add_scatter(x=both, y=edge, fill="toself", name=name, yaxis=axis, **BAND)
 
 
-_OF_A_JOINT = {"tau": "torque", "q": "position", "v": "velocity", "a": "acceleration"}
+_OF_A_JOINT = {
+    "tau": "torque", "q": "position", "v": "velocity", "a": "acceleration", "q_cmd": "commanded position",
+    "v_cmd": "commanded velocity", "tau_ff": "commanded torque", "duty": "duty", "current": "current",
+    "voltage": "voltage", "enabled": "enabled",
+}  # fmt: skip
 _PENDULUM = {
     "load_force": "string tension",
     "swing_angle": "swing angle",
