@@ -14,7 +14,9 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import Channel, Known, Run, read_run, write_run_csv
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
-RECORDINGS = sorted(path for path in DATA.glob("*/*.csv") if path.parent.name != "reference")
+# Logs of servos have columns of their own, such as counts of current: they are for `armdyn import`.
+FOREIGN = ("reference", "servo_so101", "servo_xl330")
+RECORDINGS = sorted(path for path in DATA.glob("*/*.csv") if path.parent.name not in FOREIGN)
 TIME = np.arange(50) / 100
 FORCE = 1.0 + np.sin(TIME)
 
