@@ -10,6 +10,7 @@ change sides at once while their number falls, and one alone where it does not, 
 
 import math
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -19,6 +20,11 @@ EXACT = 1e-11
 """By how much a condition may be broken by rounding, where A has a diagonal of ones, relative to the unknowns."""
 PATIENCE = 3
 """Exchanges of all at once that may fail to lower the number of broken conditions, before one unknown changes alone."""
+MOST_EXCHANGES = 20
+"""Per unknown, after which a matrix counts as indefinite by rounding, which may go round for ever; positive definite
+ones needed 2.4 at most in 20,000 random problems of 1 to 20 unknowns."""
+LEAST = 1e-9
+"""Eigenvalue, where A has a diagonal of ones, to which the smallest one of an indefinite matrix is lifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +86,24 @@ def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray)
     x, held = np.linalg.solve(A, b[..., None])[..., 0], np.zeros(b.shape, dtype=int)
     gradient = np.zeros_like(x)
     fewest, patience = np.full(len(b), b.shape[1] + 1), np.full(len(b), PATIENCE)
-    while True:
+    for exchange in count(1):
         room = EXACT * (1.0 + np.abs(x))
         beyond = (x > upper + room).astype(int) - (x < lower - room)
         moved = np.where(held == 0, beyond, np.where(gradient * held > room, 0, held))
         broken = moved != held
-        count = broken.sum(axis=1)
-        if not count.any():
-            return x, held
-        patience = np.where(count < fewest, PATIENCE, patience - 1)
-        fewest = np.minimum(count, fewest)
+        many = broken.sum(axis=1)
+        left = np.flatnonzero(many)
+        if len(left) == 0:
+            break
+        if exchange % (MOST_EXCHANGES * b.shape[1]) == 0:
+            A, least = A.copy(), np.linalg.eigvalsh(A[left])[:, 0]
+            A[left] += np.maximum(LEAST, 2.0 * LEAST - least)[:, None, None] * np.eye(b.shape[1])
+        patience = np.where(many < fewest, PATIENCE, patience - 1)
+        fewest = np.minimum(many, fewest)
         last = broken & (np.cumsum(broken[:, ::-1], axis=1)[:, ::-1] == 1)
         held = np.where(np.where((patience < 0)[:, None], last, broken), moved, held)
-        left = np.flatnonzero(count)
         x[left], gradient[left] = _with_held(A[left], b[left], lower[left], upper[left], held[left])
+    return x, held
 
 
 def _with_held(

@@ -49,6 +49,24 @@ def test_an_unknown_that_was_put_on_its_bound_is_released_where_the_others_need_
     assert found.held.tolist() == [-1, 0]
 
 
+def test_a_matrix_that_rounding_has_made_indefinite_has_a_minimum_as_well() -> None:
+    """Sums of a pneumatic chamber's samples: released at its bound the third unknown leaves it, and held it pulls."""
+    A = np.array(
+        [
+            [1.0, -0.258423, 0.17690076, -0.22047138],
+            [-0.258423, 1.0, -0.99638885, 0.99920914],
+            [0.17690076, -0.99638885, 1.0, -0.99897761],
+            [-0.22047138, 0.99920914, -0.99897761, 1.0],
+        ]
+    )
+    A -= (np.linalg.eigvalsh(A)[0] + 3.7e-7) * np.eye(4)
+    b = np.array([-49.82930802, 37.99014322, -34.27361936, 36.32323603])
+    lower = np.array([-1111.42935725, -12665.47476678, -12414.22741442, -np.inf])
+    found = solve_bounded(A, b, lower, np.array([554880.7, 7370074.3, 16143038.5, np.inf]))
+    assert np.isfinite(found.x).all()
+    assert np.all(found.x >= lower)
+
+
 def test_problems_solved_at_once_have_the_minima_of_each_alone() -> None:
     rng = np.random.default_rng(1)
     X = rng.standard_normal((50, 12, 6))
