@@ -29,8 +29,8 @@ MOST_PAIRED = 3
 PROMISED = 12.0
 """Nats below which a set may turn out to be tied where it is settled itself."""
 MOSTLY = 0.5
-"""Share of an effect's evidence up to which a rival may lack it, to be settled itself and compared by what it leaves: seen
-from where a sensor's delay of 15 ms is settled, a gripper's lag lacks 20 nats in 400 that it has where it is settled."""
+"""Share of an effect's evidence up to which a rival may lack it, to be settled itself and compared by what it leaves:
+seen from where a sensor's lag of 12 ms is settled, a gripper's lacks 19 of 414 nats that it has where it is settled."""
 KEPT = 4
 """Settled sets whose tables are kept, the last ones: two that are compared in turn, and what they came from."""
 
