@@ -71,7 +71,7 @@ class AroundMotion:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         values = options[0]
-        self.problem, self.measured = problem, shows_motion(problem)
+        self.problem, self.measured, self._given = problem, shows_motion(problem), values
         swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         self.of_starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
@@ -183,6 +183,13 @@ class AroundMotion:
             found = list(islice(starts, 2))
             yield from (np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in SIZES)
             yield from self._of_single_runs(free, found[0])
+
+    def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
+        """(P,) values from which a fit may begin where the model's are guesses, whatever was settled; see `spread`.
+
+        What a base alone comes to, which lacks something, may be far from where it is with what it lacks.
+        """
+        return likeliest_starts(self.problem, self.box.training, free, self._given)
 
     def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
         """(P,) values with every run's start as that run alone tells it, and all else as one of the runs tells it.

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from armdyn.identify.fit import first_part
-from armdyn.identify.grey_box import GreyBox, Point
+from armdyn.identify.grey_box import GreyBox
 from armdyn.identify.noise_evidence import at_every_kick
 from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.physics.simulated import SimulatedModel
@@ -44,7 +44,8 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     guessed = wanted & problem.of(model.guessed) & ~problem.per_run
     if not guessed.any():
         return []
-    needed = {c.parameter.effect for c, fits in zip(problem.columns, wanted, strict=True) if fits}
+    acting = wanted | (values != problem.null)
+    needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
         first_part(run, SWINGS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
@@ -53,9 +54,9 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     free = transferred_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):
-        point = _settled(cut, free, transferred(tried, problem, cut))
-        if np.isfinite(point.evidence):
-            ends.append((point.evidence, np.where(guessed, transferred(point.values, cut, problem), values)))
+        evidence, end = _settled(cut, free, transferred(tried, problem, cut))
+        if np.isfinite(evidence):
+            ends.append((evidence, transferred(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
             if sum(alike(end, best, guessed) for _, end in ends) == AGAIN:
                 break
@@ -71,14 +72,15 @@ def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
     return bool(np.allclose(one[where], other[where], rtol=ALIKE, atol=0.0))
 
 
-def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> Point:
-    """Where the runs settle in short pieces from (P,) values."""
+def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Evidence and (P,) values, with those that begin the runs, where these settle in short pieces from (P,) values."""
     model = cut.model
     assert isinstance(model, SimulatedModel)
     swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT)
-    with np.errstate(all="ignore"):
-        return box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    with np.errstate(all="ignore"):  # values that diverge have no finite evidence
+        point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    return point.evidence, box.with_starts(point)
 
 
 def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
-from armdyn.identify.fit import Fit, determined, fit
+from armdyn.identify.fit import NEAR_NOISE, Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
@@ -223,8 +223,11 @@ class Study:
             (self._starts[key[0]],) = tee(motion.starts(free), 1)
         starts, point = self._starts[key[0]], motion.settled_point(free)
         places = chain(copy(starts), motion.elsewhere(free, copy(starts)))
-        free = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
-        found = best_minimum(self.problem, free, (self.own(values, motion.problem) for values in places), others)
+        fitted = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
+        found = best_minimum(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
+        if others and found.chi2_per_sample > NEAR_NOISE and (likely := motion.likeliest(free)):
+            other = best_minimum(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
+            found = min(found, other, key=lambda one: one.cost)
         if point is not None:
             found = replace(found, settled=self.own(point.values, motion.problem))
         self._started[found] = starts
