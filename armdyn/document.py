@@ -214,6 +214,7 @@ class Curve:
         value: (n,) in the unit of the row.
         run: of several runs one is shown at a time.
         dots: measured samples, not a line.
+        half_width: (n,) of a band around it; None for none.
     """
 
     row: str
@@ -222,6 +223,7 @@ class Curve:
     value: "FloatArray"
     run: str = ""
     dots: bool = False
+    half_width: "FloatArray | None" = None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from html import escape
 from typing import Any
 
-from armdyn.document import MOST_ROWS, Document, Level, Table
+from armdyn.document import MOST_ROWS, Curve, Document, Level, Table
 from armdyn.errors import InputError, UnknownNameError
 
 MOST_POINTS = 2000
@@ -63,6 +63,8 @@ def figure(document: Document) -> Any:
     made = make_subplots(len(rows), 1, shared_xaxes=True, vertical_spacing=0.15 / max(len(rows), 1))
     listed: set[tuple[str, str]] = set()
     for curve in curves:
+        if curve.half_width is not None:
+            made.add_trace(_band(go, curve, curve.run == runs[0]), 1 + rows.index(curve.row), 1)
         thin = slice(None, None, -(-len(curve.time) // MOST_POINTS))
         shown: dict[str, Any] = {"legendgroup": curve.label, "showlegend": (curve.run, curve.label) not in listed}
         listed.add((curve.run, curve.label))
@@ -73,7 +75,12 @@ def figure(document: Document) -> Any:
             dash = "dash" if len(palette) == 2 and number == 0 else "solid"
             shown |= {"mode": "lines", "line": {"color": palette[number % len(palette)], "dash": dash}}
         trace = go.Scatter(
-            x=curve.time[thin], y=curve.value[thin], name=curve.label, visible=curve.run == runs[0], **shown
+            x=curve.time[thin],
+            y=curve.value[thin],
+            name=curve.label,
+            visible=curve.run == runs[0],
+            meta=curve.run,
+            **shown,
         )
         made.add_trace(trace, 1 + rows.index(curve.row), 1)
     for number, title in enumerate(rows, start=1):
@@ -85,9 +92,22 @@ def figure(document: Document) -> Any:
     )  # fmt: skip
     if len(runs) > 1:
         buttons = [
-            {"label": run, "method": "update", "args": [{"visible": [curve.run == run for curve in curves]}]}
+            {"label": run, "method": "update", "args": [{"visible": [trace.meta == run for trace in made.data]}]}
             for run in runs
         ]
         menu = {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
         made.update_layout(updatemenus=[menu])
     return made
+
+
+def _band(go: Any, curve: Curve, shown: bool) -> Any:
+    """A band around a curve; (n,) times forth and back."""
+    thin = slice(None, None, -(-len(curve.time) // MOST_POINTS))
+    time, middle = curve.time[thin].tolist(), curve.value[thin]
+    half = middle * 0.0 if curve.half_width is None else curve.half_width[thin]
+    outline = [*(middle + half).tolist(), *reversed((middle - half).tolist())]
+    return go.Scatter(
+        x=[*time, *reversed(time)], y=outline, name="95 % band", meta=curve.run, visible=shown, showlegend=False,
+        legendgroup=curve.label, mode="lines", line={"width": 0}, fill="toself", fillcolor="rgba(0, 114, 178, 0.18)",
+        hoverinfo="skip",
+    )  # fmt: skip

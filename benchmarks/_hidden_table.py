@@ -20,7 +20,7 @@ import numpy as np
 
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import held_out_blocks
+from armdyn.identify.holdout import blocks_of, predictions
 from armdyn.identify.prepare import noise_of_runs
 from armdyn.identify.problem import Problem, chi2_of
 from armdyn.identify.study import Study
@@ -98,7 +98,7 @@ def held_out_chi2(study: Study, fit: Fit, fresh: Sequence[Run]) -> Row:
     noise = noise_of_runs(study.model, fresh)
     problem = replace(fit, problem=Problem(fit.problem.model, fit.problem.runs, {**fit.problem.noise, **noise}))
     chi2 = {}
-    for key, blocks in (("held_out", held_out_blocks(problem, fresh)), ("in_turn", study.held_out_blocks(fit))):
+    for key, blocks in (("held_out", blocks_of(predictions(problem, fresh))), ("in_turn", study.held_out_blocks(fit))):
         chi2[key] = chi2_of(blocks) / sum(len(b.residual) for b in blocks) if blocks else None
     return chi2
 

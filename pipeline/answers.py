@@ -128,6 +128,9 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         **fields(found, "intervals_hold std_widened_by= at_bound", std_widened_by=found.widened),
         **fields(found, "not_determined= left_out", not_determined=found.undetermined),
         "outliers": outliers_of(found.fit.problem.runs),
+        "bands": {c: {"level": found.bands.level, "covered": v} for c, v in found.bands.covered.items()}
+        if found.bands is not None
+        else {},
         "channels": {name: fields(c, quality, whiteness_p_value=c.white) for name, c in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),
@@ -156,6 +159,7 @@ def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
     return [
         fields(curve, "run joint unit against")
         | {name: plain(short(getattr(curve, name))) for name in ("x", "as_given", "std", "repaired")}
+        | ({} if curve.with_background is None else {"with_background": plain(short(curve.with_background))})
         for curve in curves
     ]
 

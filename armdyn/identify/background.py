@@ -16,7 +16,7 @@ is. With m = 1 - noise variance / v_c, the variance of a mean square gives
     1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import lgamma, log
@@ -60,14 +60,15 @@ class Background:
         width: s, in typical sizes; 0 where only what is sure is held.
         values: by parameter, in its unit.
         fit: of named effects and small values together.
-        rmse_in_turn: by channel, error of every training run as predicted from the others, by one linearisation; empty
-            of a lone run.
+        covariance: (P, P) of all unknowns of the study.
+        in_turn: every training run with the values that the others give, by one linearisation; empty of a lone run.
     """
 
     width: float
     values: dict[str, float]
     fit: Fit
-    rmse_in_turn: dict[str, float]
+    covariance: np.ndarray
+    in_turn: tuple[Fit, ...]
 
 
 def find_background(
@@ -90,21 +91,24 @@ def find_background(
     if linear.predicted(widths) < linear.predicted(linear.widths(frozenset(), 0.0)) + SURE:
         return None
     say(f"fitting {np.count_nonzero(widths)} values")
-    found = _fitted(study, linear, widths)
+    found, covariance = _fitted(study, linear, widths)
     # Sums foretell little of what is far from linear.
     if study.squared_error(found) >= study.squared_error(last):
         return None
     problem, names = study.problem, [name for atom in linear.atoms for name in atom.names]
     own = np.flatnonzero(problem.of(names) & (found.values != problem.null))
     values = {problem.columns[i].name: float(found.values[i]) for i in own}
-    return Background(width, values, found, linear.rmse_in_turn(widths))
+    return Background(width, values, found, covariance, tuple(_in_turn(study, linear, widths, found)))
 
 
-def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> Fit:
-    """Named and small values, of (c,) `widths`, at the minimum of the whole model rather than of its expansion."""
+def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> tuple[Fit, np.ndarray]:
+    """Named and small values, of (c,) `widths`, at the minimum of the whole model rather than of its expansion.
+
+    Beside it their (P, P) covariance.
+    """
     sums, given, moving = linear.sums, study.problem, widths > 0.0
     columns, change = linear.columns[moving], linear.solution(widths, linear.training)[moving]
-    start = sums.changed(columns, change * linear.typical[moving], np.zeros(len(sums.values), dtype=bool))
+    start = linear.values(change, moving)
     width = np.zeros(len(start))
     width[columns] = widths[moving] * linear.typical[moving]
     width = transferred(width, sums.problem, given, missing=0.0)
@@ -113,7 +117,23 @@ def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> Fit:
     unknown = free & (problem.prior_weight == 0.0)
     problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
     found = fit(problem, free, study.own(start, sums.problem), most_steps=STEPS)
-    return Fit(given, free, found.values, tuple(given.blocks(found.values, free)), found.outcome)
+    at = Fit(given, free, found.values, tuple(given.blocks(found.values, free)), found.outcome)
+    covariance, own = np.zeros((len(free), len(free))), np.flatnonzero(free)
+    information = problem.expansion(found.values, free).hessian
+    scale = np.sqrt(np.diag(information))
+    covariance[np.ix_(own, own)] = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    return at, covariance
+
+
+def _in_turn(study: Study, linear: "_Linear", widths: np.ndarray, found: Fit) -> Iterator[Fit]:
+    """See `Background.in_turn`."""
+    for run, others in linear.without_each():
+        moving = widths > 0.0
+        values = linear.values(linear.solution(widths, others)[moving], moving)
+        alone = Problem(study.problem.model, [study.runs[run]], study.noise)
+        free = np.zeros(len(alone.columns), dtype=bool)
+        values = transferred(values, linear.sums.problem, alone)
+        yield Fit(alone, free, values, tuple(alone.blocks(values, free)), found.outcome)
 
 
 class _Linear:
@@ -259,11 +279,16 @@ class _Linear:
         errors = np.array([self._errors_in_turn(widths), held_out])
         return -0.5 * float(np.sum(self._samples * misfit_of(errors / self._variance)))
 
-    def rmse_in_turn(self, widths: np.ndarray) -> dict[str, float]:
-        """See `Background.rmse_in_turn`."""
-        if len(np.unique(self.sums.run[self.sums.training])) == 1:
-            return {}
-        return dict(zip(self.sums.channels, np.sqrt(self._errors_in_turn(widths)).tolist(), strict=True))
+    def values(self, change: np.ndarray, moving: np.ndarray) -> np.ndarray:
+        """(P,) of all unknowns after a change (m,) of the `moving` ones, (c,) bool, in typical sizes."""
+        exact = np.zeros(len(self.sums.values), dtype=bool)
+        return self.sums.changed(self.columns[moving], change * self.typical[moving], exact)
+
+    def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Every training run, and the units of the others; none of a single run."""
+        run = self.sums.run[self._unit[self.training]]
+        if len(np.unique(run)) > 1:
+            yield from ((int(r), self.training[run != r]) for r in np.unique(run))
 
     def _errors_in_turn(self, widths: np.ndarray) -> np.ndarray:
         """(c,) mean squared error of the training runs, or parts of a lone one, each predicted from the others."""

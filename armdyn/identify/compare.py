@@ -7,6 +7,7 @@ import numpy as np
 
 from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import columns_of
+from armdyn.identify.bands import Bands, bands
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.force_law import opening
@@ -104,6 +105,7 @@ class Comparison(Shown):
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
         lost: what is needed where the fit is lost, a sentence; see `lost`. Empty where it is not.
+        bands: where samples should be; None where the fit is lost.
     """
 
     fit: Fit
@@ -119,6 +121,7 @@ class Comparison(Shown):
     correction: Correction | None = None
     widened: float = 1.0
     lost: str = ""
+    bands: Bands | None = None
 
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
@@ -145,11 +148,11 @@ class Comparison(Shown):
             sections,
             Level.BAD if self.lost else Level.GOOD if self.explained else Level.CAUTION,
             data={
-                "samples": lambda: sample_columns(self.fit),
+                "samples": lambda: sample_columns(self.fit, self.bands),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
                 **model.background_data(),
             },
-            curves=partial(curves_of, {"predicted": self.fit}),
+            curves=partial(curves_of, {"predicted": self.fit}, self.bands),
         )
 
     @property
@@ -238,19 +241,7 @@ def _correction(study: Study) -> Correction | None:
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
-    held_out_rmse = channel_rmse(study.held_out_blocks(fit))
-    exam_rmse = channel_rmse(study.exam_blocks(fit))
-    rmse, channels, scale = fit.rmse(), {}, Scale.of(fit.blocks)
-    for channel, blocks in by_channel(fit.blocks).items():
-        channels[channel] = ChannelQuality(
-            unit=scale.units[channel],
-            noise_std=scale.noise[channel],
-            rmse=rmse[channel],
-            held_out_rmse=held_out_rmse.get(channel),
-            chi2_per_sample=chi2_of(blocks) / samples_of(blocks),
-            white=min(ljung_box(block.residual) for block in blocks),
-            exam_rmse=exam_rmse.get(channel),
-        )
+    channels, certain = channel_qualities(study, fit), uncertainty(study, fit)
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if lost(study, fit) else ""
     white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
@@ -278,9 +269,29 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             ),
             *study.disbelieved(fit),
         ),
-        widened=uncertainty(study, fit).widened,
+        widened=certain.widened,
         lost=needed,
+        bands=None if needed else bands(study, fit, certain.covariance),
     )
+
+
+def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
+    """How well a fit predicts every channel."""
+    held_out_rmse = channel_rmse(study.held_out_blocks(fit))
+    exam_rmse = channel_rmse(study.exam_blocks(fit))
+    rmse, scale = fit.rmse(), Scale.of(fit.blocks)
+    return {
+        channel: ChannelQuality(
+            unit=scale.units[channel],
+            noise_std=scale.noise[channel],
+            rmse=rmse[channel],
+            held_out_rmse=held_out_rmse.get(channel),
+            chi2_per_sample=chi2_of(blocks) / samples_of(blocks),
+            white=min(ljung_box(block.residual) for block in blocks),
+            exam_rmse=exam_rmse.get(channel),
+        )
+        for channel, blocks in by_channel(fit.blocks).items()
+    }
 
 
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:

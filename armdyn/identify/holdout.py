@@ -22,8 +22,8 @@ Starts = tuple[Problem, Iterator[np.ndarray]]
 """A problem that holds the runs, and (P,) values where they may begin, the likeliest first; iterate over a copy."""
 
 
-def held_out_blocks(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Block]:
-    """Residuals of runs that took no part in a fit.
+def predictions(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Fit]:
+    """Every one of some runs that took no part in a fit, as it predicts them.
 
     Only what belongs to a single run, such as how the load swung at its start, is fitted to a held-out run.
 
@@ -32,13 +32,17 @@ def held_out_blocks(found: Fit, held_out: Sequence[Run], starts: Starts | None =
         held_out: other runs.
         starts: where the held-out runs begin, where that is known.
     """
-    return [block for run in held_out for block in _predicted(found, run, starts=starts)]
+    return [_predicted(found, run, starts=starts) for run in held_out]
 
 
-def blocks_in_turn(found: Fit) -> list[Block]:
-    """Residuals of every training run, predicted from the others; none of a single run."""
-    runs = found.problem.runs
-    return [block for run, rest in _without_each(found) for block in _predicted(rest, run, found)] if runs[1:] else []
+def predictions_in_turn(found: Fit) -> list[Fit]:
+    """Every training run as a fit to the others predicts it; none of a single run."""
+    return [_predicted(rest, run, found) for run, rest in _without_each(found)] if found.problem.runs[1:] else []
+
+
+def blocks_of(fits: Sequence[Fit]) -> list[Block]:
+    """Residuals of several fits."""
+    return [block for one in fits for block in one.blocks]
 
 
 def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
@@ -51,8 +55,8 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
 
 
-def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | None = None) -> tuple[Block, ...]:
-    """Residuals of one run; where it was part of the fit `whole`, its own unknowns start from there."""
+def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | None = None) -> Fit:
+    """One run, its own unknowns fitted; where it was part of the fit `whole`, they start from there."""
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
@@ -60,15 +64,15 @@ def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | 
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
     free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
     if not free.any():
-        return tuple(alone.blocks(start, free))
+        return Fit(alone, free, start, tuple(alone.blocks(start, free)), found.outcome)
     if whole is not None:
         start = np.where(own, transferred(whole.values, whole.problem, alone), start)
     elif starts is not None:
         each = (np.where(own, transferred(v, starts[0], alone), start) for v in copy(starts[1]))
-        return best_minimum(alone, free, each).blocks
+        return best_minimum(alone, free, each)
     elif isinstance(alone.model, SimulatedModel):
-        return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free).blocks
-    return fit(alone, free, start).blocks
+        return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free)
+    return fit(alone, free, start)
 
 
 def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:

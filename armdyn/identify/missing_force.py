@@ -70,6 +70,7 @@ class ForceCurve:
         std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
         repaired: (b,) what the repaired model lacks; None where nothing was repaired.
         repaired_std: (b,) standard error of `repaired`.
+        with_background: (b,) what the repaired model lacks with its background; None where it has none.
         law: (b,) what the repaired model says that the model as given lacks; None where nobody asked.
     """
 
@@ -84,6 +85,7 @@ class ForceCurve:
     repaired: FloatArray | None = None
     repaired_std: FloatArray | None = None
     law: FloatArray | None = None
+    with_background: FloatArray | None = None
 
 
 def unexplained(fit: Fit) -> list[Unexplained]:
@@ -182,6 +184,7 @@ def curves(
     given: Sequence[Unexplained],
     repaired: Sequence[Unexplained] | None = None,
     law: Sequence[Unexplained] | None = None,
+    with_background: Sequence[Unexplained] | None = None,
 ) -> tuple[ForceCurve, ...]:
     """The missing force against everything that it may depend on, the joint that lacks most first.
 
@@ -189,32 +192,46 @@ def curves(
         given: of the model as given.
         repaired: of the repaired one, where there is one; it is averaged over the bins of the model as given.
         law: what the repaired one explains, likewise.
+        with_background: of the repaired one with its background, likewise.
     """
-    after, brought = ({(u.run, u.joint): u for u in of or ()} for of in (repaired, law))
+    others = [{(u.run, u.joint): u for u in of or ()} for of in (repaired, law, with_background)]
     largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
     found = []
     for u in sorted(given, key=lambda u: -largest[u.joint]):
-        left, gain = (
+        left, gain, rest = (
             None if other is None else np.interp(u.time, other.time, other.value)
-            for other in (of.get((u.run, u.joint)) for of in (after, brought))
+            for other in (of.get((u.run, u.joint)) for of in others)
         )
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
             if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
-                found.append(_curve(u, name, x, x_unit, left, gain))
+                found.append(_curve(u, name, x, x_unit, left, gain, rest))
     return tuple(found)
 
 
-def between(given: Fit, repaired: Fit | None = None, *, law: bool = False) -> tuple[ForceCurve, ...]:
-    """The missing force at a fit, and at that of the repaired model where there is one, with what that explains."""
+def between(
+    given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
+) -> tuple[ForceCurve, ...]:
+    """The missing force at a fit, and at that of the repaired model where there is one, with what that explains.
+
+    Likewise at that of the repaired model with its background.
+    """
     if repaired is None:
         return curves(unexplained(given))
-    return curves(unexplained(given), unexplained(repaired), explained(given, repaired) if law else None)
+    brought = explained(given, repaired) if law else None
+    rest = None if with_background is None else unexplained(with_background)
+    return curves(unexplained(given), unexplained(repaired), brought, rest)
 
 
 def _curve(
-    u: Unexplained, against: str, x: FloatArray, x_unit: str, left: FloatArray | None, gain: FloatArray | None
+    u: Unexplained,
+    against: str,
+    x: FloatArray,
+    x_unit: str,
+    left: FloatArray | None,
+    gain: FloatArray | None,
+    rest: FloatArray | None,
 ) -> ForceCurve:
-    """The missing force, what is left of it after a repair, and what that explains, over bins of (n,) x."""
+    """The missing force, what a repair leaves, what it explains, what its background leaves, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
     for bins in BINS:
         if bins > max(BINS[-1], len(x) / INDEPENDENT):
@@ -225,8 +242,8 @@ def _curve(
             break
     after, after_std = (None, None) if left is None else _means(place, left)[:2]
     at = np.bincount(place, x) / np.bincount(place)
-    law = None if gain is None else np.bincount(place, gain) / np.bincount(place)
-    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std, law)
+    law, small = (None if y is None else np.bincount(place, y) / np.bincount(place) for y in (gain, rest))
+    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std, law, small)
 
 
 def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -281,8 +298,11 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
     weight = 1.0 / np.maximum(std, smallest(std)) ** 2
     at = np.bincount(place, weight * x) / np.bincount(place, weight)
     curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
-    if all(c.law is not None for c in mine):
-        curve = replace(curve, law=_weighted(place, np.concatenate([c.law for c in mine if c.law is not None]), std)[0])
+    law, small = ([getattr(c, name) for c in mine] for name in ("law", "with_background"))
+    if all(part is not None for part in law):
+        curve = replace(curve, law=_weighted(place, np.concatenate(law), std)[0])
+    if all(part is not None for part in small):
+        curve = replace(curve, with_background=_weighted(place, np.concatenate(small), std)[0])
     if any(c.repaired is None for c in mine):
         return curve
     left, left_std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("repaired", "repaired_std"))

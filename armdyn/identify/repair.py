@@ -12,14 +12,16 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.faults import outlier_sentence
 from armdyn.identify.background import find_background
-from armdyn.identify.compare import Comparison, comparison, fitted_parameters
+from armdyn.identify.bands import bands
+from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, explained
-from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
+from armdyn.identify.localise import localise
 from armdyn.identify.lost import lost, lost_sentence
-from armdyn.identify.missing_force import ForceCurve
+from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences
 from armdyn.identify.study import Study
@@ -135,17 +137,26 @@ def with_background(study: Study, told: Repair, say: Progress) -> Repair:
     if small is None:
         return told
     step = Step((), (), last.effects, small.fit, last.tests)
-    held_out = channel_rmse(study.held_out_blocks(small.fit)) if study.held_out else small.rmse_in_turn
-    described = replace(repair_step(study, step, held_out), added=(BACKGROUND,), values=len(small.values))
+    study.hold_predictions(small.fit, small.in_turn)
+    described = replace(repair_step(study, step), added=(BACKGROUND,), values=len(small.values))
     joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
     named = {n: p.with_value(joint[n], p.std) for n, p in told.named.parameters.items() if n in joint}
     model = told.named.with_parameters(named).with_background(small.width, small.values, study.effects.values())
     path, scale = (*told.path, described), told.after.scale
+    after = replace(
+        told.after,
+        fit=small.fit,
+        channels=channel_qualities(study, small.fit),
+        places=localise(small.fit),
+        bands=bands(study, small.fit, small.covariance),
+    )
     return replace(
         told,
         model=model,
+        after=after,
         path=path,
         steps=(*told.steps, step),
+        missing_force=between(told.steps[0].fit, told.steps[-1].fit, small.fit),
         explained=explained(path[0], path[-1], scale),
         sentence=told.sentence + background_sentence(path[-2], path[-1], study.judges[0], scale),
     )

@@ -12,7 +12,7 @@ from armdyn.effects.effect import Effect
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import NEAR_NOISE, Fit, determined, fit
-from armdyn.identify.holdout import HoldoutKind, blocks_in_turn, held_out_blocks
+from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predictions_in_turn
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
@@ -86,8 +86,8 @@ class Study:
             for effect in extended.effects
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
-        self._held_out: dict[Fit, list[Block]] = {}
-        self._exam: dict[Fit, list[Block]] = {}
+        self._held_out: dict[Fit, list[Fit]] = {}
+        self._exam: dict[Fit, list[Fit]] = {}
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
@@ -295,12 +295,21 @@ class Study:
 
     def held_out_blocks(self, found: Fit) -> list[Block]:
         """Residuals of held-out runs; where none are given, of every training run predicted from the others."""
+        return blocks_of(self.held_out_predictions(found))
+
+    def held_out_predictions(self, found: Fit) -> list[Fit]:
+        """Every held-out run; where none are given, every training run predicted from the others."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
             others = self.held_out
-            self._held_out[found] = held_out_blocks(found, others, starts) if others else blocks_in_turn(found)
+            self._held_out[found] = predictions(found, others, starts) if others else predictions_in_turn(found)
         return self._held_out[found]
+
+    def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
+        """Training runs, each predicted from the others, where that is known already."""
+        if not self.held_out:
+            self._held_out[found] = list(in_turn)
 
     @property
     def judges(self) -> tuple[HoldoutKind, ...]:
@@ -311,8 +320,12 @@ class Study:
 
     def exam_blocks(self, found: Fit) -> list[Block]:
         """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
+        return blocks_of(self.exam_predictions(found))
+
+    def exam_predictions(self, found: Fit) -> list[Fit]:
+        """Every exam run; ask when nothing is left to choose."""
         if found not in self._exam:
-            self._exam[found] = held_out_blocks(found, self.exam)
+            self._exam[found] = predictions(found, self.exam)
         return self._exam[found]
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:

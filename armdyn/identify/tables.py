@@ -16,6 +16,7 @@ from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.identify.bands import Bands
 
 MOST_PLACES = 6
 """That a table names; JSON has all."""
@@ -68,29 +69,36 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
-def curves_of(fits: Mapping[str, Fit]) -> Iterator[Curve]:
+def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator[Curve]:
     """Measured and predicted, for every run and channel.
 
     Args:
         fits: by the name of their curve, the model as given first.
+        bands: around the last one.
     """
+    last = list(fits)[-1]
     predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
     for block in next(iter(fits.values())).blocks:
         row = f"{block.channel} [{block.unit}]"
         yield Curve(row, "measured", block.time, block.measured.value, block.run, dots=True)
+        key = block.run, block.channel
         for label, values in zip(fits, predicted, strict=True):
-            yield Curve(row, label, block.time, values[block.run, block.channel], block.run)
+            half_width = bands.half_width.get(key) if bands is not None and label == last else None
+            yield Curve(row, label, block.time, values[key], block.run, half_width=half_width)
 
 
-def sample_columns(fit: Fit) -> Columns:
-    """A row per sample: what was measured and what is predicted."""
-    columns: dict[str, list[Any]] = {key: [] for key in ("run", "channel", "time", "measured", "predicted")}
+def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
+    """A row per sample: what was measured, what is predicted, and half the width of the band around that."""
+    names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
+    columns: dict[str, list[Any]] = {key: [] for key in names}
     for block in fit.blocks:
         columns["run"] += [block.run] * len(block.time)
         columns["channel"] += [block.channel] * len(block.time)
         columns["time"] += block.time.tolist()
         columns["measured"] += block.measured.value.tolist()
         columns["predicted"] += block.predicted.tolist()
+        if bands is not None:
+            columns["half_width"] += bands.half_width[block.run, block.channel].tolist()
     return columns
 
 

@@ -22,6 +22,7 @@ GAP = 0.025
 """Between two panels, as a share of the figure's width."""
 HEIGHT = 330
 EXPLAINED, LAW = "what that explains", {"color": INK, "width": 2, "dash": "dash"}
+SMALL = "with the background"
 SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
@@ -68,6 +69,9 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
         panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, SHADE_GIVEN)
         if curve.repaired is not None and curve.repaired_std is not None:
             panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, SHADE)
+        if curve.with_background is not None:
+            drawn = {"x": _short(curve.x), "y": _short(curve.with_background), "name": SMALL, "legendgroup": SMALL}
+            panel.append({**drawn, "mode": "lines", "line": {"color": INK, "width": 2, "dash": "dot"}})
         if curve.law is not None:
             drawn = {"x": _short(curve.x), "y": _short(curve.law), "name": EXPLAINED, "legendgroup": EXPLAINED}
             panel.append({**drawn, "mode": "lines", "line": LAW})

@@ -2,13 +2,14 @@
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armdyn.channels import Channel, FloatArray
 from armdyn.document import Section, Widget
+from armdyn.identify.bands import Bands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.localise import Place
@@ -46,6 +47,7 @@ class Overlay:
         recorded: the signal at its own rate where a filtered one is compared, else None.
         note: what was done to the signal; empty for nothing.
         failing: stretches of time where the last model's residual is far above the noise, (start, end) in s.
+        half_width: (n,) of the band around the last model's prediction, in `unit`; None for none.
     """
 
     run: str
@@ -59,6 +61,7 @@ class Overlay:
     recorded: Channel | None = None
     note: str = ""
     failing: tuple[tuple[float, float], ...] = ()
+    half_width: FloatArray | None = None
 
 
 class Quality(NamedTuple):
@@ -92,13 +95,16 @@ def quality(curves: Iterable[Overlay], step: int) -> Quality:
     return Quality(float(np.sqrt(squares)), 1.0 - sum(left.values()) / varied if varied > 0.0 else float("nan"))
 
 
-def overlays(study: Study, fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
+def overlays(
+    study: Study, fits: Sequence[Fit], places: Sequence[Place] = (), bands: Bands | None = None
+) -> list[Overlay]:
     """Every run of a study with what these fits leave: those that were fitted, then held-out runs, then exam runs.
 
     Args:
         study: runs and model.
         fits: of the model as given, then of every step.
         places: where the last one fails.
+        bands: around the last one's predictions.
     """
     others = KINDS[study.judges[-1]]
     found = of_fits(fits, places)
@@ -106,7 +112,9 @@ def overlays(study: Study, fits: Sequence[Fit], places: Sequence[Place] = ()) ->
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
     if study.exam:
         found += _overlays(study.exam, EXAM, [study.exam_blocks(fit) for fit in fits])
-    return found
+    if bands is None:
+        return found
+    return [replace(curve, half_width=bands.half_width.get((curve.run, curve.channel))) for curve in found]
 
 
 def of_fits(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
@@ -159,10 +167,17 @@ class Overlays:
     preparation: str = ""
 
     @classmethod
-    def of_study(cls, study: Study, fits: Sequence[Fit], steps: Sequence[str], places: Sequence[Place]) -> "Overlays":
-        """All runs of a study."""
+    def of_study(
+        cls,
+        study: Study,
+        fits: Sequence[Fit],
+        steps: Sequence[str],
+        places: Sequence[Place],
+        bands: Bands | None = None,
+    ) -> "Overlays":
+        """All runs of a study, with bands around the last step's predictions."""
         done = sentence(of_all_runs(run.preparations for run in fits[-1].problem.runs))
-        return cls(overlays(study, fits, places), steps, done)
+        return cls(overlays(study, fits, places, bands), steps, done)
 
     def section(self) -> Section:
         """With what to click, and what was done to the signals."""
@@ -249,6 +264,7 @@ def _packed(curve: Overlay, most: int) -> dict[str, Any]:
         "residuals": [quantised(residual[every]) for residual in curve.residuals],
         "rmse": rmse,
         "explained": explained,
+        "band": None if curve.half_width is None else quantised(curve.half_width[every]),
         "recorded": None if curve.recorded is None else [quantised(row) for row in thinned(curve.recorded, most)],
     }
 

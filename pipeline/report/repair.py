@@ -21,7 +21,7 @@ from pipeline.report.overlay import Overlays, of_fits
 def comparison_report(study: Study, found: Comparison) -> Document:
     """Measured against predicted, where the model fails, on what the residual depends, the parameters."""
     missing = missing_force_sections(found.missing_force)
-    shown = Overlays.of_study(study, [found.fit], ["as given"], found.places)
+    shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
     return replace(made, title=title, sections=[*made.sections, *_formula_sections(found)])
@@ -42,7 +42,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     """Before and after, the error falling, what became of an arm's links, then the repaired fit."""
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
-    shown = Overlays.of_study(study, fits, steps, found.after.places)
+    shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
     document = found.document(study.judges, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)

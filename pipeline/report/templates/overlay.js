@@ -63,6 +63,15 @@ const armdynOverlay = (place, data, draw) => {
       const [x, y] = curve.recorded.map(values);
       traces.push({ x, y, name: "as recorded", hoverinfo: "skip", ...line("#CBD2D9", 1) });
     }
+    // The band is that of the last step; a model that was changed in the page has none.
+    if (curve.band && now.step === data.steps.length - 1) {
+      const middle = minus(chosen), half = values(curve.band);
+      const [high, low] = [middle.map((value, i) => value + half[i]), middle.map((value, i) => value - half[i])];
+      traces.push({
+        x: [...time, ...time.toReversed()], y: [...high, ...low.toReversed()], name: "95 % band", mode: "lines",
+        line: { width: 0 }, fill: "toself", fillcolor: "rgba(0, 114, 178, 0.18)", hoverinfo: "skip",
+      });
+    }
     traces.push({ x: time, y: measured, name: "measured", ...dots });
     const after = now.step > 0;
     traces.push({ x: time, y: minus(given), name: "predicted as given", ...(after ? line("#E69F00", 1.5, "4px,2px") : line("#0072B2", 2)) });
@@ -123,6 +132,7 @@ const armdynOverlay = (place, data, draw) => {
         if (!changed) return;
         const curve = data.curves[i];
         curve.residuals[last] = changed.residual;
+        curve.band = null;
         [curve.rmse[last], curve.explained[last]] = [changed.rmse, changed.explained];
       });
       data.totals = totals;
