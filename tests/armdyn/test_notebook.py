@@ -81,7 +81,9 @@ def test_a_plot_shows_what_was_measured_and_predicted(results, runs):
 
 
 def test_a_fitted_model_is_plotted_against_recordings(results, runs):
-    assert len(armdyn.compare(results["fit"], runs).plot().data) == 4
+    shown = armdyn.compare(results["fit"], runs).plot().data
+    assert [trace.name for trace in shown[:3]] == ["measured", "95 % band", "predicted"]
+    assert len(shown) == 6
 
 
 def test_data_frames_hold_the_results(results):
