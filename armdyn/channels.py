@@ -22,10 +22,12 @@ class ChannelKind:
     Attributes:
         units: SI units it may have inside; joints turn or slide, so theirs have two.
         measured: True where a model predicts it.
+        held: True where it keeps its value until the next stamp.
     """
 
     units: tuple[str, ...]
     measured: bool = False
+    held: bool = False
 
 
 PENDULUM_CHANNELS = {
@@ -42,8 +44,8 @@ JOINT_CHANNELS = {
     "v": ChannelKind(("rad/s", "m/s")),
     "a": ChannelKind(("rad/s^2", "m/s^2")),
     "tau": ChannelKind(("N m", "N"), measured=True),
-    "q_cmd": ChannelKind(("rad", "m")),  # what the joint was told, until the next stamp
-    "v_cmd": ChannelKind(("rad/s", "m/s")),
+    "q_cmd": ChannelKind(("rad", "m"), held=True),  # what the joint was told
+    "v_cmd": ChannelKind(("rad/s", "m/s"), held=True),
     "tau_ff": ChannelKind(("N m", "N")),  # asked for beside them
     "duty": ChannelKind(("1",)),  # what the drive did
     "current": ChannelKind(("A",)),

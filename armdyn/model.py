@@ -113,8 +113,9 @@ class Model(Shown):
 
     @property
     def about(self) -> str:
-        """What it is a model of, with its values and without its effects."""
-        own = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
+        """What it is a model of, with its values, but no usual ones that no fit changes, and without its effects."""
+        shared = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
+        own = (p for p in shared if not p.considered or p.value != p.null)
         values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
         return f"{self.base}, {values}" if values else self.base
 

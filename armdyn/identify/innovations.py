@@ -315,26 +315,26 @@ def square_root(matrices: np.ndarray) -> np.ndarray:
         pivot = left[..., k, k]
         # A pivot that is rounding of what was there would make a measurement of nothing.
         pivot = np.where(pivot <= ROUNDING * matrices[..., k, k], np.inf, pivot)
-        found[..., k] = left[..., :, k] / np.sqrt(pivot)[..., None]
-        found[..., :k, k] = 0.0
-        left = left - found[..., :, k, None] * found[..., None, :, k]
+        found[..., k:, k] = left[..., k:, k] / np.sqrt(pivot)[..., None]
+        below = found[..., k + 1 :, k]
+        left[..., k + 1 :, k + 1 :] -= below[..., :, None] * below[..., None, :]
     return found
 
 
 def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(..., n, n) variances P after what says L L' of the states, and the logarithms of the determinants of 1 + P L L'.
 
-    Column by column of (..., n, n) L, each a measurement of one number: nothing is inverted that may be singular
-    (Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
+    Column by column of (..., n, n) L, each a measurement of one number, by a square root of P: nothing is inverted that
+    may be singular, and a state that was not known at all is known to all digits after it (Potter's algorithm: Bierman,
+    Factorization Methods for Discrete Sequential Estimation, 1977, §2).
     """
-    size = np.ones(variance.shape[:-2])
+    root, size = square_root(variance), np.ones(variance.shape[:-2])
     for k in range(told.shape[-1]):
-        row = told[..., k, None]
-        seen = variance @ row
-        spread = 1.0 + np.swapaxes(row, -1, -2) @ seen
-        variance = variance - seen * (np.swapaxes(seen, -1, -2) / spread)
+        seen = np.swapaxes(root, -1, -2) @ told[..., k, None]
+        spread = 1.0 + np.swapaxes(seen, -1, -2) @ seen
+        root = root - root @ seen * (np.swapaxes(seen, -1, -2) / (spread + np.sqrt(spread)))
         size = size * spread[..., 0, 0]
-    return variance, np.log(size)
+    return root @ np.swapaxes(root, -1, -2), np.log(size)
 
 
 @np.errstate(all="ignore")

@@ -22,7 +22,7 @@ A stage is any frozen dataclass that inherits `Stage`; its name, and the joints 
 the equations ask for it. All expressions are CasADi's, so that every derivative is exact.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from types import MappingProxyType
@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 import casadi as ca
 
-from armdyn.channels import channel_units
+from armdyn.channels import channel_kind, channel_units
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, RecordedColumn
@@ -215,6 +215,7 @@ class Physics:
         parameters: of all runs.
         states: by name, what each is at the start of a run, one parameter per run; none where all is algebra.
         inputs: channels that must be recorded, with their units.
+        held: those of them that stay as they are from each sample to the next one.
         outputs: channels that are predicted, with their units.
         equations: from a moment to what holds there.
         period: s; about one swing: the length of a run from which its start can be found.
@@ -227,6 +228,7 @@ class Physics:
     parameters: tuple[Parameter, ...]
     states: Mapping[str, Parameter]
     inputs: Mapping[str, str]
+    held: frozenset[str]
     outputs: Mapping[str, str]
     equations: Callable[[Moment], Equations]
     period: float
@@ -242,10 +244,15 @@ def physics(
     states: Sequence[Parameter],
     outputs: Mapping[str, str],
     inputs: Mapping[str, str] = MappingProxyType({}),
+    held: Collection[str] = (),
     period: float = 1.0,
     step: float = 0.01,
 ) -> Callable[[Callable[[Moment], Equations]], Physics]:
     """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
+
+    Between its samples an input is a smooth curve, with a rate and an acceleration. One that is `held`, such as the
+    command of a controller, keeps its value until the next sample, and both are 0; so are a recorded ``q_cmd`` or
+    ``v_cmd``, and an input that changes in single jumps of unlike sizes and stands still between them.
 
     Raises:
         InputError: a channel is unknown or has another unit, a name is used twice, or there is nothing to fit.
@@ -255,6 +262,9 @@ def physics(
     for channel, unit in (*inputs.items(), *outputs.items()):
         if unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")
+    for channel in held:
+        if channel not in inputs:
+            raise UnknownNameError(f"held input of '{name}'", channel, inputs)
     if not SHORTEST <= period <= LONGEST or not SHORTEST / 100 <= step <= period:
         raise InputError(
             f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {SHORTEST:g} "
@@ -264,10 +274,11 @@ def physics(
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:
         raise InputError(f"physics '{name}': give '{min(twice)}' a name without a dot that is used only once")
     by_name = {p.name.removeprefix(_START): p for p in states}
+    kept = frozenset(held) | {channel for channel in inputs if channel_kind(channel).held}
 
     def make(function: Callable[[Moment], Equations]) -> Physics:
         return Physics(
-            name, summary, source, tuple(parameters), by_name, dict(inputs), dict(outputs), function, period, step
+            name, summary, source, tuple(parameters), by_name, dict(inputs), kept, dict(outputs), function, period, step
         )
 
     return make

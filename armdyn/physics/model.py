@@ -281,4 +281,4 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 @kept_alongside
 def _recorded(run: Run, physics: Physics) -> Path:
-    return recorded_inputs(run, physics.inputs, physics.outputs, physics.step)
+    return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, physics.step)

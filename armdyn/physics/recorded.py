@@ -3,7 +3,7 @@
 Positions are smoothed by cross-validation and differentiated without phase shift.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,6 +127,8 @@ def _extrapolated(near: np.ndarray) -> np.ndarray:
     return np.array([first, second])
 
 
+ALIKE = 1.5
+"""Factor by which a coarse sensor's steps differ at most: where they are not all its resolution, one is twice that."""
 FINEST_GRID, COARSEST_GRID = 0.005, 0.01
 """s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
@@ -142,6 +144,7 @@ class Path:
         middle: (i, K-1) inputs halfway between.
         by_lag: derivatives of both by a lag with which the inputs trail what was recorded; None where they do not.
         extra: further recorded quantities by name, see `Run.extra`.
+        ends: (i, K-1) inputs at the end of each step, where they may jump at the nodes; None where none does.
     """
 
     start: float
@@ -150,24 +153,30 @@ class Path:
     middle: np.ndarray
     by_lag: tuple[np.ndarray, np.ndarray] | None = None
     extra: Mapping[str, Channel] = field(default_factory=dict)
+    ends: np.ndarray | None = None
 
     @property
     def time(self) -> np.ndarray:
         """(K,) s."""
         return np.asarray(self.start + self.dt * np.arange(self.nodes.shape[1]))
 
-    def rows(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The first `count` inputs at the nodes and halfway between, followed by their derivatives by the lag."""
-        if self.by_lag is None:
-            return self.nodes[:count], self.middle[:count]
-        at_nodes, between = self.by_lag
-        return np.vstack([self.nodes[:count], at_nodes[:count]]), np.vstack([self.middle[:count], between[:count]])
+    def rows(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The first `count` inputs at the nodes, halfway between and at the steps' ends, then their derivatives by lag.
+
+        At a node they are what they are after it.
+        """
+        nodes, middle = self.nodes[:count], self.middle[:count]
+        if self.by_lag is not None:
+            at_nodes, between = self.by_lag
+            nodes, middle = np.vstack([nodes, at_nodes[:count]]), np.vstack([middle, between[:count]])
+        return nodes, middle, nodes[:, 1:] if self.ends is None else self.ends[:count]
 
     def part(self, first: int, last: int | None = None) -> "Path":
         """The path from one node to another one, its end where none is given."""
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
-        return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut)
+        ends = None if self.ends is None else self.ends[:, middle]
+        return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut, ends=ends)
 
     def with_columns(self, columns: Sequence[RecordedColumn]) -> "Path":
         """The path with these further quantities as its last inputs; they do not trail."""
@@ -180,10 +189,13 @@ class Path:
             own, others = self.by_lag, (np.zeros_like(nodes), np.zeros_like(middle))
             by_lag = np.vstack([own[0], others[0]]), np.vstack([own[1], others[1]])
         inputs = np.vstack([self.nodes, nodes]), np.vstack([self.middle, middle])
-        return Path(self.start, self.dt, *inputs, by_lag, self.extra)
+        ends = None if self.ends is None else np.vstack([self.ends, nodes[:, 1:]])
+        return Path(self.start, self.dt, *inputs, by_lag, self.extra, ends)
 
 
-def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], step: float) -> Path:
+def recorded_inputs(
+    run: Run, inputs: Iterable[str], held: Collection[str], outputs: Iterable[str], step: float
+) -> Path:
     """Time since the start of a run, then value, rate and acceleration of each input.
 
     It begins where the outputs do and ends where an input ends; without inputs it covers the outputs.
@@ -191,6 +203,7 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
     Args:
         run: with the channels.
         inputs: names of the channels that drive the motion.
+        held: those of them that keep their value until the next sample; so does what `moves_in_steps`.
         outputs: names of those that are predicted, as far as the run has them.
         step: longest grid step, s.
 
@@ -210,8 +223,15 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))
     since = grid - grid[0] + (0.0 if run.began is None else grid[0] - run.began)
-    nodes, middle = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2]
+    nodes, middle, ends = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2], [since[None, 1:]]
     for name, channel in driving.items():
+        if name in held or moves_in_steps(channel):
+            steady = np.zeros((3, len(grid) - 1))
+            steady[0] = mean_held(channel, grid)
+            nodes.append(np.column_stack([steady, steady[:, -1]]))
+            middle.append(steady)
+            ends.append(steady)
+            continue
         motion = smoothed_motion(
             channel.time, channel.value, dt, exact=run.noise.get(name) == 0.0, spread=run.spread.get(name, 0.0)
         )
@@ -221,4 +241,23 @@ def recorded_inputs(run: Run, inputs: Iterable[str], outputs: Iterable[str], ste
             motion = np.vstack([curve(np.minimum(grid, own[-1]), nu=k) for k in range(3)])
         nodes.append(motion)
         middle.append(halfway(motion, dt))
-    return Path(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra)
+        ends.append(motion[:, 1:])
+    return Path(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, ends=np.vstack(ends))
+
+
+def moves_in_steps(channel: Channel) -> bool:
+    """Whether a signal stands still, but for single jumps of unlike sizes: nothing that is measured does.
+
+    The steps of a coarse sensor that hardly moves are all of its resolution.
+    """
+    jumps = np.diff(channel.value)
+    there = jumps != 0.0
+    sizes = np.abs(jumps[there])
+    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > ALIKE * sizes.min())
+
+
+def mean_held(channel: Channel, grid: np.ndarray) -> np.ndarray:
+    """(K-1,) mean between the nodes (K,) of a signal that keeps its value until the next sample."""
+    time = np.append(channel.time, max(channel.time[-1], grid[-1]) + 1.0)
+    sums = np.concatenate([[0.0], np.cumsum(channel.value * np.diff(time))])
+    return np.asarray(np.diff(np.interp(grid, time, sums)) / np.diff(grid))

@@ -74,7 +74,7 @@ class Shooting:
         s = self.simulator
         J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
         m = q + n
-        nodes, middle = path.rows(self._inputs)
+        nodes, middle, last = path.rows(self._inputs)
         ends, slopes = np.empty((J, n)), np.zeros((J, n, m))
         outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
         steps = np.diff(edges)
@@ -89,8 +89,8 @@ class Shooting:
                 step = done + np.arange(SHORT)
                 node = at[:, None] + step
                 here = np.minimum(node, nodes.shape[1] - 1)
-                now, there = np.minimum(here, middle.shape[1] - 1), np.minimum(here + 1, nodes.shape[1] - 1)
-                inputs = np.concatenate([nodes[:, here], middle[:, now], nodes[:, there]]).reshape(-1, size * SHORT)
+                now = np.minimum(here, middle.shape[1] - 1)
+                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(-1, size * SHORT)
                 moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
                 state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
                 kept = step < shown[:, None]

@@ -76,7 +76,7 @@ class Rollout(NamedTuple):
 
 def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
     """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
-    nodes, _ = path.rows(system.inputs)
+    nodes, _, _ = path.rows(system.inputs)
     at, K = _algebra(system), nodes.shape[1]
     values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
     rows = [system.outputs.index(name) for name in channels]
@@ -132,14 +132,14 @@ class Simulator:
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """As `rollout`; the impulse, where there is one, is a last output, since its slope needs neighbours."""
-        nodes, middle = path.rows(self._dynamics.inputs)
+        nodes, middle, ends = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
         padded = -(-K // BLOCK) * BLOCK
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
         inputs[rows : 2 * rows, : K - 1] = middle
-        inputs[2 * rows :, : K - 1] = nodes[:, 1:]
+        inputs[2 * rows :, : K - 1] = ends
         step = np.zeros((1, padded))  # zero beyond the end: there the state stays
         step[0, : K - 1] = path.dt
         columns = self.columns

@@ -41,7 +41,8 @@ def test_dir_shows_what_a_user_calls_and_nothing_else():
 
 def test_a_model_and_a_run_are_printed_in_one_line():
     pendulum = armdyn.pendulum.pendulum_model(length=0.35, mass=0.1, effects=[armdyn.CATALOGUE["linear_drag"]])
-    assert str(pendulum) == repr(pendulum) == "pendulum, length 0.35 m, mass 0.1 kg, gravity 9.81 m/s^2; linear_drag"
+    assert str(pendulum) == repr(pendulum) == "pendulum, length 0.35 m, mass 0.1 kg; linear_drag"
+    assert "gravity 9.78 m/s^2" in str(pendulum.with_prior("gravity", 9.78, 0.001))
     arm = armdyn.arm.arm_model(robot="ur5")
     assert str(arm) == "arm ur5, 6 joints from shoulder_pan_joint to wrist_3_joint; no effects"
     run = armdyn.Run.from_arrays(np.arange(0.0, 2.0, 0.1), {"q": np.ones((20, 2))}, joints=["a", "b"], name="x")

@@ -82,7 +82,7 @@ def test_the_filter_gives_the_likelihood_of_the_dense_covariance(colour):
     found = around.innovations([noise], np.array([noise.kick]))
     residual, X, covariance = dense(around, noise, len(problem.columns))
     inverse = np.linalg.inv(covariance)
-    assert found.square[0] == pytest.approx(residual @ inverse @ residual, rel=1e-5)
+    assert found.square[0] == pytest.approx(residual @ inverse @ residual, rel=1e-6)
     assert np.allclose(found.slope[0], X.T @ inverse @ residual, rtol=1e-5, atol=1e-6 * np.abs(found.slope).max())
     assert np.allclose(found.gram[0], X.T @ inverse @ X, rtol=1e-5, atol=1e-8 * np.abs(found.gram).max())
     assert found.log_std[0] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-6)
@@ -106,6 +106,13 @@ def test_variances_after_a_measurement_are_those_of_the_dense_formula():
     after, size = updated(variance, square_root(information))
     assert np.allclose(after, np.linalg.inv(np.linalg.inv(variance) + information), rtol=1e-6, atol=1e-9)
     assert np.allclose(size, np.linalg.slogdet(np.eye(4) + variance @ information)[1], rtol=1e-9)
+
+
+def test_states_that_were_not_known_at_all_are_known_to_all_digits_after_a_measurement():
+    factors = np.random.default_rng(3).normal(size=(6, 4, 4))
+    information = factors @ np.swapaxes(factors, 1, 2) + np.eye(4)
+    after, _ = updated(1e12 * np.eye(4), square_root(information))
+    assert np.allclose(after, np.linalg.inv(information + 1e-12 * np.eye(4)), rtol=1e-9, atol=1e-9)
 
 
 def test_what_a_divergence_tells_ends_in_no_singular_matrix():

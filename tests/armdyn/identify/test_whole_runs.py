@@ -93,6 +93,14 @@ def test_what_makes_held_out_runs_worse_goes():
     assert chosen(left, {**EVIDENCE, BIAS: 20.0}, LOAD, BIAS) == {LOAD}
 
 
+def test_what_ends_at_nothing_goes_also_where_the_error_is_larger_without_it(monkeypatch):
+    """A gripper's scale that an uncertain gravity explains as well."""
+    monkeypatch.setattr(whole_runs, "_distance", lambda *_: np.ones(1))
+    monkeypatch.setattr(whole_runs, "_is_nothing", lambda _study, _fit, one: one is BIAS)
+    left = {(LOAD, BIAS): (0.01, 0.01), (LOAD,): (0.2, 0.2)}
+    assert chosen(left, {**EVIDENCE, BIAS: 20.0}, LOAD, BIAS) == {LOAD}
+
+
 @pytest.mark.parametrize(("value", "stays"), [(1.9, False), (2.1, True)])
 def test_a_value_within_two_standard_deviations_of_nothing_goes(monkeypatch, value, stays):
     problem = Plain(
