@@ -74,6 +74,9 @@ class Inspection:
     runs: tuple[Run, ...]
     checks: tuple[Check, ...]
 
+    def __repr__(self) -> str:
+        return f"Inspection: {self.sentence}"
+
     @property
     def wrong(self) -> tuple[Check, ...]:
         """Checks that make the recordings unusable."""

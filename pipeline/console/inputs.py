@@ -58,7 +58,7 @@ class Inputs:
         output: Path | None = None,
         *,
         over_model: bool = False,
-        adding: str | None = None,
+        adding: str = "",
         choosing: bool = True,
     ) -> "Iterator[tuple[CheckedStudy, Say]]":
         """Look at the outputs, read everything, and go on with what is said meanwhile; a wrong recording ends it.
@@ -86,11 +86,11 @@ class Inputs:
             check_outputs(output, report, json_file)  # what the inputs named is known now
             yield given, say
 
-    def read(self, adding: str | None = None, *, choosing: bool = True) -> "CheckedStudy":
+    def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
         """Read everything that a study needs, and ask whether the recordings are what they say they are.
 
         Args:
-            adding: name of an effect that the model is about to get.
+            adding: effects that the model is about to get.
             choosing: whether effects are chosen from the catalogue; a study without it is faster.
 
         Raises:

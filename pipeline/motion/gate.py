@@ -177,9 +177,9 @@ class StreamGate(Gate):
     """Judges the next command against the ones before it and against where the arm is now.
 
     What leaves is a sequence of positions, so positions are judged: their first, second and third divided differences
-    are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as feed-forward
-    are held against the same limits. A command that comes early is judged by the time since the one before; one that
-    comes late as if it had come after a cycle, which is what it was made for, and what the arm went on with meanwhile.
+    are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as
+    feed-forward are held against the same limits. A command that comes early is judged by the time since the one
+    before; one that comes late as if it had come after a cycle: for that it was made, and so the arm went on meanwhile.
     Arguments as for `Gate`.
     """
 

@@ -126,7 +126,9 @@ class Experiment:
         given, check = settings.motion, CheckSettings(load_mass=settings.mass)
         self._motion = None if given is None else replace(given, s=given.s + (begin - given.s[0]))
         if self._motion is not None:
-            check_line(table, description, self._motion, check).require_feasible("the motion, from where the arm stands,")
+            check_line(table, description, self._motion, check).require_feasible(
+                "the motion, from where the arm stands,"
+            )
         elif settings.estimate:  # SAC goes anywhere on the line
             check_line(table, description, sweep(table), check).require_feasible("the line, along which SAC moves,")
         noise = {"load_force": settings.force_noise}
