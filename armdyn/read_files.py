@@ -3,9 +3,13 @@
 A model names a URDF, a recording has a sidecar, a batch names models: whoever chooses an output cannot know them all,
 and no list of them is complete for long. Python tells an audit hook of every file that is opened; what other languages
 open is told by `reading`. Only a command keeps count; a program that writes over what it has read means to.
+
+The same hook keeps a command from waiting for ever at a named pipe, whoever opens it.
 """
 
+import errno
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -34,11 +38,23 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
     if isinstance(path, str | bytes) and not (flags or 0) & (os.O_WRONLY | os.O_RDWR):
         with suppress(OSError, ValueError):  # the working directory is gone; a name with a null character
             _opened.paths.add(str(Path(os.fsdecode(path)).absolute()))
+        if not os.fsdecode(path).startswith(("/dev/", "/proc/")):
+            _refuse_named_pipe(path)
+
+
+def _refuse_named_pipe(path: str | bytes) -> None:
+    """Raise an `OSError` for a pipe that has a name: whoever opens it waits until somebody else does."""
+    try:
+        named = stat.S_ISFIFO(os.stat(path).st_mode)  # noqa: PTH116 called for every file that is opened
+    except (OSError, ValueError):  # whoever opens it will say so
+        return
+    if named:
+        raise OSError(errno.EINVAL, "it is a named pipe, which may never be written to; give a file", path)
 
 
 @contextmanager
 def keeping_inputs() -> Iterator[None]:
-    """Keep count of what is read until the block ends, and refuse to write over it."""
+    """Keep count of what is read until the block ends, refuse to write over it, and open no named pipe."""
     global _opened, _hooked
     if not _hooked:
         sys.addaudithook(_hear)

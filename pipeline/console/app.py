@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 from typing import Annotated, Any
 
@@ -105,6 +106,8 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
     def checked(*arguments: Any, **options: Any) -> Any:
         for name, value in options.items():
             for each in value if isinstance(value, list | tuple) else [value]:
+                if isinstance(each, Path):
+                    _check_leads_somewhere(each)
                 if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
@@ -113,6 +116,15 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(*arguments, **options)
 
     return checked
+
+
+def _check_leads_somewhere(path: Path) -> None:
+    """Refuse links in a circle, and names that no file has, before anybody resolves them."""
+    try:
+        path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        why = "its links lead in a circle" if isinstance(error, RuntimeError) else f"no file has such a name ({error})"
+        raise InputError(f"{shown(str(path))}: {why}: give another file") from error
 
 
 def _is_written_plainly(value: float) -> bool:
