@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armdyn.effects.effect import Effect, effect
     from armdyn.effects.user import load_effects
     from armdyn.errors import InputError
-    from armdyn.front import compare, diagnose, discover, fit, inspect, repair
+    from armdyn.front import add, compare, diagnose, discover, fit, inspect, repair
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.repair import Repair
@@ -38,7 +38,8 @@ _MODULES = {
     "load_effects": "armdyn.effects.user", "InputError": "armdyn.errors",
     "quantity": "armdyn.parameter", "column": "armdyn.parameter",
     "Run": "armdyn.run", "read_run": "armdyn.run", "Model": "armdyn.model", "read_model": "armdyn.model_file",
-    "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front", "diagnose": "armdyn.front",
+    "add": "armdyn.front", "fit": "armdyn.front", "inspect": "armdyn.front", "compare": "armdyn.front",
+    "diagnose": "armdyn.front",
     "discover": "armdyn.front", "Discovery": "armdyn.discovery.result",
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
@@ -49,8 +50,8 @@ _MODULES = {
 """Where each name is defined."""
 __all__ = [
     "CATALOGUE", "Comparison", "Diagnosis", "Discovery", "Effect", "InputError", "Inspection", "Model", "Repair", "Run",
-    "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit", "inspect",
-    "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
+    "add", "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
+    "inspect", "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
 __getattr__ = lazy_names(__name__, _MODULES)
 

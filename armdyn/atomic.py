@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from armdyn.errors import InputError
+from armdyn.read_files import may_replace, refuse_to_replace
 
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
@@ -50,8 +51,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         path: of a file, which may be there or not; of a link to one; of a pipe or device, which is written to.
 
     Raises:
-        InputError: the directory is missing, it or the file cannot be written to, or the disk is full; the old file is
-            then as it was, and nothing is left beside it.
+        InputError: the directory is missing, it or the file cannot be written to, the disk is full, or the command has
+            read the old file; that is then as it was, and nothing is left beside it.
     """
     with _refusing(path):
         if is_stream(path):
@@ -84,6 +85,7 @@ def _replaceable(path: Path) -> Path:
         raise IsADirectoryError(0, "it is a directory")
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(0, "it is write-protected")
+    refuse_to_replace(target)
     return target
 
 
@@ -156,6 +158,7 @@ class GrowingFile:
                 unfinished = f"{target.stem}-unfinished-{os.getpid()}-{secrets.token_hex(3)}{target.suffix}"
                 self._target, self._beside = target, target.with_name(unfinished)
             self.stream = (self._beside or target).open("xb")
+            may_replace(self._beside or target)
 
     def finish(self) -> None:
         """Close it and let it take its place.
@@ -169,6 +172,7 @@ class GrowingFile:
                 old = self._target.stat()
                 self._beside.chmod(stat.S_IMODE(old.st_mode))
             self._beside.replace(self._target)
+            may_replace(self._target)
             self._beside = None
 
 
@@ -189,6 +193,7 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
                 os.fchmod(descriptor, mode)  # whatever the umask, and after the owner, which clears bits
             os.fsync(descriptor)  # a disk that is full says so at the latest here
         temporary.replace(target)
+        may_replace(target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

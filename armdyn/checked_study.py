@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
-from armdyn.effects.catalogue import find
+from armdyn.effects.catalogue import find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available, load_effects
 from armdyn.identify.compare import Comparison, compare
@@ -27,8 +27,19 @@ from armdyn.run import Run, read_run
 from armdyn.run_checks import check_run
 
 AnyModel: TypeAlias = Model | str | Path
-Runs: TypeAlias = Sequence[Run | str | Path]
+Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
+"""Recordings or their files; one alone is one."""
 Say: TypeAlias = Callable[[str], None]
+
+
+def read_runs(given: Runs) -> list[Run]:
+    """Recordings as they are, or read from their files; one alone is a list of one.
+
+    Raises:
+        InputError: one cannot be read.
+    """
+    each = [given] if isinstance(given, Run | str | Path) else given
+    return [run if isinstance(run, Run) else read_run(run) for run in each]
 
 
 @dataclass(frozen=True)
@@ -93,7 +104,7 @@ class CheckedStudy:
         exam: Runs = (),
         *,
         effects: Iterable[Effect] | None = None,
-        adding: str | None = None,
+        adding: str = "",
         trusted: bool = False,
     ) -> "CheckedStudy":
         """Check recordings, and make a study of them.
@@ -104,7 +115,7 @@ class CheckedStudy:
             held_out: recordings that take part in choosing effects, never in a fit.
             exam: recordings that take part in nothing: their error is computed at the very end.
             effects: to choose from; all that the model can have where they are not given.
-            adding: name of an effect that the model is about to get, whose values the recordings may state.
+            adding: effects that the model is about to get, see `find_several`, whose values the recordings may state.
             trusted: go on where recordings are not what they say they are.
 
         Raises:
@@ -112,13 +123,11 @@ class CheckedStudy:
             WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
         known = model if isinstance(model, Known) else Known.of(model)
-        training, others, last = (
-            [run if isinstance(run, Run) else read_run(run) for run in given] for given in (runs, held_out, exam)
-        )
+        training, others, last = map(read_runs, (runs, held_out, exam))
         every = [*training, *others, *last]
         known = replace(known, file=replace(known.file, model=known.file.model.following(every)))
         for run in every:
-            check_run(known.file.model, run, [find(adding, known.catalogue)] if adding is not None else ())
+            check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
         found = known.inspect(every)
         if not trusted:
             require_usable(found)

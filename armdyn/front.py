@@ -1,17 +1,19 @@
-"""What a script or notebook asks for: inspect, fit, compare, diagnose and repair, in one call each."""
+"""What a script or notebook asks for: inspect, fit, compare, diagnose, add and repair, in one call each."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
-from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs
+from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs, read_runs
 from armdyn.discovery.result import Discovery
+from armdyn.effects.catalogue import find_several
 from armdyn.effects.effect import Effect
+from armdyn.identify import repair as repairs
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
-from armdyn.identify.repair import Repair, add, require_found
+from armdyn.identify.repair import Repair, require_found
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
-from armdyn.run import Run, read_run
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
@@ -27,7 +29,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
         WrongRecordingError: see `inspect`.
         TaskFailedError: the fit is lost.
     """
-    return require_found(add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
+    return require_found(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
@@ -40,7 +42,7 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
     Raises:
         InputError: something cannot be read.
     """
-    read = [run if isinstance(run, Run) else read_run(run) for run in runs]
+    read = read_runs(runs)
     return inspected(read) if model is None else Known.of(model).inspect(read)
 
 
@@ -85,6 +87,38 @@ def diagnose(
         WrongRecordingError: see `inspect`.
     """
     return CheckedStudy.of(model, runs, held_out, effects=effects, trusted=trust_data).diagnose()
+
+
+def add(
+    model: AnyModel,
+    effects: str | Effect | Iterable[str | Effect],
+    runs: Runs,
+    held_out: Runs = (),
+    exam: Runs = (),
+    *,
+    trust_data: bool = False,
+) -> Repair:
+    """Add effects to a model, one after the other, whether or not the recordings ask for them, and refit.
+
+    Args:
+        model: or its file.
+        effects: one or several, or their names, such as ``"rotor_inertia+joint_spring:elbow,wrist"``.
+        runs: recordings to fit, or their files.
+        held_out: recordings that take no part in a fit: every step tells the error on them.
+        exam: recordings that take part in nothing: likewise.
+        trust_data: go on where recordings are not what they say they are.
+
+    Raises:
+        InputError: something cannot be read or compared, or an effect is not for such a model.
+        UnknownNameError: there is no such effect.
+        WrongRecordingError: see `inspect`.
+    """
+    known = Known.of(model)
+    each = [effects] if isinstance(effects, str | Effect) else effects
+    wanted = [one for e in each for one in ((e,) if isinstance(e, Effect) else find_several(e, known.catalogue))]
+    known = replace(known, catalogue=tuple({e.name: e.on() for e in (*known.catalogue, *wanted)}.values()))
+    adding = "+".join(e.name for e in wanted)
+    return CheckedStudy.of(known, runs, held_out, exam, adding=adding, trusted=trust_data).add(wanted)
 
 
 def repair(

@@ -54,6 +54,8 @@ def figure(document: Document) -> Any:
     try:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
+
+        from armdyn.notebook_figure import KeptFigure
     except ImportError as error:
         raise InputError("a plot needs plotly: run 'pip install plotly'") from error
     curves = list(document.curves())
@@ -97,7 +99,7 @@ def figure(document: Document) -> Any:
         ]
         menu = {"buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
         made.update_layout(updatemenus=[menu])
-    return made
+    return KeptFigure(made)
 
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from armdyn.channels import Channel
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
@@ -44,10 +43,10 @@ def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
     """
     with at(run.source or run.name):
         _check_known(model, run, adding)
-        _check_clock(run, model.step)
+        check_stamps(run)
+        _check_span(run, model.step)
         _check_further(run, columns_of((*model.effects, *adding)))
-        for name, channel in run.channels.items():
-            _check_steps(name, channel)
+        check_steps(run)
 
 
 def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
@@ -74,12 +73,15 @@ def _unknown(model: Model, name: str) -> InputError:
     return UnknownNameError("quantity in [known]", name, model.names)
 
 
-def _check_clock(run: Run, step: float) -> None:
-    """Refuse stamps that no sensor gives, and a recording that is too long for its samples at `step` s."""
-    channels = {name: c for name, c in run.channels.items() if len(c) > 1}
-    if not channels:
-        return
-    for name, channel in channels.items():
+def check_stamps(run: Run) -> None:
+    """Refuse stamps that no sensor gives.
+
+    Raises:
+        InputError: names the channel, what is wrong and what to do.
+    """
+    for name, channel in run.channels.items():
+        if len(channel) < 2:
+            continue
         steps = np.diff(channel.time)
         typical, least = float(np.median(steps)), int(np.argmin(steps))
         if typical < FASTEST:
@@ -92,6 +94,13 @@ def _check_clock(run: Run, step: float) -> None:
                 f"time: '{name}' has two samples {steps[least]:.3g} s apart at {channel.time[least]:.9g} s: "
                 "remove one of them"
             )
+
+
+def _check_span(run: Run, step: float) -> None:
+    """Refuse a recording that is too long for its samples at `step` s."""
+    channels = {name: c for name, c in run.channels.items() if len(c) > 1}
+    if not channels:
+        return
     names = list(channels)
     start, end = (np.array([c.time[i] for c in channels.values()]) for i in (0, -1))
     if end.max() - start.min() <= step * max(FEW_STEPS, MOST_STEPS * max(map(len, channels.values()))):
@@ -131,17 +140,22 @@ def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
             )
 
 
-def _check_steps(name: str, channel: Channel) -> None:
-    quantity = name.partition(".")[0]
-    bound = IMPOSSIBLE.get(channel.unit)
-    if bound is None or quantity not in ("q", "swing_angle", "gripper_x", "gripper_z") or len(channel) < 2:
-        return
-    step, interval = np.diff(channel.value), np.diff(channel.time)
-    beyond = np.flatnonzero((np.abs(step) > bound[0]) & (np.abs(step) > bound[1] * interval))
-    if beyond.size:
-        i = int(beyond[0])
-        raise InputError(
-            f"'{name}' goes from {channel.value[i]:.6g} to {channel.value[i + 1]:.6g} {channel.unit} within "
-            f"{interval[i]:.3g} s at {channel.time[i + 1]:.6g} s, which nothing does: empty the cells where the sensor "
-            "failed, or check the unit"
-        )
+def check_steps(run: Run) -> None:
+    """Refuse positions that no joint or gripper has one after the other.
+
+    Raises:
+        InputError: names the channel, the place, what is wrong and what to do.
+    """
+    for name, channel in run.channels.items():
+        bound = IMPOSSIBLE.get(channel.unit)
+        if bound is None or name.partition(".")[0] not in ("q", "swing_angle", "gripper_x", "gripper_z"):
+            continue
+        step, interval = np.diff(channel.value), np.diff(channel.time)
+        beyond = np.flatnonzero((np.abs(step) > bound[0]) & (np.abs(step) > bound[1] * interval))
+        if beyond.size:
+            i = int(beyond[0])
+            raise InputError(
+                f"'{name}' goes from {channel.value[i]:.6g} to {channel.value[i + 1]:.6g} {channel.unit} within "
+                f"{interval[i]:.3g} s at {channel.time[i + 1]:.6g} s, which nothing does: empty the cells where the "
+                "sensor failed, or check the unit"
+            )

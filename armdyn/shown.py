@@ -14,6 +14,10 @@ class Shown(ABC):
     def document(self) -> "Document":
         """Sentences, tables and curves: what there is to show."""
 
+    def __repr__(self) -> str:
+        """The sentence of it, not all of its samples."""
+        return f"{type(self).__name__}: {self.document().verdict}"
+
     def _repr_html_(self) -> str:
         """A small card for a notebook, without scripts."""
         from armdyn.notebook import card

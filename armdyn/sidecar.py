@@ -102,7 +102,10 @@ def utc(value: object, where: str) -> datetime:
         except ValueError:
             value = None
     if isinstance(value, datetime):
-        return value if value.tzinfo is None else value.astimezone(UTC).replace(tzinfo=None)
+        try:
+            return value if value.tzinfo is None else value.astimezone(UTC).replace(tzinfo=None)
+        except OverflowError as error:  # of the first and last day that there is
+            raise InputError(f"{where}: is no time of a recording: correct its year") from error
     if isinstance(value, date):
         return datetime(value.year, value.month, value.day)
     raise InputError(f"{where}: is no time: write it as 2026-05-04 or 2026-05-04T14:30:00")

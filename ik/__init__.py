@@ -21,3 +21,7 @@ __all__ = [
     "default_table",
     "read_path",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

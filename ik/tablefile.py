@@ -15,6 +15,7 @@ import numpy as np
 
 from armdyn.atomic import replacing
 from armdyn.errors import InputError
+from armdyn.read_files import may_replace
 from ik.errors import StaleTableError
 from urdf import Robot
 from urdf.bounds import LARGEST_ARRAY
@@ -51,6 +52,7 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
                 raise StaleTableError(f"{source}: '{member.filename[:60]}' is no array of a table; {REBUILD}")
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
+        may_replace(source)  # a table that may be built again
         if about["format"] != FORMAT:
             raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD}")
         arrays = {name: file[name] for name in names}

@@ -1,6 +1,7 @@
 """What a script asks for beyond the science: a model for other tools, a motion to record, the next experiment."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,13 +24,17 @@ LOAD_RADIUS = 0.014
 """m; of the load, where nothing says otherwise."""
 
 
-def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[str, ...]:
+def export(
+    model: AnyModel, path: str | Path, *, force: bool = False, incomplete: bool = False, named_only: bool = False
+) -> tuple[str, ...]:
     """Write a model for other tools.
 
     Args:
         model: or its file.
         path: ends in ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or ``.json``, which says what it is to be.
-        force: write over the file where it is there, and write what lacks much of the model.
+        force: write over the file where it is there.
+        incomplete: write it although it lacks much of what a repair found.
+        named_only: leave the model's background out.
 
     Returns:
         A sentence per thing that such a file cannot hold.
@@ -43,11 +48,12 @@ def export(model: AnyModel, path: str | Path, *, force: bool = False) -> tuple[s
 
     output = Path(path)
     file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
+    file = replace(file, model=file.model.named_only()) if named_only else file
     free_to_write(output, force)
-    written = write_export(file, output, str(file.model.about), force=force)
+    written = write_export(file, output, str(file.model.about), incomplete=incomplete)
     if written.refused and written.missing is not None:
         sentence = written.missing.sentence
-        raise TaskFailedError(f"{output}: not written, {sentence}: give force=True to write it all the same")
+        raise TaskFailedError(f"{output}: not written, {sentence}: give incomplete=True to write it all the same")
     return written.notes
 
 

@@ -24,3 +24,7 @@ __getattr__ = lazy_names(
         **dict.fromkeys(("DescriptionWarning", "Limits", "Line", "Robot", "Spring", "UrdfError"), "urdf.robot"),
     },
 )
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

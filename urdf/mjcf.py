@@ -4,6 +4,8 @@ Defaults, includes, frames, orientations of every kind and the inertias of shape
 become a URDF here, from which everything else goes on; `urdf.mjcf_dynamics` has what a URDF cannot say.
 """
 
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,9 +76,19 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
     try:
         with told(f"{path}: MuJoCo refuses it", "correct it"):
             model = mujoco.MjModel.from_xml_path(str(path))
+            _tell_of_parts(path)
     finally:
         mujoco.set_mju_user_warning(before)
     return model, noticed
+
+
+def _tell_of_parts(path: Path) -> None:
+    """Tell Python of the files that MuJoCo opens beside this one, as it tells nobody itself."""
+    root = ET.parse(path).getroot()
+    folders = {value for part in root.iter("compiler") for key, value in part.attrib.items() if key.endswith("dir")}
+    for file in {element.get("file", "") for element in root.iter()} - {""}:
+        for folder in {"", *folders}:
+            sys.audit("open", str(path.parent / folder / file), "rb", os.O_RDONLY)
 
 
 def _nan_in(path: Path) -> str:

@@ -187,6 +187,16 @@ class JointFunctions:
     link: Change | None
     remembers: bool
 
+    @property
+    def of_before(self) -> bool:
+        """Whether a torque depends on what was before: on states, a lag or a delay."""
+        return self.remembers or self.sensor.lags or self.sensor.delays
+
+
+def depends_on_before(effect: Effect) -> bool:
+    """Whether an effect of an arm makes a torque, or its reading, depend on what was before."""
+    return effect.reach != "base" and compose_joint([effect]).of_before
+
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
     """Apply `effects`, in the order given, to a joint.

@@ -194,7 +194,7 @@ def predict_at_states(
         InputError: an effect makes a torque depend on what was before.
     """
     for own in functions:
-        if own.remembers or own.sensor.lags or own.sensor.delays:
+        if own.of_before:
             late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in own.names))
             raise InputError(
                 f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "

@@ -2,7 +2,8 @@ r"""An arm with its effects as one CasADi function: the torques of a motion, for
 
 The rigid bodies by the recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, table 5.1)
 in the coordinates of each link, with the inertial parameters and the gravity that the effects leave; then what the
-effects add to the drives. The sensor's gain, offset and delay belong to a reading, not to the arm, and are left out.
+effects add to the drives. Gain and offset of a drive's torque are no part of that: they stand between the torque and
+what the drive is told, and says itself, which is a function of its own.
 """
 
 from dataclasses import replace
@@ -15,6 +16,13 @@ from armdyn.arm.physics import Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertia_matrix, joint_axes, parents
 from armdyn.errors import InputError
 
+DRIVE = frozenset({"torque_offset", "torque_gain"})
+"""Effects between a drive's torque and what it is told and reads."""
+
+
+_Reading = tuple[Expression, Expression]
+"""Gain and offset."""
+
 
 def inverse_dynamics_function(model: ArmModel) -> ca.Function:
     """``(q, v, a) -> tau``, (n,) each: what the drives give, N m or N, at the model's parameters.
@@ -22,16 +30,41 @@ def inverse_dynamics_function(model: ArmModel) -> ca.Function:
     Raises:
         InputError: an effect depends on time or has states of its own, which no function of one instant has.
     """
+    q, v, a, torques, _ = _torques(model)
+    return ca.Function("inverse_dynamics", [q, v, a], [torques], ["q", "v", "a"], ["tau"])
+
+
+def drive_command_function(model: ArmModel) -> ca.Function:
+    """``(q, v, a) -> command``, (n,) each: what drives are told, and read themselves, while they give these torques.
+
+    Raises:
+        InputError: as `inverse_dynamics_function`.
+    """
+    q, v, a, torques, readings = _torques(model)
+    gains, offsets = (ca.vertcat(*column) for column in zip(*readings, strict=True))
+    command = ca.densify(gains * torques + offsets)
+    return ca.Function("drive_command", [q, v, a], [command], ["q", "v", "a"], ["command"])
+
+
+def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
+    """For every joint what its drive is told, or reads, per torque, and without torque, N m or N."""
+    present = {effect.name for effect in model.effects if effect.name in DRIVE}
+    return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only(present))[-1]]
+
+
+def _torques(model: ArmModel) -> tuple[Expression, Expression, Expression, Expression, list[_Reading]]:
+    """Symbols of positions, velocities and accelerations, the drives' torques, and gain and offset of every reading."""
     n = len(model.arm.joints)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     load = rigid_torques(model, q, v, a)
-    tau = [load[i] for i in range(n)]
+    tau, readings = [load[i] for i in range(n)], []
     for i in range(n):
         joint, inner = _with_effects(model, i, q, v, a, load[i])
         tau[i] += joint.torque
         if inner >= 0:
             tau[inner] += joint.inner_torque
-    return ca.Function("inverse_dynamics", [q, v, a], [ca.densify(ca.vertcat(*tau))], ["q", "v", "a"], ["tau"])
+        readings.append((joint.gain, joint.offset))
+    return q, v, a, ca.densify(ca.vertcat(*tau)), readings
 
 
 def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) -> Expression:

@@ -75,7 +75,7 @@ class Finding:
         return f"{at}{self.formula}" + (f" with {values}" if values else "")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Discovery(Shown):
     """What was found.
 

@@ -37,6 +37,12 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
     return found.on(*(joint.strip() for joint in joints.split(","))) if joints else found
 
 
+def find_several(names: str, extra: Iterable[Effect] = ()) -> tuple[Effect, ...]:
+    """The effects of a text such as ``"rotor_inertia+joint_spring:elbow,wrist"``; see `find`."""
+    known = tuple(extra)
+    return tuple(find(name.strip(), known) for name in names.split("+"))
+
+
 def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Effects in the order in which they act on a model: as the catalogue lists them, then by name."""
     place = {name: i for i, name in enumerate(CATALOGUE)}

@@ -86,7 +86,7 @@ class Correction:
         return text + "."
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Shown):
     """A model held against runs.
 

@@ -36,7 +36,7 @@ MOST = 0.8
 leave half of the misfit and more, real robots at most a tenth."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Shown):
     """What is missing.
 

@@ -50,7 +50,7 @@ MUCH = 0.5
 """Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Repair(Shown):
     """A repaired model.
 

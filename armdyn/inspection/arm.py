@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.bodies import Stretch
+from armdyn.arm.composition import depends_on_before
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion, measured_motion
 from armdyn.arm.prepared import interior
@@ -299,13 +300,12 @@ class ArmRun:
     @cached_property
     def _own(self) -> ArmModel:
         """The model with those of its effects by which a torque depends on this moment alone."""
-        remembers = {"torque_delay"}
-        return self.model.with_only([e.name for e in self.model.effects if e.name not in remembers])
+        return self.model.with_only([e.name for e in self.model.effects if not depends_on_before(e)])
 
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
         """The model with every effect at its null value; (p,) typical sizes; (p,) bool, not negative."""
-        model = self._own.with_candidates([e for e in self.effects if e.name not in ASIDE])
+        model = self._own.with_candidates([e for e in self.effects if not (e.name in ASIDE or depends_on_before(e))])
         size = [p.typical * LARGE.get(p.effect or "", 1.0) for p in model.parameters.values()]
         absent = [name not in self._own.parameters for name in model.names]
         positive = [

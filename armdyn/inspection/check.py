@@ -16,6 +16,7 @@ Kind: TypeAlias = Literal[
     "angle_unit", "torque_unit", "torque_sign", "position_sign", "joints_swapped", "position_offset", "clock_shift",
     "gravity_direction", "scale", "gap", "glitch", "counts_lost", "saturated", "frozen", "repeated_samples", "rate",
     "noise_misstated", "no_motion", "implausible_model", "samples_dropped", "second_publisher", "joint_left_out",
+    "unusable",
 ]  # fmt: skip
 
 
@@ -73,6 +74,9 @@ class Inspection:
 
     runs: tuple[Run, ...]
     checks: tuple[Check, ...]
+
+    def __repr__(self) -> str:
+        return f"Inspection: {self.sentence}"
 
     @property
     def wrong(self) -> tuple[Check, ...]:

@@ -1,7 +1,8 @@
 """Are recordings what they say they are?"""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
+from armdyn.run_checks import check_run, check_stamps, check_steps
 from armdyn.threads import one_thread
 
 LONGEST = 60.0
@@ -86,6 +88,9 @@ def require_usable(inspection: Inspection) -> None:
 
 def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] = ()) -> list[Check]:
     """All checks of one recording."""
+    refused = _refused(run, check_stamps)
+    if refused:
+        return refused
     found = [check for look in SIGNAL_CHECKS for check in look(run)]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
@@ -98,7 +103,21 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
         found += [replace(check, run=run.name) for check in told]
         for check in told:
             mended = (check.correction or Correction()).of(mended)
-    return found + list(rate_checks(mended))
+    return (
+        found
+        + list(rate_checks(mended))
+        + _refused(mended, check_steps if model is None else partial(check_run, model))
+    )
+
+
+def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
+    """What a comparison would refuse, so that it is said before."""
+    try:
+        check(run)
+    except InputError as error:
+        said, _, remedy = str(error).removeprefix(f"{run.source or run.name}: ").rpartition(": ")
+        return [Check("unusable", Severity.WRONG, run.name, (), said, remedy)]
+    return []
 
 
 def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Check]:

@@ -134,7 +134,7 @@ def run_batch(
         model_key = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
         key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run)
-        jobs[key] = Job(key, spec.task, item.model.resolve(), model_key, item.run.resolve(), spec.effects, spec.trust)
+        jobs[key] = Job(key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust)
     with Journal(folder / JOURNAL) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]

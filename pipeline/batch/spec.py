@@ -11,6 +11,7 @@ from = "name"
 """
 
 import glob
+import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.identify.change import FALSE_ALARMS
 from armdyn.sidecar import utc
 from armdyn.toml_file import read_toml
-from pipeline.batch.times import Clock, TimeFrom, When, seen_from
+from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
 from urdf.table_file import Check, read_as
 
 TASKS = ("compare", "repair")
@@ -53,7 +54,7 @@ class _Time:
     """The table ``[time]``: see `Clock`."""
 
     from_: Annotated[str, Check(PLACES.__contains__, f"choose one of {', '.join(PLACES)}")] | None = None
-    form: Annotated[str, Check(lambda f: not f or "%" in f, 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
+    form: Annotated[str, Check(lambda f: not f or is_form(f), 'write what the name is, such as "log_%d%m%Y_%H%M"')] = ""
 
 
 @dataclass(frozen=True)
@@ -185,4 +186,19 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
     """Files of a pattern, sorted; a name without wildcards is taken as it is, whether or not the file is there."""
     if not glob.has_magic(pattern):
         return [folder / pattern]
+    if "**" in pattern:
+        _look_through(folder / pattern.partition("**")[0])
     return sorted(folder / found for found in glob.glob(pattern, root_dir=folder, recursive=True))
+
+
+def _look_through(start: Path) -> None:
+    """Refuse a pattern below whose beginning there is more than a batch has: it would search the disk for hours.
+
+    Raises:
+        InputError: says how many files there are.
+    """
+    count = 0
+    for _, folders, files in os.walk(start if start.is_dir() else start.parent):
+        count += len(folders) + len(files)
+        if count > MOST:
+            raise InputError(f"'**' below {start}: more than {MOST} files lie there: name the folder of the recordings")

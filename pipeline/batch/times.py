@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path, PurePosixPath
 
@@ -31,6 +31,15 @@ class TimeFrom(Enum):
     def key(self) -> str:
         """Name in files."""
         return self.name.lower()
+
+
+def is_form(form: str) -> bool:
+    """Whether `datetime.strptime` takes it: it knows its letters, and each stands once."""
+    try:
+        datetime.strptime(datetime(2001, 2, 3, tzinfo=UTC).strftime(form), form)
+    except (ValueError, re.error, OverflowError):
+        return False
+    return "%" in form
 
 
 @dataclass(frozen=True)
@@ -89,7 +98,7 @@ class Clock:
             stem = PurePosixPath(name).stem
             try:
                 return datetime.strptime(stem, self.form).replace(tzinfo=None)
-            except ValueError:
+            except (ValueError, OverflowError):
                 return f"the name is not of the form {self.form}"
         for part in (PurePosixPath(name).stem, *reversed(PurePosixPath(name).parts[:-1])):
             dates = {found for match in DATE.finditer(part) if (found := _date(match)) is not None}

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import ArmdynError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
+from armdyn.read_files import keeping_inputs
 from urdf import DescriptionWarning
 from urdf.table_file import read_table
 
@@ -103,7 +104,7 @@ class Outcome:
 
 def work(job: Job) -> Outcome:
     """Do a job; whatever is wrong with the recording becomes part of the outcome."""
-    with _one_at_a_time, warnings.catch_warnings():
+    with _one_at_a_time, warnings.catch_warnings(), keeping_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # whoever asks for the batch has been told
         began = time.perf_counter()
         try:

@@ -1,4 +1,4 @@
-"""`armdyn add`: a model with one more effect, fitted again."""
+"""`armdyn add`: a model with more effects, fitted again."""
 
 from typing import Annotated
 
@@ -13,18 +13,22 @@ PANEL = "What a model lacks"
 
 def add(
     inputs: Inputs,
-    effect: Annotated[str, typer.Argument(metavar="EFFECT[:JOINT,...]", help="Name of the effect, with its joints.")],
+    effect: Annotated[
+        str,
+        typer.Argument(metavar="EFFECT[:JOINT,...]", help="Its name, with its joints; several with '+' between them."),
+    ],
     output: OutputOption = None,
     named_only: NamedOnlyOption = False,
     report: ReportOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Add an effect to a model and refit."""
-    from armdyn.effects.catalogue import find
+    """Add one effect or several to a model and refit."""
+    from armdyn.effects.catalogue import find_several
 
     with inputs.begin(report, json_file, output, over_model=True, adding=effect) as (given, say):
-        wanted = find(effect, given.known.catalogue)
-        given.study.model.with_effect(wanted)  # refuses an effect that does not fit before anything is fitted
+        wanted = find_several(effect, given.known.catalogue)
+        for each in wanted:
+            given.study.model.with_effect(each)  # refuses an effect that does not fit before anything is fitted
         say("fitting")
-        found = given.add([wanted])
+        found = given.add(wanted)
     conclude_repair(inputs, given, found, output or inputs.model, report, json_file, named_only=named_only)

@@ -33,7 +33,7 @@ def batch(
 ) -> None:
     """Compare or repair for a lab's thousand logs: one row each, and what changed on which day."""
     from pipeline.batch.history import history
-    from pipeline.batch.run import ROWS, check_parquet, run_batch, write_parquet
+    from pipeline.batch.run import JOURNAL, ROWS, check_parquet, run_batch, write_parquet
     from pipeline.batch.spec import read_spec
     from pipeline.interrupts import Interrupt, noted_signals
     from pipeline.report.batch import batch_report
@@ -41,9 +41,11 @@ def batch(
 
     check_parquet()
     asked = read_spec(spec)
-    check_outputs(json_file, inputs=[spec])
+    given = {file for item in asked.items for file in (item.model, item.run, item.run.with_suffix(".toml"))}
+    own = (JOURNAL, ROWS, "report.html")
+    check_outputs(json_file, *map(output.joinpath, own) if output.is_dir() else (), inputs=[spec, *given])
     signals: list[int] = []
-    with own_folder(output, output, what="batch") as folder, noted_signals(signals.append), spinner() as say:
+    with own_folder(output, output, "batch", own) as folder, noted_signals(signals.append), spinner() as say:
         done = run_batch(asked, folder, workers=workers, scheduler=scheduler, stopped=lambda: bool(signals), say=say)
         say("writing the rows")
         write_parquet(folder / ROWS, asked, done.rows)

@@ -23,8 +23,9 @@ def export(
         ),
     ],
     effects: EffectsOption = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Write over the file where it is there, and what lacks much of the model.")
+    force: Annotated[bool, typer.Option("--force", help="Write over the file where it is there.")] = False,
+    incomplete: Annotated[
+        bool, typer.Option("--incomplete", help="Write it although it lacks much of what a repair found.")
     ] = False,
     named_only: NamedOnlyOption = False,
     json_file: JsonOption = None,
@@ -42,7 +43,7 @@ def export(
         file = replace(file, model=file.model.named_only()) if named_only else file
         say(f"writing {output}")
         with at(model):
-            written = write_export(file, output, model.name, force=force)
+            written = write_export(file, output, model.name, incomplete=incomplete)
     refused, missing = written.refused, written.missing
     answer: dict[str, Any] = {
         "schema": "armdyn.export/1",
@@ -58,6 +59,6 @@ def export(
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")
-        typer.echo("to write it all the same: --force" if refused else f"next: {made.usage(file.model, output)}")
+        typer.echo("to write it all the same: --incomplete" if refused else f"next: {made.usage(file.model, output)}")
     if refused:
         raise typer.Exit(1)

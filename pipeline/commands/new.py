@@ -10,6 +10,7 @@ import typer
 import typer.core
 
 from armdyn.errors import InputError
+from armdyn.read_files import may_replace
 from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_answer
@@ -157,3 +158,4 @@ def _check_replaced(target: Target) -> None:
         table = {"history": True}
     if "base" not in table or table.get("history") or table.get("effects"):
         raise InputError(f"{model} is there already and holds more than a new model: --force writes over it")
+    may_replace(model)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
 from importlib import import_module
+from pathlib import Path
 from pkgutil import iter_modules
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from typer.exceptions import TyperException
 
 from armdyn import __version__
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
+from armdyn.read_files import keeping_inputs
 from pipeline import commands
 from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
@@ -73,7 +75,7 @@ def run(interrupts: Interrupts) -> int:
     Returns:
         The exit status: 0 done, 1 the answer is no, 2 bad input, 3 a mistake of ours, 128 + n ended by signal n.
     """
-    with tolerant_streams() as problem_of_output, noticing():
+    with keeping_inputs(), tolerant_streams() as problem_of_output, noticing():
         try:
             status = _run_command(interrupts)
             for sentence in noticed():
@@ -104,6 +106,8 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
     def checked(*arguments: Any, **options: Any) -> Any:
         for name, value in options.items():
             for each in value if isinstance(value, list | tuple) else [value]:
+                if isinstance(each, Path):
+                    _check_leads_somewhere(each)
                 if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
@@ -112,6 +116,15 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
         return command(*arguments, **options)
 
     return checked
+
+
+def _check_leads_somewhere(path: Path) -> None:
+    """Refuse links in a circle, and names that no file has, before anybody resolves them."""
+    try:
+        path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        why = "its links lead in a circle" if isinstance(error, RuntimeError) else f"no file has such a name ({error})"
+        raise InputError(f"{shown(str(path))}: {why}: give another file") from error
 
 
 def _is_written_plainly(value: float) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from armdyn.read_files import may_replace
 from pipeline.console.options import (
     EffectsOption,
     ExamOption,
@@ -57,7 +58,7 @@ class Inputs:
         output: Path | None = None,
         *,
         over_model: bool = False,
-        adding: str | None = None,
+        adding: str = "",
         choosing: bool = True,
     ) -> "Iterator[tuple[CheckedStudy, Say]]":
         """Look at the outputs, read everything, and go on with what is said meanwhile; a wrong recording ends it.
@@ -74,17 +75,22 @@ class Inputs:
             InputError: an output cannot be written or would replace an input, or an input cannot be used.
             typer.Exit: a recording is not what it says it is; that was told, and no effect is named.
         """
-        kept = [] if over_model and output is not None and output.resolve() == self.model.resolve() else [self.model]
+        over = over_model and (output is None or output.resolve() == self.model.resolve())
+        kept = [] if over and output is not None else [self.model]
         own = [self.effects] if self.effects is not None else []
         check_outputs(output, report, json_file, inputs=[*kept, *self.recordings, *own])
+        if over:
+            may_replace(self.model)
         with stopped_if_wrong(json_file), spinner() as say:
-            yield self.read(adding, choosing=choosing), say
+            given = self.read(adding, choosing=choosing)
+            check_outputs(output, report, json_file)  # what the inputs named is known now
+            yield given, say
 
-    def read(self, adding: str | None = None, *, choosing: bool = True) -> "CheckedStudy":
+    def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
         """Read everything that a study needs, and ask whether the recordings are what they say they are.
 
         Args:
-            adding: name of an effect that the model is about to get.
+            adding: effects that the model is about to get.
             choosing: whether effects are chosen from the catalogue; a study without it is faster.
 
         Raises:

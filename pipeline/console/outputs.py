@@ -5,6 +5,7 @@ from pathlib import Path
 
 from armdyn.atomic import is_stream
 from armdyn.errors import InputError
+from armdyn.read_files import refuse_to_replace
 
 
 def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
@@ -30,6 +31,7 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
         if target in taken:
             raise InputError(f"{file} is {taken[target]}: choose another file to write")
+        refuse_to_replace(file)
         taken[target] = "also to be written as something else"
         if directory:
             raise InputError(f"{file} is a directory: give the file to write")

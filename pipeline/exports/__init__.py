@@ -50,14 +50,14 @@ class Written:
     missing: "LeftOut | None"
 
 
-def write_export(file: "ModelFile", output: Path, name: str, *, force: bool = False) -> Written:
+def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool = False) -> Written:
     """Write a model for other tools, unless the file would lack much of what a repair found.
 
     Args:
         file: the model, with its history.
         output: to write; its ending says the format.
         name: of the model, for the file's first line.
-        force: write it all the same.
+        incomplete: write it all the same.
 
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
@@ -66,7 +66,7 @@ def write_export(file: "ModelFile", output: Path, name: str, *, force: bool = Fa
 
     made = format_of(output)
     missing = left_out(file, made.held(file.model))
-    refused = missing is not None and missing.matters and not force
+    refused = missing is not None and missing.matters and not incomplete
     text, notes = made.text(file, output, f"{made.kind} of {name}")
     if not refused:
         atomic.write_text(output, text)

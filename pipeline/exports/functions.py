@@ -23,9 +23,11 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import Format
-from pipeline.exports.parts import SENSOR, background_left_over, left_over
+from pipeline.exports.parts import background_left_over, left_over
 
 PENDULUM_SENSOR = "sensor"
+LATE = "torque_delay"
+"""The effect that no function of one instant has."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def functions_of(model: Model) -> tuple[list[Function], list[str]]:
 
 
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
-    from armdyn.arm.symbolic import inverse_dynamics_function
+    from armdyn.arm.symbolic import DRIVE, drive_command_function, inverse_dynamics_function
 
     per = ", ".join(
         f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True)
@@ -75,13 +77,27 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     small = [effect for effect in model.effects if effect.name not in named and effect.reach != "base"]
     lacking = {effect.name for effect in small if compose_joint([effect]).remembers}
     held = {effect.name for effect in model.effects} - lacking
-    found = Function(
-        inverse_dynamics_function(model.with_only(held)),
-        "Torques that the drives give during a motion; dry friction has the sign of v.",
-        {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"},
-        {"tau": "torques, N m (forces, N, of joints that slide)"},
-    )
-    return [found], left_over(model, held - SENSOR, "a function", symmetric=False)
+    kept = model.with_only(held)
+    motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}
+    unit = "N m (forces, N, of joints that slide)"
+    found = [
+        Function(
+            inverse_dynamics_function(kept),
+            "Torques that the drives give during a motion; dry friction has the sign of v.",
+            motion,
+            {"tau": f"torques, {unit}"},
+        )
+    ]
+    if held & DRIVE:
+        found.append(
+            Function(
+                drive_command_function(kept),
+                "What the drives are told, or read, while they give these torques: with their gains and offsets.",
+                motion,
+                {"command": f"torques to command, {unit}"},
+            )
+        )
+    return found, left_over(model, held - {LATE}, "a function", symmetric=False)
 
 
 def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
@@ -208,7 +224,7 @@ def _written(
 
 
 def _held(model: Model) -> frozenset[str]:
-    return frozenset(effect.name for effect in model.effects) - SENSOR
+    return frozenset(effect.name for effect in model.effects) - {LATE}
 
 
 def _compile(_: Model, output: Path) -> str:

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, joint_axes
+from armdyn.arm.symbolic import drive_readings
 from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, need_body, parts_of
 from urdf.write import numbers_text
@@ -39,12 +40,23 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     bodies = _add_bodies(world, model, parts)
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
-    actuators = ET.SubElement(root, "actuator")
-    for joint, effort in zip(parts.joints, arm.effortLimit.tolist(), strict=True):
-        limited = {"ctrlrange": f"{-effort!r} {effort!r}"} if np.isfinite(effort) else {}
-        ET.SubElement(actuators, "motor", {"name": joint.name, "joint": joint.name, **limited})
+    _add_drives(root, model, parts)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
+
+
+def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
+    """A drive for every joint: the torque that its command gives is (command - offset) / gain."""
+    actuators = ET.SubElement(root, "actuator")
+    limits = model.arm.model.effortLimit.tolist()
+    for joint, effort, (gain, offset) in zip(parts.joints, limits, drive_readings(model), strict=True):
+        told, kind = {"name": joint.name, "joint": joint.name}, "motor"
+        if gain != 1.0 or offset:
+            told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
+            kind = "general"
+        if np.isfinite(effort):
+            told["ctrlrange"] = f"{offset - gain * effort!r} {offset + gain * effort!r}"
+        ET.SubElement(actuators, kind, told)
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:

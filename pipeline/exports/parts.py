@@ -17,17 +17,15 @@ HELD = {
     "mujoco": LINKS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
-        "gravity_spring", "joint_spring",
+        "gravity_spring", "joint_spring", "torque_offset", "torque_gain",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
 WHY = {
-    "torque_offset": "belongs to the torque sensor, not to the arm",
-    "torque_gain": "belongs to the torque sensor or the motor's constant, not to the arm",
+    "torque_offset": "belongs to the drive's command, not to the arm",
+    "torque_gain": "belongs to the drive's command, not to the arm",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
-SENSOR = frozenset(WHY)
-"""Of a reading, not of the arm: a simulator that had them would be wrong."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.errors import InputError
 from armdyn.mcap_run import SIDECAR_RECORD
+from armdyn.read_files import reading
 from urdf.bounds import LARGEST_BAG, LARGEST_CHUNK, LARGEST_CONTENT, MIB
 
 
@@ -213,6 +214,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
         database = sqlite3.connect(":memory:")
         database.deserialize(_expanded(read_bytes(file, LARGEST_BAG)))
     else:
+        reading(file)
         database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
     try:
         database.execute("PRAGMA trusted_schema = OFF")

@@ -106,6 +106,9 @@ class Excitation:
     tried: int
     torque: Array
 
+    def __repr__(self) -> str:
+        return f"Excitation: {self.motion}, {self.check.sentence}"
+
     @property
     def motion(self) -> Run:
         """The motion as a run, with q, v and a of every joint: write it with `write_run_csv`, play it, record it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,8 @@ FRESH = 0.05
 """Oldest joint state with which a command may be sent [s]."""
 GAP = 0.05
 """Silence after which a stream of commands is a new one [s]."""
+SOONEST = 1e-6
+"""Least time that is taken to lie between two commands [s]: a clock may show the same twice."""
 NEAR = 1e-6
 """How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
 TOLERANCE = 1e-3
@@ -174,20 +176,25 @@ class LineGate:
 class StreamGate(Gate):
     """Judges the next command against the ones before it and against where the arm is now.
 
-    What leaves is a sequence of positions, so positions are judged: their first, second and third differences are the
-    velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as feed-forward are
-    held against the same limits. Arguments as for `Gate`.
+    What leaves is a sequence of positions, so positions are judged: their first, second and third divided differences
+    are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as
+    feed-forward are held against the same limits. A command that comes early is judged by the time since the one
+    before; one that comes late as if it had come after a cycle: for that it was made, and so the arm went on meanwhile.
+    Arguments as for `Gate`.
     """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         super().__init__(names, limits)
         self._last: list[Array] = []
+        self._spacings = [PERIOD] * 3
         self._sent = -np.inf
 
     @property
     def at_rest(self) -> bool:
         """Whether the last two commands were the same posture."""
-        return len(self._last) < 2 or bool(np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * PERIOD))
+        return len(self._last) < 2 or bool(
+            np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * self._spacings[-1])
+        )
 
     def begins(self, now: float) -> bool:
         """Whether the next command begins a stream, from rest [s]."""
@@ -204,10 +211,11 @@ class StreamGate(Gate):
             now: [s], on the clock of the state.
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
-        refusal = refusal or self._continued(q, v, a)
+        spacings = [*self._spacings[-2:], min(max(now - self._sent, SOONEST), PERIOD)] if self._last else [PERIOD] * 3
+        refusal = refusal or self._continued(q, v, a, np.array(spacings))
         if refusal is None:
             self._last = [*self._last[-2:], np.array(q, dtype=float)] if self._last else [np.array(q, dtype=float)] * 3
-            self._sent = now
+            self._spacings, self._sent = spacings, now
         return refusal
 
     def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
@@ -229,11 +237,17 @@ class StreamGate(Gate):
         moving = self._most(Withheld.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
         return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
 
-    def _continued(self, q: Array, v: Array, a: Array) -> Refusal | None:
+    def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
         """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""
         path = np.array([*self._last[-3:], q]) if self._last else np.array([q] * 4)
-        velocity, acceleration, jerk = (
-            np.abs(np.diff(path, n=order, axis=0)[-1]) / PERIOD**order for order in (1, 2, 3)
+        velocities = np.diff(path, axis=0) / spacings[:, None]
+        accelerations = np.diff(velocities, axis=0) / (0.5 * (spacings[1:] + spacings[:-1]))[:, None]
+        jerk = np.abs(accelerations[1] - accelerations[0]) / np.mean(spacings)
+        refusal = self._beyond(
+            q, np.maximum(np.abs(velocities[-1]), np.abs(v)), np.maximum(np.abs(accelerations[-1]), np.abs(a))
         )
-        refusal = self._beyond(q, np.maximum(velocity, np.abs(v)), np.maximum(acceleration, np.abs(a)))
-        return refusal or self._most(Withheld.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
+        refusal = refusal or self._most(Withheld.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
+        early = spacings[-1] < (1.0 - TOLERANCE) * PERIOD
+        if refusal is None or not early:
+            return refusal
+        return replace(refusal, detail=f"{refusal.detail}, {1e3 * spacings[-1]:.3g} ms after the command before")

@@ -16,6 +16,7 @@ from armdyn.errors import TaskFailedError
 from armdyn.faults import without_spikes
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
+from armdyn.pendulum.dynamics import STATE_SIZE
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
@@ -162,12 +163,15 @@ class SacNode:
         """Compute once what `step` computes, on a gripper that stands: the first time takes longer than a cycle."""
         model = self._estimator.model
         rollout = model.rollout(fixed_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
-        self._control.act(SacState(1.0, 0.0, 0.0, rollout.states[-1], self._length_column(rollout)), model)
+        self._control.act(SacState(1.0, 0.0, 0.0, *self._load(rollout)), model)
 
-    def _length_column(self, rollout: Rollout) -> np.ndarray:
-        """(2,) derivative of the last state with respect to the length."""
-        column: np.ndarray = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
-        return column
+    def _load(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) last angle and momentum, and (2,) their derivatives with respect to the length.
+
+        What effects remember follows them; SAC holds it as it was when the run began.
+        """
+        column = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
+        return rollout.states[-1, :STATE_SIZE], column[:STATE_SIZE]
 
     def begin(self, now: float) -> None:
         """Kick, then inform."""
@@ -195,16 +199,7 @@ class SacNode:
         self._measurement.update_path()
         rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
-        action = self._control.act(
-            SacState(
-                time=now - start,
-                x=here.s,
-                v=here.v,
-                pendulum=rollout.states[-1],
-                sensitivity=self._length_column(rollout),
-            ),
-            model,
-        )
+        action = self._control.act(SacState(now - start, here.s, here.v, *self._load(rollout)), model)
         if not np.isfinite(action.schedule).all():
             raise TaskFailedError(f"the action chosen at {now:.2f} s is not a number: check the model")
         self.actions.append(action)

@@ -151,7 +151,7 @@ class Bridge(Closing):
             raise InputError("ROS needs the package 'websockets': run pip install 'armdyn[ros]'") from error
         try:
             address = parse_uri(self.uri)
-        except InvalidURI as error:
+        except (InvalidURI, ValueError) as error:  # a port of five nines, half of an IPv6 address
             raise InputError(f"'{self.uri}' is not the address of a rosbridge: write ws://HOST:9090") from error
         if address.secure:
             raise InputError(f"{self.uri}: encrypted connections are not supported: write ws://HOST:PORT")
@@ -168,7 +168,8 @@ class Bridge(Closing):
                     raise TimeoutError(0, f"its greeting takes longer than {CONNECTING:g} s")
                 self._socket.settimeout(left)
                 self._feed(self._read())
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # a name that no name server takes
+            error = error if isinstance(error, OSError) else OSError(0, "no host has such a name")
             raise InputError(
                 f"{self.uri}: no rosbridge answers there ({error.strerror or error}): start it with 'roslaunch "
                 "rosbridge_server rosbridge_websocket.launch' and check host, port and network"

@@ -34,6 +34,7 @@ from pipeline.nodes.task import TaskNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import Vector
 from pipeline.trial.ending import Ending, come_to_rest, sentence_of_signal
+from pipeline.trial.moves import sweep
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
@@ -121,9 +122,15 @@ class Experiment:
         self.phases: list[PhaseSpan] = []
         self.interrupted: int | None = None
         limits, model = LineLimits.from_table(table), settings.starting_model()
-        if settings.motion is not None:
-            check = CheckSettings(load_mass=settings.mass)
-            check_line(table, description, settings.motion, check).require_feasible("the motion")
+        # A motion begins where the arm stands, not where its file says: so it is checked, and so it is run.
+        given, check = settings.motion, CheckSettings(load_mass=settings.mass)
+        self._motion = None if given is None else replace(given, s=given.s + (begin - given.s[0]))
+        if self._motion is not None:
+            check_line(table, description, self._motion, check).require_feasible(
+                "the motion, from where the arm stands,"
+            )
+        elif settings.estimate:  # SAC goes anywhere on the line
+            check_line(table, description, sweep(table), check).require_feasible("the line, along which SAC moves,")
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(robot, description, recorder, FaultDetector(rig.cell), noise, settings.mass)
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
@@ -206,14 +213,13 @@ class Experiment:
         """Move so that the load cell tells the length: as SAC chooses, or along the motion that was given."""
         c = self.settings
         self.estimator.begin(self._robot.time)
-        if c.motion is None:
+        if self._motion is None:
             self.sac.begin(self._robot.time)
             self._run(Phase.LEARN, 0.05, c.estimation_time)
             self.sac.end()
         else:
-            here = self.drive.state.s - c.motion.s[0]  # the last motion may have ended a little aside
-            self.drive.play(replace(c.motion, s=c.motion.s + here))
-            self._run(Phase.LEARN, 0.05, float(c.motion.time[-1]) + 1.0, lambda: self.drive.at_rest)
+            self.drive.play(self._motion)
+            self._run(Phase.LEARN, 0.05, float(self._motion.time[-1]) + 1.0, lambda: self.drive.at_rest)
         self.estimator.end()
         self._require_estimate()
 

@@ -6,16 +6,19 @@ A trial that is killed leaves what the user had as it was, and its recording in 
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from armdyn.errors import InputError
+from armdyn.read_files import refuse_to_replace
 
 UNFINISHED = "unfinished-"
 LOCK = ".lock"
 OF_THE_LAST = ("report.html", "swing.png", "swing.gif")
 """What is made from a recording: of an older one it must not stand beside a new one."""
+OF_A_TRIAL = (*OF_THE_LAST, "model.toml", "trial.*", "experiment_*")
+"""Patterns of all that a trial writes."""
 MOST = 1000
 """Trials at once that write beside each other."""
 
@@ -63,16 +66,19 @@ def _move(folder: Path, out: Path) -> None:
 
 
 @contextmanager
-def own_folder(given: Path | None, usual: Path, what: str = "trial") -> Iterator[Path]:
+def own_folder(
+    given: Path | None, usual: Path, what: str = "trial", writes: Iterable[str] = OF_A_TRIAL
+) -> Iterator[Path]:
     """The folder that this process alone writes to, until the block ends.
 
     Args:
         given: by the user; None for the usual one, or where another trial writes there, that with a number.
         usual: such as ``out/trial``, then ``out/trial-2``.
         what: writes there, for the message.
+        writes: patterns of the names of what it writes.
 
     Raises:
-        InputError: another trial writes to the given folder, or it cannot be written to.
+        InputError: another trial writes to the given folder, it cannot be written to, or would lose what was read.
     """
     choices = [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MOST))]
     for folder in choices:
@@ -81,6 +87,8 @@ def own_folder(given: Path | None, usual: Path, what: str = "trial") -> Iterator
             descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
         try:
             if _locked(descriptor):
+                for old in (file for pattern in writes for file in folder.glob(pattern)):
+                    refuse_to_replace(old)
                 yield folder
                 return
         finally:

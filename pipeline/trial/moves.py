@@ -22,6 +22,10 @@ LINE_SPEED = 0.1
 """Largest speed in the rehearsal [m/s]."""
 SHORTEST = 2.0
 """Least time of one such motion [s]: the load shall not begin to swing."""
+LOOKED_AT = 0.02
+"""Spacing of the postures that are looked at along the line [m]; the check looks between them, too."""
+FASTEST_SHARE = 1.875
+"""Largest speed of a minimum-jerk motion, as a share of its mean [1]."""
 FORERUN = 0.2
 """How far a trial moves away from the box while it learns and swings back, at most [m]."""
 
@@ -43,6 +47,15 @@ def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
     return JointTrajectory(
         time, start + np.outer(share, way), np.outer(speed, way), np.outer(acceleration, way), arm.joint_names
     )
+
+
+def sweep(table: LineTable) -> LineTrajectory:
+    """Slowly from one end of the line to the other: every posture that it has, `LOOKED_AT` apart at most."""
+    begin, end = float(table.s[0]), float(table.s[-1])
+    u = np.linspace(0.0, 1.0, int(np.ceil(FASTEST_SHARE * (end - begin) / LOOKED_AT)) + 1)
+    duration = FASTEST_SHARE * (end - begin) / LINE_SPEED
+    share, speed, acceleration = ((end - begin) * x for x in minimum_jerk(u, duration))
+    return LineTrajectory(duration * u, begin + share, speed, acceleration)
 
 
 def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
@@ -103,7 +116,7 @@ def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture
 
 def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
     """Sample times [s] of a minimum-jerk motion over a way, and the share of its time that has passed."""
-    duration = max(SHORTEST, 1.875 * way / fastest)
+    duration = max(SHORTEST, FASTEST_SHARE * way / fastest)
     count = int(np.ceil(duration / PERIOD))
     number = np.arange(count + 1, dtype=float)
     return PERIOD * number, number / count

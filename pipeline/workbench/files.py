@@ -20,6 +20,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
+from armdyn.read_files import may_replace
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
 from pipeline.console.inputs import Inputs
@@ -79,6 +80,7 @@ class Writable:
             raise InputError(f"{file} is there already: choose another name, or tick 'write over'")
         if not target.is_file() or self._written.get(target) != _digest(target):
             raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
+        may_replace(target)
 
     def note(self, file: Path) -> None:
         """A page has written this file."""
@@ -328,7 +330,7 @@ def keep(
         if written.missing is not None:
             notes.append(written.missing.sentence)
         if written.refused:
-            again = shlex.join(["armdyn", "export", str(model), "--output", str(exported), "--force"])
+            again = shlex.join(["armdyn", "export", str(model), "--output", str(exported), "--incomplete"])
             notes.append(f"{exported} is not written; to write it all the same: {again}")
         else:
             files.append(exported)

@@ -8,6 +8,7 @@ import pytest
 import armdyn
 from armdyn.channels import SampleError
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.run import write_run_csv
 from ik.errors import UnreachableError
 
 
@@ -62,9 +63,9 @@ def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path):
     with pytest.raises(armdyn.InputError, match="there already"):
         armdyn.export(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), target)
     notes = armdyn.export(
-        armdyn.arm.arm_model(robot="ur5", effects=[armdyn.CATALOGUE["torque_offset"]]), tmp_path / "a.xml"
+        armdyn.arm.arm_model(robot="ur5", effects=[armdyn.CATALOGUE["torque_delay"]]), tmp_path / "a.xml"
     )
-    assert any("torque_offset" in note for note in notes)
+    assert any("torque_delay" in note for note in notes)
 
 
 def test_a_motion_to_record_is_a_run():
@@ -120,3 +121,23 @@ def test_an_error_comes_whole_out_of_another_process(error):
     assert type(again) is type(error)
     assert str(again) == str(error)
     assert vars(again) == vars(error)
+
+
+def test_one_path_is_one_recording_and_effects_are_added_by_name(swing, tmp_path):
+    model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
+    write_run_csv(swing("a", 0), tmp_path / "a.csv")
+    for path in (tmp_path / "a.csv", str(tmp_path / "a.csv")):
+        assert [run.name for run in armdyn.compare(model, path).fit.problem.runs] == ["a.csv"]
+    found = armdyn.add(model, "linear_drag+quadratic_drag", tmp_path / "a.csv")
+    assert [effect.name for effect in found.model.effects] == ["linear_drag", "quadratic_drag"]
+    assert armdyn.add(model, armdyn.CATALOGUE["linear_drag"], swing("a", 0)).model.effects[0].name == "linear_drag"
+    with pytest.raises(UnknownNameError, match="linear_drag"):
+        armdyn.add(model, "linear_drog", swing("a", 0))
+
+
+def test_results_are_printed_in_a_line(swing):
+    model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
+    run = swing("a", 0)
+    for found in (armdyn.compare(model, run), armdyn.inspect(run), armdyn.add(model, "linear_drag", run)):
+        assert repr(found).startswith(type(found).__name__)
+        assert len(repr(found)) < 500

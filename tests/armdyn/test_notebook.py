@@ -78,6 +78,7 @@ def test_a_plot_shows_what_was_measured_and_predicted(results, runs):
     assert rms["as given"] > 1.5 * rms["repaired"]
     assert [button.label for button in figure.layout.updatemenus[0].buttons] == ["a.csv", "b.csv"]
     assert figure.layout.yaxis.title.text == "load_force [N]"
+    assert "measured" in figure._repr_mimebundle_()["text/html"]  # what 'nbconvert' keeps of it
 
 
 def test_a_fitted_model_is_plotted_against_recordings(results, runs):

@@ -64,7 +64,7 @@ CASES = {
     "add_and_export_arm": [
         "add ur5.toml joint_viscous_friction ur5/sweep_1.csv --output M.toml --report R --json J",
         "export M.toml --output model.urdf --json J",
-        "export M.toml --output model.xml --force --json J",
+        "export M.toml --output model.xml --incomplete --json J",
     ],
     "next": [
         "next pendulum.toml swing_1.csv --rivals linear_drag,quadratic_drag --seconds 5 --output motion.csv"

@@ -177,6 +177,9 @@ class FeasibilityReport:
     margins: tuple[Margin, ...]
     series: tuple[Bounded, ...]
 
+    def __repr__(self) -> str:
+        return f"FeasibilityReport: {self.sentence}"
+
     @classmethod
     def of(cls, series: Iterable[Bounded]) -> FeasibilityReport:
         """Judge values against their bounds."""

@@ -126,7 +126,7 @@ class RosRobot(Closing):
             self.bridge.publish(self._topics.speed_ratio, {"data": 1.0})
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """See `RobotInterface`: send one posture, if it passes the gate.
+        """See `RobotInterface`: send one posture, a cycle after the last one at the earliest, if it passes the gate.
 
         Raises:
             TaskFailedError: it was withheld, or an earlier one was; the arm is brought to rest.
@@ -134,6 +134,8 @@ class RosRobot(Closing):
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
             self._states.wait_for_younger(lambda: self.time - FRESH + JUDGED, PATIENCE)
+            if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
+                self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
         with self._lock:
             if self._ended is None:
                 self._braking.clear()
@@ -309,7 +311,7 @@ class RosRobot(Closing):
         brake, due = Brake(start, self._description.limits), self.time
         for cycle in range(1, round((brake.duration + HELD) / PERIOD) + 1):
             q, v, a = brake.at(cycle * PERIOD)
-            due += PERIOD
+            due = PERIOD + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)
             with self._lock:
                 if self._closing.is_set() or not self._braking.is_set():

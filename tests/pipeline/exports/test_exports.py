@@ -26,12 +26,12 @@ from armdyn.pendulum.model import pendulum_model
 from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD, SENSOR
+from pipeline.exports.parts import HELD
 from pipeline.exports.urdf_file import urdf_text
 
 from .conftest import by_formulas, states, with_effects
 
-IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name not in SENSOR]
+IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
 IN_MUJOCO = sorted(HELD["mujoco"] - {"joint_asymmetric_friction"})
 
 
@@ -117,6 +117,26 @@ def test_meshes_are_found_from_the_new_files_folder(tmp_path):
     assert 'filename="../robot/meshes/arm.stl"' in text
 
 
+def test_gain_and_offset_of_a_drive_go_with_its_command(bare_arm, tmp_path):
+    """Told what the function says, MuJoCo's drive gives the torque that the motion takes."""
+    model = with_effects(bare_arm, ["link_inertia", "torque_gain", "torque_offset"])
+    module = imported_module(python_text(functions_of(model)[0], "an arm"), tmp_path / "drives.py")
+    q, v, a = states(model, 20)
+    torques, commands = module.inverse_dynamics(q, v, a), module.drive_command(q, v, a)
+    gains, offsets = (
+        np.array([model.parameters[f"{name}[{joint}]"].value for joint in model.joints])
+        for name in ("torque_gain.error", "torque_offset.torque")
+    )
+    np.testing.assert_allclose(commands, (1.0 + gains) * torques + offsets, atol=1e-12)
+    compiled = mujoco.MjModel.from_xml_string(mujoco_text(model)[0])
+    compiled.actuator_ctrllimited[:] = 0
+    data = mujoco.MjData(compiled)
+    for state, torque, command in zip(q, torques, commands, strict=True):
+        data.qpos[:], data.ctrl[:] = state, command
+        mujoco.mj_forward(compiled, data)
+        np.testing.assert_allclose(data.qfrc_actuator, torque, atol=1e-9)
+
+
 @pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 def test_c_code_computes_what_the_model_says(bare_arm, tmp_path, armdyn):
     model = with_effects(bare_arm, IN_FUNCTIONS)
@@ -192,9 +212,10 @@ def test_what_a_format_cannot_hold_is_named(bare_arm):
     told = " ".join(notes)
     assert "their mean is used" in told
     assert "joint_stribeck_friction" in told
-    assert "torque_offset" in told
-    assert "belongs to the torque sensor" in told
-    assert [note.partition(" ")[0] for note in functions_of(model)[1]] == ["torque_offset"]
+    assert "torque_offset" not in told
+    assert functions_of(model)[1] == []
+    late = with_effects(bare_arm, ["torque_delay"])
+    assert all("belongs to the torque sensor" in notes[0] for notes in (functions_of(late)[1], mujoco_text(late)[1]))
     one_joint = model.with_only(["joint_asymmetric_friction"])
     q, v, a = states(one_joint, 5)
     ours = np.array([by_formulas(one_joint, *state) for state in zip(q, v, a, strict=True)])
@@ -238,14 +259,14 @@ def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
 
 
 def test_what_a_format_cannot_hold_of_a_background_is_counted_in_one_sentence(bare_arm, tmp_path):
-    small = ["torque_offset", "joint_load_friction"]
+    small = ["torque_delay", "joint_load_friction"]
     model, _ = with_background(bare_arm, ["joint_viscous_friction"], small, [bristle])
     n = len(model.joints)
     counted = f"{2 * n} of the background of {3 * n} small values"
     functions, notes = functions_of(model)
-    assert notes == [f"{counted} (torque_offset, bristle): a function has no place for them"]
+    assert notes == [f"{counted} (torque_delay, bristle): a function has no place for them"]
     q, v, a = (x[0] for x in states(model, 1))
-    rest = model.without_effect("bristle").without_effect("torque_offset")
+    rest = model.without_effect("bristle").without_effect("torque_delay")
     np.testing.assert_allclose(functions[0].function(q, v, a).full().ravel(), by_formulas(rest, q, v, a), atol=1e-9)
     assert sum(note.startswith(f"{3 * n} of the background of") for note in urdf_text(model, tmp_path)[1]) == 1
     answer = parameters_answer(ModelFile(model, {}))

@@ -151,16 +151,16 @@ def test_a_report_of_any_joint_name_holds_no_element_of_it(name, tmp_path, armdy
     assert not {attribute for attribute in found.attributes if attribute.startswith("on")}
 
 
-OFFSET = "torque_offset"
+LATE = "torque_delay"
 
 
 def repaired(file, offset):
-    """A model file with an offset and a spring, as a repair leaves it."""
-    model = arm_model(robot="ur5").with_effect(CATALOGUE["joint_spring"]).with_effect(CATALOGUE[OFFSET])
+    """A model file with a delay and a spring, as a repair leaves it."""
+    model = arm_model(robot="ur5").with_effect(CATALOGUE["joint_spring"]).with_effect(CATALOGUE[LATE])
     joint = f"tau.{model.joints[1]}"
     history = (
         {"added": "joint_spring", "rmse": {joint: 1.0}, "contribution": {joint: 9.0}, "as_given_rmse": {joint: 10.0}},
-        {"added": OFFSET, "rmse": {joint: 0.1}, "contribution": {joint: offset}},
+        {"added": LATE, "rmse": {joint: 0.1}, "contribution": {joint: offset}},
     )
     write_model_file(file, ModelFile(model, {"robot": "ur5", "joints": list(model.joints)}, history))
     return joint
@@ -178,7 +178,8 @@ def test_more_than_a_twentieth_of_what_the_repair_removed_is_not_left_out_withou
     said = json.loads(answer.read_text())
     assert said["error"] == {joint: offset}
     assert said["share_of_removed_error"] == pytest.approx(offset / 10.0, rel=1e-2)
-    again, out, _ = armdyn(*asked, "--force")
+    assert armdyn(*asked, "--force")[0] == status  # which writes over what is there, and no more
+    again, out, _ = armdyn(*asked, "--incomplete", "--force")
     assert again == 0
     assert exported.exists()
     assert f"{offset:g} N m on {joint[4:]}" in out
@@ -187,18 +188,18 @@ def test_more_than_a_twentieth_of_what_the_repair_removed_is_not_left_out_withou
 def test_a_file_that_holds_everything_leaves_nothing_out(tmp_path):
     repaired(tmp_path / "m.toml", 5.0)
     file = read_model_file(tmp_path / "m.toml")
-    assert left_out(file, {"joint_spring", OFFSET}) is None
-    assert left_out(file, {OFFSET}).total == pytest.approx(9.0)
+    assert left_out(file, {"joint_spring", LATE}) is None
+    assert left_out(file, {LATE}).total == pytest.approx(9.0)
 
 
 def test_what_an_offset_does_is_the_offset():
     baxter = arm_model(
         robot="baxter", joints=["right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2"]
     )
-    study = Study(baxter.with_effect(CATALOGUE[OFFSET]), [generate(OFFSET, 1.0, 3)], [], [])
+    study = Study(baxter.with_effect(CATALOGUE["torque_offset"]), [generate("torque_offset", 1.0, 3)], [], [])
     fit = study.first()
-    for channel, value in fit.contribution([OFFSET]).items():
-        offset = fit.values[list(fit.problem.of([f"{OFFSET}.torque[{channel[4:]}]"])).index(True)]
+    for channel, value in fit.contribution(["torque_offset"]).items():
+        offset = fit.values[list(fit.problem.of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]
         assert value == pytest.approx(abs(offset), rel=1e-6)
         assert np.isfinite(value)
 

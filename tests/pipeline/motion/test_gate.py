@@ -176,6 +176,16 @@ def test_a_command_is_held_against_the_limits(gate, step, v, a, reason):
     assert judge(gate, [step, 0.0], [v, 0.0], [a, 0.0], state=at(REST, 0.05), now=5 * PERIOD) is reason
 
 
+def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_between_its_commands(gate):
+    said = [gate.judge(*smooth(k), at(smooth(k)[0], k * PERIOD / 10), k * PERIOD / 10) for k in range(40)]
+    first = next(refusal for refusal in said if refusal is not None)
+    assert "1 ms after the command before" in first.sentence
+
+
+def test_a_command_that_comes_late_is_judged_as_if_it_had_come_on_time(moving):
+    assert judge(moving, *smooth(40), now=39 * PERIOD + 0.03) is None
+
+
 def test_a_refusal_names_joint_and_values(gate):
     judge(gate, REST)
     assert "a: 2 of 1.5 rad/s" in gate.judge(np.array([0.02, 0.0]), REST, REST, at(REST, 0.01), 0.01).sentence

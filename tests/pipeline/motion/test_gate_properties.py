@@ -24,7 +24,7 @@ asked = st.fixed_dictionaries(
         "other": st.one_of(st.none(), st.none(), st.none(), NUMBERS),  # in place of that, for one joint
         "v": st.one_of(st.none(), st.none(), NUMBERS),
         "a": st.one_of(st.none(), st.none(), NUMBERS),
-        "wait": st.sampled_from([PERIOD] * 12 + [0.03, 0.049, 0.051, 0.5]),
+        "wait": st.sampled_from([PERIOD] * 12 + [0.0, 1e-4, 1e-3, 0.007, 0.03, 0.049, 0.051, 0.5]),
         "age": st.sampled_from([0.0] * 9 + [0.04, 0.06, math.nan]),
         "times": st.sampled_from([1, 1, 2, 4, 8]),
         "behind": st.sampled_from([0.0] * 8 + [0.01, 0.19, 0.21, math.nan]),
@@ -36,12 +36,11 @@ asked = st.fixed_dictionaries(
 @given(st.lists(asked, min_size=1, max_size=30))
 def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
     gate = StreamGate(("a", "b"), LIMITS)
-    sent, at, now = [np.zeros(2)] * 3, 0.0, 0.0
+    sent, spacings, at, now = [np.zeros(2)] * 3, [PERIOD] * 3, 0.0, 0.0
     assert gate.judge(*sent, JointState(now, *sent), now) is None
     for wanted in (one for one in stream for _ in range(one["times"])):
         now += wanted["wait"]
-        change = np.diff(sent[-3:], n=2, axis=0)[0] + wanted["jerk"] * LIMITS.jerk * PERIOD**3
-        q = 2.0 * sent[-1] - sent[-2] + change
+        q = following(sent, spacings, min(max(now - at, 1e-6), PERIOD), wanted["jerk"])
         if wanted["other"] is not None:
             q = np.array([wanted["other"], q[1]])
         v, a = np.zeros(2), np.zeros(2)
@@ -61,11 +60,51 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
             assert standing  # a motion that paused does not go on
             assert np.all(np.abs(q - state.q) <= NEAR)
             assert np.all(np.abs(v) <= REST_SPEED)
-            sent = [q] * 3
-        sent = [*sent[-3:], q]
-        for order, bound in ((1, LIMITS.velocity), (2, LIMITS.acceleration), (3, LIMITS.jerk)):
-            assert np.all(np.abs(np.diff(sent, n=order, axis=0)[-1]) / PERIOD**order <= MORE * bound + 1e-6)
+            sent, spacings = [q] * 3, [PERIOD] * 3
+        sent, spacings = [*sent[-3:], q], [*spacings[-2:], min(max(now - at, 1e-6), PERIOD)]
+        assert_within_limits(sent, spacings)
+        if now > at:
+            assert np.all(np.abs(sent[-1] - sent[-2]) <= MORE * LIMITS.velocity * (now - at) + 1e-9)
         at = now
+
+
+def following(sent, spacings, spacing, jerk):
+    """The position that goes on from those before with a share of the limit of jerk, `spacing` s after the last."""
+    v, before = ((sent[-k] - sent[-k - 1]) / spacings[-k] for k in (1, 2))
+    a = (v - before) / (0.5 * (spacings[-1] + spacings[-2]))
+    a = a + jerk * LIMITS.jerk * np.mean([*spacings[-2:], spacing])
+    return sent[-1] + spacing * (v + 0.5 * (spacings[-1] + spacing) * a)
+
+
+def assert_within_limits(sent, spacings):
+    """The last of four positions or more, by divided differences over the time between them, s."""
+    h = np.array(spacings)
+    v = np.diff(sent[-4:], axis=0) / h[:, None]
+    a = np.diff(v, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
+    j = (a[1] - a[0]) / np.mean(h)
+    for value, bound in ((v[-1], LIMITS.velocity), (a[-1], LIMITS.acceleration), (j, LIMITS.jerk)):
+        assert np.all(np.abs(value) <= MORE * bound + 1e-6)
+
+
+@pytest.mark.parametrize("spacing", ["one cycle", "any"])
+def test_ten_thousand_commands_at_any_spacing_pass_only_within_the_limits(spacing):
+    """Streams that push towards the limits and beyond, judged by the time that really lies between commands."""
+    rng, passed = np.random.default_rng(3), 0
+    for _ in range(50):
+        gate, now = StreamGate(("a", "b"), LIMITS), 0.0
+        sent, spacings = [np.zeros(2)] * 3, [PERIOD] * 3
+        assert gate.judge(*[np.zeros(2)] * 3, JointState(0.0, *[np.zeros(2)] * 3), 0.0) is None
+        for _ in range(200):
+            h = PERIOD if spacing == "one cycle" else float(10 ** rng.uniform(-4.0, -2.0))
+            q = following(sent, spacings, h, rng.uniform(-1.3, 1.3, 2))
+            if rng.random() < 0.1:
+                q = sent[-1] + rng.normal(size=2) * 10.0 ** rng.uniform(-6.0, -1.0)
+            state = JointState(now + h, sent[-1], np.zeros(2), np.zeros(2))
+            if gate.judge(q, np.zeros(2), np.zeros(2), state, now + h) is None:
+                now, passed = now + h, passed + 1
+                sent, spacings = [*sent[-3:], q], [*spacings[-2:], h]
+                assert_within_limits(sent, spacings)
+    assert passed > 2000
 
 
 references = st.lists(

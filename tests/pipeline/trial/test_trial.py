@@ -6,6 +6,7 @@ from simulated_truth import gripper_truth
 
 from armdyn.run import read_run
 from pipeline.box import Box
+from pipeline.motion.transitions import minimum_jerk
 from pipeline.nodes.task import TaskSettings
 from pipeline.report.page import write_page
 from pipeline.robot.settings import PlantSettings
@@ -100,3 +101,16 @@ def test_an_infeasible_plan_never_moves_the_arm():
     assert result.stopped
     assert trial.experiment.task.started is None
     assert np.abs(trial.experiment.channel("reference.x").value).max() == 0.0
+
+
+def test_a_motion_is_checked_where_it_runs_not_where_its_file_says(armdyn, tmp_path):
+    """From -0.28 m the joints can follow, from where the arm stands they cannot: nothing moves."""
+    u = np.arange(71) / 70
+    share, speed, acceleration = (0.38 * x for x in minimum_jerk(u, 0.7))
+    columns = (0.7 * u, share - 0.28, speed, acceleration)
+    rows = "\n".join(",".join(f"{x:.12g}" for x in row) for row in zip(*columns, strict=True))
+    (tmp_path / "motion.csv").write_text(f"time [s],s [m],v [m/s],a [m/s^2]\n{rows}\n")
+    assert armdyn("check", "motion.csv", "--robot", "baxter")[0] == 0
+    status, _, err = armdyn("trial", "--motion", "motion.csv", "--out", "out")
+    assert status == 1
+    assert "the motion, from where the arm stands," in err

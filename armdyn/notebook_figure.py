@@ -1,0 +1,20 @@
+"""A plotly figure that a saved notebook still shows when it was made a page."""
+
+from typing import Any
+
+import plotly.graph_objects as go
+
+
+class KeptFigure(go.Figure):  # type: ignore[misc]
+    """A figure whose output holds HTML beside plotly's own form, which `nbconvert` and GitHub's viewers cannot draw."""
+
+    def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:
+        return {
+            "application/vnd.plotly.v1+json": self.to_plotly_json(),
+            "text/html": self.to_html(full_html=False, include_plotlyjs="cdn"),
+        }
+
+    def _ipython_display_(self) -> None:
+        from IPython.display import display
+
+        display(self._repr_mimebundle_(), raw=True)

@@ -1,0 +1,99 @@
+"""Files that a command has read, directly or not: nothing that it writes takes the place of one.
+
+A model names a URDF, a recording has a sidecar, a batch names models: whoever chooses an output cannot know them all,
+and no list of them is complete for long. Python tells an audit hook of every file that is opened; what other languages
+open is told by `reading`. Only a command keeps count; a program that writes over what it has read means to.
+
+The same hook keeps a command from waiting for ever at a named pipe, whoever opens it.
+"""
+
+import errno
+import os
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from armdyn.errors import InputError
+
+
+class _Opened:
+    """What one command has opened to read, and what of it may be written over."""
+
+    def __init__(self) -> None:
+        self.paths: set[str] = set()
+        self.free: set[tuple[int, int]] = set()
+
+
+_opened: _Opened | None = None
+_hooked = False
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if event != "open" or _opened is None:
+        return
+    path, _, flags = arguments
+    if isinstance(path, str | bytes) and not (flags or 0) & (os.O_WRONLY | os.O_RDWR):
+        with suppress(OSError, ValueError):  # the working directory is gone; a name with a null character
+            _opened.paths.add(str(Path(os.fsdecode(path)).absolute()))
+        if not os.fsdecode(path).startswith(("/dev/", "/proc/")):
+            _refuse_named_pipe(path)
+
+
+def _refuse_named_pipe(path: str | bytes) -> None:
+    """Raise an `OSError` for a pipe that has a name: whoever opens it waits until somebody else does."""
+    try:
+        named = stat.S_ISFIFO(os.stat(path).st_mode)  # noqa: PTH116 called for every file that is opened
+    except (OSError, ValueError):  # whoever opens it will say so
+        return
+    if named:
+        raise OSError(errno.EINVAL, "it is a named pipe, which may never be written to; give a file", path)
+
+
+@contextmanager
+def keeping_inputs() -> Iterator[None]:
+    """Keep count of what is read until the block ends, refuse to write over it, and open no named pipe."""
+    global _opened, _hooked
+    if not _hooked:
+        sys.addaudithook(_hear)
+        _hooked = True
+    before, _opened = _opened, _Opened()
+    try:
+        yield
+    finally:
+        _opened = before
+
+
+def reading(path: Path) -> None:
+    """Tell that a file is read by a library that is not Python."""
+    sys.audit("open", str(path), "rb", os.O_RDONLY)
+
+
+def may_replace(path: Path) -> None:
+    """Let a file be written over although it was read: it is the command's own, or its user asked for that."""
+    identity = _identity(path)
+    if _opened is not None and identity is not None:
+        _opened.free.add(identity)
+
+
+def refuse_to_replace(path: Path) -> None:
+    """Refuse to write over a file that was read, under whatever name.
+
+    Raises:
+        InputError: it was read.
+    """
+    identity = _identity(path)
+    if _opened is None or identity is None or identity in _opened.free:
+        return
+    if any(identity == _identity(read) for read in tuple(_opened.paths)):
+        raise InputError(f"{path} is an input, which was read: choose another file to write")
+
+
+def _identity(path: Path | str) -> tuple[int, int] | None:
+    """Device and number of a file, the same for all its names; None where there is none."""
+    with suppress(OSError, ValueError):
+        found = Path(path).stat()
+        return found.st_dev, found.st_ino
+    return None
