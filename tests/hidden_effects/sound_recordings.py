@@ -46,7 +46,8 @@ class Sound:
 
 
 @contextmanager
-def _gravity(plant: Plant, gravity: Gravity | None):
+def gravity_of(plant: Plant, gravity: Gravity | None):
+    """A plant in another gravity, in the frame of its base, m/s^2."""
     model = plant._model
     before = model.opt.gravity.copy()
     if gravity is not None:
@@ -103,7 +104,7 @@ def arm(
         sizes = 0.02 * plant.effort * rng.choice([-1.0, 1.0], len(plant.joints))
         truth = tuple(Hidden("torque_offset", j, offset=float(s)) for j, s in zip(plant.joints, sizes, strict=True))
     noise = rng.standard_normal((3, len(stamps), len(plant.joints)))
-    with _gravity(plant, tuple(down)):
+    with gravity_of(plant, tuple(down)):
         run = world.recorded(truth, noise, f"{robot} {real} {seed}")
     channels = dict(run.channels)
     _, v, _ = motion.at(stamps - drive.late)
