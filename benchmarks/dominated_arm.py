@@ -28,6 +28,7 @@ from imperfect_arm import JOINT_EFFECTS, exam_error
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import Effect
+from armdyn.identify.explained import RepairStep
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 
@@ -161,14 +162,24 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
         "what": f"{kind} {robot}", "kind": kind, "robot": robot, "seed": seed, "share": share, "seconds": seconds,
         "held_out": bool(held_out), "runs": len(train),
         "steps": [[list(step.added), list(step.joints)] for step in steps],
-        "led": bool(named) and set(named[0].added) == names
-        and (kind == "tilt" or set(named[0].joints) == set(joints[next(iter(names))])),
+        "led": _lead(named, {(name, joint) for name in names for joint in joints.get(name, [""])}),
         "frictions": told <= names | {*FRICTIONS, "link_inertia"},
         "exam_error": exam_error(mended.model, exam), "exam_named": exam_error(mended.named, exam),
         "exam_true": exam_error(truth.model, exam),
     }  # fmt: skip
     row["exam"] = row["exam_error"] / row["exam_true"]
     return row | {"model": row["exam"] <= CLOSE, "told": sorted(told)}
+
+
+def _lead(steps: Sequence[RepairStep], wanted: set[tuple[str, str]]) -> bool:
+    """Whether these effects come first, and nothing with them."""
+    left = set(wanted)
+    for step in steps:
+        here = {(effect, joint) for effect in step.added for joint in step.joints or ("",)}
+        if not left or not here <= left:
+            break
+        left -= here
+    return not left
 
 
 def main() -> None:

@@ -16,9 +16,8 @@ is. With m = 1 - noise variance / v_c, the variance of a mean square gives
     1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from math import lgamma, log
 
 import numpy as np
@@ -30,6 +29,7 @@ from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import Problem, transferred
 from armdyn.identify.sample_evidence import NOISY, misfit_of
 from armdyn.identify.study import Study
+from armdyn.identify.summed import HELD
 from armdyn.identify.sums import Sums
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
@@ -101,6 +101,14 @@ def find_background(
     return Background(width, values, found, covariance, tuple(_in_turn(study, linear, widths, found)))
 
 
+def sure_effects(
+    study: Study, named: Sequence[Candidate], sums: Sums, say: Callable[[str], None]
+) -> tuple[Candidate, ...]:
+    """Effects on one joint each that the evidence is sure of beside named ones; see the module."""
+    say("choosing all that is sure")
+    return tuple(_Linear(sums, named, study.candidates).sure())
+
+
 def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> tuple[Fit, np.ndarray]:
     """Named and small values, of (c,) `widths`, at the minimum of the whole model rather than of its expansion.
 
@@ -161,11 +169,12 @@ class _Linear:
         self.columns = np.flatnonzero(moved & p.fitted & ~p.is_effect | moved & told)
         self._always = len(self.columns)
         self.atoms: dict[Candidate, np.ndarray] = {}
-        for atom in chain.from_iterable(c.apart() for c in catalogue):
-            places = np.flatnonzero(moved & ~told & p.of(atom.names))
-            if len(places):
-                self.atoms[atom] = len(self.columns) + np.arange(len(places))
-                self.columns = np.append(self.columns, places)
+        apart = [atom for c in catalogue for atom in c.apart()]
+        places = {atom: np.flatnonzero(moved & ~told & p.of(atom.names)) for atom in apart}
+        for atom, own in places.items():
+            if len(own) and not self._is_held_by_simpler(atom, places):
+                self.atoms[atom] = len(self.columns) + np.arange(len(own))
+                self.columns = np.append(self.columns, own)
         C = self.columns
         self.typical = p.typical[C]
         self._lower, self._upper = ((bound - sums.values)[C] / self.typical for bound in (p.lower, p.upper))
@@ -177,6 +186,23 @@ class _Linear:
         self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
         self._variance, self._samples = self._measured()
         self._normals.clear()
+
+    def _is_held_by_simpler(self, atom: Candidate, places: Mapping[Candidate, np.ndarray]) -> bool:
+        """Whether effects of the same joint with fewer values do together all that one does.
+
+        Asymmetric friction is Coulomb friction and an offset.
+        """
+        own = places[atom]
+        simpler = [c for other, c in places.items() if other.joints == atom.joints and 0 < len(c) < len(own)]
+        if not simpler or not atom.joints:
+            return False
+        others = np.concatenate(simpler)
+        G = self.sums.gram[self.sums.training].sum(axis=0)
+        scale = 1.0 / np.sqrt(np.diag(G))[np.concatenate([own, others])]
+        G = G[np.ix_(np.concatenate([own, others]), np.concatenate([own, others]))] * np.outer(scale, scale)
+        k = len(own)
+        within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
+        return bool(np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < HELD))
 
     def _cut(self) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
         """Sums in typical sizes, (U,) the unit of `sums` that each is of, (U,) which are predicted together."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armdyn.identify.appraisal import HARM, Appraisal
+from armdyn.identify.background import sure_effects
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.choose import best_set, chosen, without_worthless
 from armdyn.identify.fit import Fit, converged
@@ -28,6 +29,31 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[Summed, list[
 
 
 def _told(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Leg]]:
+    appraiser, legs = _few_or_large(study, given, say)
+    last = _end(legs, given)
+    if study.leaves_noise(last.fit):
+        return appraiser, legs
+    every = _with_all_that_is_sure(study, given, legs, say)
+    return appraiser, every if study.predicts_to_noise(_end(every, given).fit) else legs
+
+
+def _with_all_that_is_sure(study: Study, given: Step, legs: list[Leg], say: Progress) -> list[Leg]:
+    """The way gone on to all that the evidence is sure of beside what was found.
+
+    One strong effect makes the frictions of all joints look like many small errors. Where only noise is left with them,
+    they are no errors.
+    """
+    last = _end(legs, given)
+    around = study.appraiser(last.fit, sparse=True)
+    present = around.within(last.effects)
+    beside = sure_effects(study, present, around.sums, say)
+    whole = without_worthless(around, around.of((*present, *beside)), around.given)
+    if set(present) <= set(whole.effects):
+        return [*legs, *_leg(study, around, whole, last, last.fit, present, together=True)]
+    return _leg(study, around, whole, given, last.fit, around.given)
+
+
+def _few_or_large(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Leg]]:
     appraiser, few = _to_the_end(study, given, say, sparse=True)
     if _few_explain_all(study, _end(few, given)):
         return appraiser, few
@@ -53,12 +79,18 @@ def _to_the_end(study: Study, given: Step, say: Progress, sparse: bool) -> tuple
 
 
 def _leg(
-    study: Study, appraiser: Summed, whole: Appraisal, last: Leg | Step, ahead: Fit, firm: Sequence[Candidate]
+    study: Study,
+    appraiser: Summed,
+    whole: Appraisal,
+    last: Leg | Step,
+    ahead: Fit,
+    firm: Sequence[Candidate],
+    together: bool = False,
 ) -> list[Leg]:
     """To a set from what was there last; none where that holds all of it."""
     if set(whole.effects) <= set(firm):
         return []
-    return [Leg(study, appraiser, whole, last.effects, ahead, tuple(firm))]
+    return [Leg(study, appraiser, whole, last.effects, ahead, tuple(firm), together)]
 
 
 def _few_explain_all(study: Study, last: Leg | Step) -> bool:

@@ -16,7 +16,7 @@ from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predict
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
-from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of, transferred, transferred_mask
+from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transferred, transferred_mask
 from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import ResidualTests, Score, residual_tests, scores
 from armdyn.identify.summed import Summed
@@ -159,14 +159,23 @@ class Study:
 
         The fitted model says how much noise there is: a heavy rotor makes more torque of the positions' noise.
         """
-        problem, noise = fit.problem, dict(fit.problem.noise)
-        for i, run in enumerate(problem.runs):
-            there = problem.model.noise(run, problem.theta(i, fit.values))
-            noise |= {(run.name, channel): std for channel, std in there.items()}
-        shares = []
-        for blocks in by_channel(fit.blocks).values():
-            left = np.concatenate([block.misfit / noise[block.run, block.channel] for block in blocks])
-            shares.append(noisy(len(left)) / max(float(np.mean(left**2)), 1.0))
+        return self._are_noise([fit])
+
+    def predicts_to_noise(self, fit: Fit) -> bool:
+        """Whether what a fit leaves is noise, see `leaves_noise`, in the held-out runs as well where such are given."""
+        return self.leaves_noise(fit) and not (self.held_out and not self._are_noise(self.held_out_predictions(fit)))
+
+    def _are_noise(self, fits: Sequence[Fit]) -> bool:
+        left: dict[str, list[np.ndarray]] = {}
+        for one in fits:
+            noise = dict(one.problem.noise)
+            for i, run in enumerate(one.problem.runs):
+                there = one.problem.model.noise(run, one.problem.theta(i, one.values))
+                noise |= {(run.name, channel): std for channel, std in there.items()}
+            for block in one.blocks:
+                left.setdefault(block.channel, []).append(block.misfit / noise[block.run, block.channel])
+        squares = [np.concatenate(parts) ** 2 for parts in left.values()]
+        shares = [noisy(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
         return float(np.mean(shares)) >= 1.0
 
     def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:

@@ -28,10 +28,13 @@ class OrderedStep:
     appraisal: Appraisal
 
 
-def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = ()) -> list[OrderedStep]:
+def ordered_steps(
+    appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = (), alike: float = ALIKE
+) -> list[OrderedStep]:
     """The way from the effects `firm` to the set `whole`, what explains most first.
 
-    A reader of joint torques counts N m, also where what a joint with little noise shows is surer.
+    A reader of joint torques counts N m, also where what a joint with little noise shows is surer. An effect comes on
+    further joints with the first one where it explains at least the share `alike` of what it explains there.
     """
     now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
     found = list[OrderedStep]()
@@ -44,7 +47,7 @@ def ordered_steps(appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candida
             for c in left
             if c is not first
             and c.effect == first.effect  # on an arm
-            and beside.overall - appraiser.of((*beside.effects, c)).overall >= ALIKE * gain
+            and beside.overall - appraiser.of((*beside.effects, c)).overall >= alike * gain
         ]
         after = appraiser.of((*now.effects, *joined))
         found.append(OrderedStep(merged(joined)[0], after))

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit, converged
 from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import ordered_steps, tied
+from armdyn.identify.suspects import ALIKE, ordered_steps, tied
 
 Progress = Callable[[str], None]
 
@@ -46,6 +47,7 @@ class Leg:
         before: effects of the model where the leg begins.
         ahead: the fit around which the appraiser's sums are.
         firm: effects of the set that are there already, on one joint each.
+        together: whether an effect comes on all its joints at once, however little it explains on some.
     """
 
     study: Study
@@ -54,6 +56,7 @@ class Leg:
     before: tuple[Candidate, ...]
     ahead: Fit
     firm: tuple[Candidate, ...] = ()
+    together: bool = False
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
@@ -68,7 +71,7 @@ class Leg:
     def steps(self, say: Progress) -> list[Step]:
         """Every step, refitted to all samples, without ties; `say` is told each."""
         study, effects, found = self.study, self.before, list[Step]()
-        way = ordered_steps(self.appraiser, self.whole, self.firm)
+        way = ordered_steps(self.appraiser, self.whole, self.firm, -inf if self.together else ALIKE)
         for i, rise in enumerate(way):
             effects = self._with(effects, rise.added)
             say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
