@@ -45,6 +45,8 @@ def _with_all_that_is_sure(study: Study, given: Step, legs: list[Leg], say: Prog
     """
     last = _end(legs, given)
     around = study.appraiser(last.fit, sparse=True)
+    if around.limited > 0.0:  # all effects together leave more than noise
+        return legs
     present = around.within(last.effects)
     beside = sure_effects(study, present, around.sums, say)
     whole = without_worthless(around, around.of((*present, *beside)), around.given)
