@@ -22,7 +22,7 @@ from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.suspects import Suspect
 from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
-from armdyn.identify.uncertainty import FAR_ABOVE_STATED
+from armdyn.identify.uncertainty import FAR_ABOVE_STATED, model_limited
 from armdyn.identify.unknown import Unknown, characterise
 from armdyn.identify.way import Progress, Step
 from armdyn.shown import Shown
@@ -159,7 +159,9 @@ def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
 def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
-    beyond = last.tests.fails and unknown is not None and (unknown.significant or _above_stated_noise(study, last))
+    beyond = last.tests.fails and unknown is not None
+    if unknown is None or not unknown.significant:  # what is far above an estimated noise is no colour of it
+        beyond = beyond and (_above_stated_noise(study, last) or model_limited(study, last.fit))
     if not study.model.linear:  # errors of the measured gripper's path, however surely they are seen
         beyond = beyond and last.fit.chi2_per_sample > NOISY
     if len(found.steps) == 1:

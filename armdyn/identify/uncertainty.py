@@ -69,7 +69,7 @@ class Uncertainty:
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
     """The uncertainty of a fit, by whichever of noise and model error is larger."""
-    return Uncertainty(fit, _inflation(fit) if _model_limited(study, fit) else {})
+    return Uncertainty(fit, _inflation(fit) if model_limited(study, fit) else {})
 
 
 def whitened_covariance(fit: Fit) -> np.ndarray:
@@ -128,7 +128,7 @@ def _covariance(
     return covariance + moved / problem.prior_weight[considered] ** 2 @ moved.T
 
 
-def _model_limited(study: Study, fit: Fit) -> bool:
+def model_limited(study: Study, fit: Fit) -> bool:
     """Whether in some channel the model's own error is larger than the noise."""
     for blocks in by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)

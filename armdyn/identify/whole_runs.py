@@ -6,7 +6,7 @@ effects alone, and every effect exchanged for another. What is nothing at the en
 """
 
 from collections.abc import Callable
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 from scipy.special import chdtri
@@ -94,7 +94,10 @@ def _exchanged(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
 
 
 def _without_nothing(study: Study, effects: Effects) -> Effects:
-    """A set without effects that end at nothing, and without those that make held-out runs worse."""
+    """A set without effects that end at nothing, and without those that make held-out runs worse.
+
+    The error may be clearly larger without what ends at nothing: a gravity 0.1 % off looks like a gripper's scale.
+    """
     while True:
         found = _fitted(study, effects)
         useless = tuple(c for c in effects if np.all(_distance(found, c) == 0.0))  # it stood for what came later
@@ -102,20 +105,17 @@ def _without_nothing(study: Study, effects: Effects) -> Effects:
         effects = tuple(c for c in effects if c not in useless)
         if useless:
             continue
-        gone = [c for c in unsure if _superfluous(study, found, effects, c)]
+        gone = [c for c in unsure if _is_nothing(study, found, c)]
+        gone = gone or list(islice((c for c in unsure if _harms(study, found, effects, c)), 1))
         if not gone:
             return effects
         # Of two that hide each other, both are unsure until one is gone.
-        effects = min((tuple(c for c in effects if c is not one) for one in gone), key=lambda rest: _left(study, rest))
+        rests = [tuple(c for c in effects if c is not one) for one in gone]
+        effects = min(rests, key=lambda rest: _left(study, rest)) if len(rests) > 1 else rests[0]
 
 
-def _superfluous(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
-    """Whether an effect is no larger than its uncertainty, or held-out runs are predicted better without it.
-
-    The error may be clearly larger without it all the same: a gravity 0.1 % off looks like a gripper's scale.
-    """
-    if _is_nothing(study, found, one):
-        return True
+def _harms(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
+    """Whether held-out runs are predicted better without an effect."""
     if not study.held_out:
         return False
     without = _fitted(study, tuple(c for c in effects if c is not one))

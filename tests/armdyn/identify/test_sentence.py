@@ -1,10 +1,17 @@
 """What a repair says, for steps made by hand."""
 
+from types import SimpleNamespace as Plain
+
+import numpy as np
 import pytest
 
+from armdyn.identify.diagnose import judge
 from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.sentence import Left, repair_sentences, totals
+from armdyn.identify.problem import Block
+from armdyn.identify.search import Search
+from armdyn.identify.sentence import Left, Verdict, repair_sentences, totals
+from armdyn.run import Channel
 
 ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
 CELL = Scale({"load_force": "N"}, {"load_force": 0.003})
@@ -15,8 +22,8 @@ def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
     return RepairStep(tuple(added), tuple(joints), tuple(tied), rmse, held_out or rmse, 1.0, 0.0, exam or {})
 
 
-def said(steps, judge=HoldoutKind.HELD_OUT, scale=ARM, left=NOISE):
-    text = repair_sentences(steps, judge, scale, left)
+def said(steps, whose=HoldoutKind.HELD_OUT, scale=ARM, left=NOISE):
+    text = repair_sentences(steps, whose, scale, left)
     assert text.endswith(".")
     assert text.count(". ") == 1  # two sentences
     return text
@@ -110,3 +117,12 @@ def test_channels_of_different_units_are_weighed_by_their_noise():
     before = step({"load_force": 11.0, "swing_angle": 0.011})
     after = step({"load_force": 1.0, "swing_angle": 0.011}, ["sensor_bias"])
     assert explained(before, after, scale) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(3.0, Verdict.EXPLAINED), (3.5, Verdict.UNKNOWN_EFFECT)])
+def test_what_is_left_without_a_shape_is_coloured_noise_unless_it_is_far_above_an_estimated_one(level, verdict):
+    time = np.arange(100.0)
+    block = Block("a", "q.x", Channel(time, time, "rad"), np.full(100, level), np.zeros((100, 0)), 1e-3)
+    study = Plain(model=Plain(linear=True), chi2_of_stated=lambda _blocks: (0.0, 0))
+    step = Plain(tests=Plain(fails=True), fit=Plain(blocks=(block,), chi2_per_sample=level**2))
+    assert judge(study, Search((step,)), Plain(significant=False)) is verdict
