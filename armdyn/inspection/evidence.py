@@ -42,6 +42,7 @@ class Channels:
         weight: (J,) independent samples per sample.
         volume: (J,) logarithm of how much the readings were scaled.
         least: (J,) root mean square below which a channel is not worth telling.
+        floor: of a channel's root mean square: error that any model of this kind may have.
     """
 
     measured: np.ndarray
@@ -51,6 +52,7 @@ class Channels:
     weight: np.ndarray
     volume: np.ndarray
     least: np.ndarray
+    floor: float = FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def evidence(given: Channels) -> Evidence:
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
         left = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
-        variance = np.mean(left**2, axis=2) + (FLOOR * scale) ** 2
+        variance = np.mean(left**2, axis=2) + (given.floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
     value = -0.5 * (np.sum(share * np.sum(left**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half

@@ -72,11 +72,12 @@ def read_as(
     *,
     offset: float = 0.0,
     late: float = 0.0,
+    pace: float = 0.0,
     price: float = 0.0,
 ) -> Hypothesis:
-    """All of some channels read with one factor, offset and lateness; a little late is no mistake but an effect."""
+    """All of some channels read with one factor, offset and clock; a little late is no mistake but an effect."""
     channels = tuple(channels)
-    correction = Correction({name: Reading(name, factor, offset, late) for name in channels})
+    correction = Correction({name: Reading(name, factor, offset, late, pace) for name in channels})
     return Hypothesis(kind, channels, said, correction=correction, price=price, effect=late in LAGS)
 
 
