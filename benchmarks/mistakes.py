@@ -34,6 +34,7 @@ from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
+from armdyn.errors import InputError
 from armdyn.run import Run, read_run
 
 made, recorded = hidden_table.generator("mistakes"), hidden_table.generator("sound_recordings")
@@ -134,7 +135,10 @@ def recorded_runs(data: Path) -> Iterator[tuple[str, Model, Run]]:
     """Real recordings, all taken to be sound."""
     for folder in sorted(path for path in data.iterdir() if path.is_dir() and path.name != "reference"):
         for file in sorted(folder.glob("*.csv")):
-            run = read_run(file)
+            try:
+                run = read_run(file)
+            except InputError:  # logs of servos, as their programs wrote them
+                continue
             model: Model = pendulum_model(0.35, 0.1)
             if folder.name in DESCRIBED:
                 description = DESCRIBED[folder.name]

@@ -1,7 +1,7 @@
 """The mistakes that people make with recordings of arms, one entry per kind; each is a correction or a description."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -48,6 +48,7 @@ class Hypothesis:
         price: nats that it costs before anything is measured.
         sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
         effect: whether it is no mistake but an effect, so that nothing is told where it explains best.
+        clock: what is said of a clock, with a place for how it runs, which is fitted; empty of other mistakes.
     """
 
     kind: Kind
@@ -59,8 +60,30 @@ class Hypothesis:
     price: float = 0.0
     sure: bool = True
     effect: bool = False
+    clock: str = ""
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """How channels are to be read."""
+        return tuple(self.correction.readings.values())
+
+    def with_clock(self, late: float, pace: float) -> "Hypothesis":
+        """The same with another clock of all its channels."""
+        correction = Correction(
+            {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
+        )
+        return replace(self, said=self.clock.format(stamps(late, pace)), correction=correction)
 
 
+def stamps(late: float, pace: float) -> str:
+    """How stamps are wrong, for a sentence."""
+    shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
+    drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
+    return drift if pace and abs(late) < NO_SHIFT else f"{shift} and {drift}" if pace else shift
+
+
+NO_SHIFT = 5e-3
+"""s by which stamps are hardly late."""
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
 
 
@@ -85,8 +108,8 @@ def stamped(channels: Iterable[str], times: Iterable[float], said: str, price: f
     """Channels whose stamps are too late or too early; `said` is a sentence with a place for by how much."""
     channels = tuple(channels)
     for late in (*LAGS, *times):
-        by = f"{abs(late):g} s too {'late' if late > 0.0 else 'early'}"
-        yield read_as("clock_shift", channels, said.format(by), late=late, price=price)
+        found = read_as("clock_shift", channels, said.format(stamps(late, 0.0)), late=late, price=price)
+        yield replace(found, clock=said)
 
 
 def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
@@ -187,8 +210,10 @@ def clocks(run: ArmRun) -> Iterator[Hypothesis]:
     yield from stamped(run.channels, [late for late in LATE if late > 0.0], said, FILTERED)
     commands = ", or are commands, which the drive follows later"
     for late in (late for late in LATE if late < 0.0):
-        early = said.format(f"{-late:g} s too early") + commands
-        yield read_as("clock_shift", run.channels, early, late=late, price=FILTERED)
+        found = read_as(
+            "clock_shift", run.channels, said.format(stamps(late, 0.0)) + commands, late=late, price=FILTERED
+        )
+        yield replace(found, clock=said + commands)
 
 
 def mountings(run: ArmRun) -> Iterator[Hypothesis]:

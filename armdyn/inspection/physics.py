@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize, minimize_scalar
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
 from armdyn.inspection.check import MODEL, Check, Severity, amount
@@ -28,6 +29,12 @@ AT_ONCE = 3
 """Mistakes in one recording."""
 HOPELESS = 5.0
 """Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
+SHIFT, DRIFT = 0.03, 5e-3
+"""s, and share of the time that passes: first steps of the search for how a clock runs."""
+AROUND = 4.0
+"""First steps to either side of a clock's shift, as far as the next that was tried."""
+MOST_TRIED = 80
+"""Clocks that such a search tries."""
 Modelled = ArmRun | SwingRun
 REGISTRY: dict[type, Sequence[Callable[[Any], Iterator[Hypothesis]]]] = {ArmRun: MISTAKES, SwingRun: (mistakes,)}
 """Kinds of mistake by what was recorded."""
@@ -125,7 +132,37 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     if values[best] - least < SURE:
         return ()
     lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
+    chosen = tuple(_fitted(run, chosen, k) for k in range(len(chosen)))
     return tuple(Verdict(h, values[best] - least, lead) for h in chosen)
+
+
+def _fitted(run: Modelled, chosen: tuple[Hypothesis, ...], which: int) -> Hypothesis:
+    """A mistake of a clock with the shift and the drift that explain best, in place of the nearest that was tried."""
+    h = chosen[which]
+    if not h.clock:
+        return h
+    reading = h.readings[0]
+
+    def worth(clock: np.ndarray) -> float:
+        correction = Correction()
+        for k, other in enumerate(chosen):
+            meant = h.with_clock(SHIFT * clock[0], DRIFT * clock[1]) if k == which else other
+            correction = correction.then(meant.correction)
+        return -run.sure(correction, AS_DESCRIBED).value
+
+    start = np.array([reading.late / SHIFT, reading.pace / DRIFT])
+    simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    both = minimize(
+        worth, start, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.05, "maxfev": MOST_TRIED},
+    )  # fmt: skip
+    alone = minimize_scalar(
+        lambda late: worth(np.array([late, 0.0])), bounds=(start[0] - AROUND, start[0] + AROUND), method="bounded",
+        options={"xatol": 1e-3, "maxiter": MOST_TRIED // 2},
+    )  # fmt: skip
+    if alone.fun <= both.fun + SURPRISE:
+        return h.with_clock(SHIFT * float(alone.x), 0.0)
+    return h.with_clock(SHIFT * float(both.x[0]), DRIFT * float(both.x[1]))
 
 
 def checks(run: Modelled) -> list[Check]:

@@ -14,7 +14,15 @@ import numpy as np
 
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, read_as, stamped
+from armdyn.inspection.hypotheses import (
+    DEGREE,
+    LENGTH_UNITS,
+    QUARTERS,
+    Hypothesis,
+    read_as,
+    stamped,
+    stamps,
+)
 from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.run import Run
@@ -310,10 +318,11 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
         yield from stamped(
             (n for n in has if n != "gripper_x"), LATE, "what swings is stamped {} against gripper_x", 2.0
         )
+        others = tuple(n for n in has if n != "gripper_x")
+        said = "what swings is stamped {} against gripper_x"
         for pace in PACES:
-            runs = f"{100 * abs(pace):.2g} % {'fast' if pace < 0.0 else 'slow'}"
-            said = f"the clock of gripper_x runs {runs} against the rest"
-            yield read_as("clock_shift", (n for n in has if n != "gripper_x"), said, pace=pace, price=2.0)
+            found = read_as("clock_shift", others, said.format(stamps(0.0, pace)), pace=pace, price=2.0)
+            yield replace(found, clock=said)
     if "load_force" in has:
         for unit, factor in FORCE_UNITS.items():
             yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)
