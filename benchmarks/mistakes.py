@@ -27,6 +27,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
 from armdyn.inspection.arm import Description
@@ -34,7 +35,6 @@ from armdyn.inspection.check import Check, Inspection, Severity
 from armdyn.inspection.inspect import inspected
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
-from armdyn.errors import InputError
 from armdyn.run import Run, read_run
 
 made, recorded = hidden_table.generator("mistakes"), hidden_table.generator("sound_recordings")

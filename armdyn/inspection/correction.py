@@ -26,6 +26,7 @@ class Reading:
         offset: added then, in the channel's unit.
         late: s; the recording's stamps are so much too large at its beginning.
         pace: by so much, of the time that passes, does their clock run fast.
+        turn: in the source's unit, after which it counts from the other end again; 0 for none.
     """
 
     source: str
@@ -33,6 +34,12 @@ class Reading:
     offset: float = 0.0
     late: float = 0.0
     pace: float = 0.0
+    turn: float = 0.0
+
+    def values(self, recorded: np.ndarray) -> np.ndarray:
+        """(n,) values of recorded ones."""
+        whole = np.unwrap(recorded, period=self.turn) if self.turn else recorded
+        return np.asarray(self.factor * whole + self.offset)
 
     def stamped(self, time: np.ndarray, begin: float) -> np.ndarray:
         """Stamps of the recording at these times, (n,) s, of a channel whose stamps begin at `begin`."""
@@ -69,6 +76,7 @@ class Correction:
                 second.factor * first.offset + second.offset,
                 first.late + second.late,
                 (1.0 + first.pace) * (1.0 + second.pace) - 1.0,
+                first.turn,
             )
         return Correction(found)
 
@@ -79,8 +87,7 @@ class Correction:
             if name not in run.channels or reading.source not in run.channels:
                 continue
             source = run.channels[reading.source]
-            value = reading.factor * source.value + reading.offset
-            channels[name] = Channel(reading.right(source.time), value, run.channels[name].unit)
+            channels[name] = Channel(reading.right(source.time), reading.values(source.value), run.channels[name].unit)
             noise.pop(name, None)
             if reading.source in run.noise:
                 noise[name] = abs(reading.factor) * run.noise[reading.source]

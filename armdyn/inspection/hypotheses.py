@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, ArmRun, Description
+from armdyn.inspection.arm import AS_DESCRIBED, SELDOM, ArmRun, Description
 from armdyn.inspection.check import MODEL, Kind
 from armdyn.inspection.correction import Correction, Reading
 
@@ -28,6 +28,12 @@ LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
 """s; what is late by less is a delay of the torque sensor, an effect."""
 LAGS = (0.03, 0.06, 0.09)
 """s by which a gripper or a sensor may lag, which is an effect."""
+PACES = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
+"""By which clocks of two computers, or a wrong rate, drift apart."""
+TIME_CONSTANTS = (0.1, 0.2, 0.4)
+"""s, of averages that torques are shown as."""
+ONE_OF_MANY = 2.0
+"""Nats that a mistake of one joint alone costs."""
 FILTERED = 6.0
 """Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
 TURNED = np.deg2rad(12.0)
@@ -132,6 +138,11 @@ def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     channels = _recorded(run, "qva", (j for j in run.model.arm.joints if not run.slides(j)))
     yield read_as("angle_unit", channels, "angles are in degrees and called rad", DEGREE)
     yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / DEGREE)
+    for joint in run.joints if len(run.joints) > 1 else ():
+        own = () if run.slides(joint) else _recorded(run, "qva", (joint,))
+        for factor, said in (DEGREE, "degrees and called rad"), (1 / DEGREE, "rad and called degrees"):
+            if own:
+                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=ONE_OF_MANY)
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
@@ -208,6 +219,9 @@ def clocks(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques stamped by another clock than positions; early ones may be commands."""
     said = "torques are stamped {} against the positions"
     yield from stamped(run.channels, [late for late in LATE if late > 0.0], said, FILTERED)
+    for pace in PACES:
+        found = read_as("clock_shift", run.channels, said.format(stamps(0.0, pace)), pace=pace, price=FILTERED)
+        yield replace(found, clock=said)
     commands = ", or are commands, which the drive follows later"
     for late in (late for late in LATE if late < 0.0):
         found = read_as(
@@ -255,6 +269,22 @@ def rolled(gravity: np.ndarray) -> tuple[float, float]:
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
 
 
+def readings(run: ArmRun) -> Iterator[Hypothesis]:
+    """Torques that were low-passed or lost their sign: no description explains them, and nothing undoes that."""
+    for lag in TIME_CONSTANTS:
+        yield Hypothesis(
+            "low_pass", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
+            "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
+            description=Description(lag=lag), price=FILTERED,
+        )  # fmt: skip
+    rows = run.measured
+    if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
+        yield Hypothesis(
+            "torque_sign", run.channels, "torques are magnitudes: their signs are lost",
+            "record torques with their signs", description=Description(magnitudes=True),
+        )  # fmt: skip
+
+
 def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
     """Masses or lengths of the description in another unit."""
     for unit, factor in MASS_UNITS.items():
@@ -269,5 +299,15 @@ def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
-MISTAKES: tuple[Mistake, ...] = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, descriptions)
+MISTAKES: tuple[Mistake, ...] = (
+    angle_units,
+    torque_units,
+    signs,
+    orders,
+    zeros,
+    clocks,
+    mountings,
+    readings,
+    descriptions,
+)
 """Who makes another kind of mistake adds a function here."""

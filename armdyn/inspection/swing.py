@@ -17,6 +17,7 @@ from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, inde
 from armdyn.inspection.hypotheses import (
     DEGREE,
     LENGTH_UNITS,
+    PACES,
     QUARTERS,
     Hypothesis,
     read_as,
@@ -40,8 +41,6 @@ BEYOND, LIGHT = 30.0, 0.3
 """Nats, and share of the load's weight from which a load cell may be wrong, or another load hang there."""
 FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
 """N."""
-PACES = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
-"""By which clocks of two computers, or a wrong rate, drift apart."""
 LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """s; what is late by less is a delay of a sensor, an effect."""
 ASTRAY = 0.05
