@@ -61,6 +61,7 @@ class Description:
         length: factor of all lengths.
         lag: s; time constant with which the torques were low-passed.
         magnitudes: whether only the sizes of torques were written down.
+        compensated: whether the weight of the arm as described was taken out of the torques, but not a payload's.
     """
 
     gravity: tuple[float, float, float] | None = None
@@ -68,10 +69,11 @@ class Description:
     length: float = 1.0
     lag: float = 0.0
     magnitudes: bool = False
+    compensated: bool = False
 
     def of(self, model: pin.Model) -> pin.Model:
         """The arm so described."""
-        if replace(self, lag=0.0, magnitudes=False) == Description():
+        if replace(self, lag=0.0, magnitudes=False, compensated=False) == Description():
             return model
         changed = model.copy()
         if self.gravity is not None:
@@ -208,7 +210,12 @@ class ArmRun:
             found = self._own.at_states(Stretch(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
-        return np.asarray(found.T[self.of_joint])
+        return np.asarray(found.T[self.of_joint]) - (self._weight(motion) if description.compensated else 0.0)
+
+    def _weight(self, motion: Motion) -> np.ndarray:
+        """(J, n) torques that hold the arm as described."""
+        still = np.zeros_like(motion.q)
+        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.of_joint])
 
     def outside(self, motion: Motion, torques: np.ndarray) -> float:
         """Nats that positions beyond the joints' limits cost, and (J, n) torques that no drive of this arm has."""
@@ -278,6 +285,7 @@ class ArmRun:
         else:
             changed = description.of(self.model.arm.model)
             f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass * description.length)
+            f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
         found = evidence(
             Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint] * np.exp(volume))

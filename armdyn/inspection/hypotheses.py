@@ -20,6 +20,8 @@ OF_ONE = ("mN m", "N cm")
 """Units that a single joint's column may have."""
 CONSTANTS = (2.0, 400.0)
 """N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
+OWN_FACTOR, FREE = 3.0, 8.0
+"""From which a factor of its own is no gain, and nats that it costs beside a unit that is known."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """SI, by unit in which a description may have been written."""
@@ -156,6 +158,15 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
+    whole = float(np.sum(described * measured) / max(float(np.sum(measured**2)), 1e-300))
+    if whole > OWN_FACTOR or 0.0 < whole < 1.0 / OWN_FACTOR:
+        size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
+        yield Hypothesis(
+            "torque_unit", tuple(every), f"torques are about {size}: those of the motors before their gears, or in a "
+            "unit of their own",
+            "give gear_ratio, or scale, in the map of 'armdyn import'",
+            Correction({name: Reading(name, whole) for name in every}), price=FREE, sure=False,
+        )  # fmt: skip
     if CONSTANTS[0] < likely < CONSTANTS[1]:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
@@ -255,11 +266,11 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
             f"'armdyn add {MODEL} base_tilt {recording} --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
             description=Description(gravity=tuple(there.tolist())), price=3.0,
         )  # fmt: skip
-    yield Hypothesis(
-        "gravity_direction", run.channels, "gravity is already taken out of the torques",
-        "record the whole measured torque (libfranka: tau_J, not tau_J_d)",
-        description=Description(gravity=(0.0, 0.0, 0.0)),
-    )  # fmt: skip
+    for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
+        yield Hypothesis(
+            "gravity_direction", run.channels, "gravity is already taken out of the torques",
+            "record the whole measured torque (libfranka: tau_J, not tau_J_d)", description=out,
+        )  # fmt: skip
 
 
 def rolled(gravity: np.ndarray) -> tuple[float, float]:

@@ -17,6 +17,10 @@ SURPRISE = 8.0
 """Nats that a mistake costs before anything is measured: one recording in some ten has one of some hundred."""
 SURE = 12.0
 """Nats by which a mistake must then beat "as it stands": sound recordings reach 6, see docs/inspect.md."""
+PERHAPS = 8.0
+"""Nats from which a mistake is told as one to look at."""
+TIE = 6.0
+"""Nats below which two mistakes explain a recording equally well: both are told, and neither is mended."""
 EXPLAINED = 0.35
 """Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
 description is of another arm, and no mistake is told."""
@@ -48,11 +52,18 @@ class Verdict:
         hypothesis: the best.
         gain: nats against "as it stands".
         lead: nats against the next best.
+        rival: another mistake that explains as much; None where there is none.
     """
 
     hypothesis: Hypothesis
     gain: float
     lead: float
+    rival: Hypothesis | None = None
+
+    @property
+    def sure(self) -> bool:
+        """Whether the recording is wrong, rather than to be looked at."""
+        return self.gain >= SURE
 
 
 def find_mistakes(run: Modelled) -> Iterator[Verdict]:
@@ -66,7 +77,7 @@ def find_mistakes(run: Modelled) -> Iterator[Verdict]:
                 return
             yield verdict
             told.add((h.kind, h.channels))
-            if h.description != AS_DESCRIBED:
+            if h.description != AS_DESCRIBED or not verdict.sure or verdict.rival is not None:
                 return
             run = run.with_run(h.correction.of(run.run))
         if not found:
@@ -126,14 +137,18 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in h.channels for h in chosen)] or slice(None)
     explained = float(np.mean(found[best].share[concerned])) <= EXPLAINED
-    if values[best] - as_is < SURE or not explained or any(h.effect for h in chosen):
-        return ()
     least = max(as_is, run.nothing())
-    if values[best] - least < SURE:
+    of_description = any(h.description.mass != 1.0 or h.description.length != 1.0 for h in chosen)
+    enough = SURE if of_description else PERHAPS  # a description is that of all its recordings
+    if values[best] - least < enough or not explained or any(h.effect for h in chosen):
         return ()
-    lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
+    same = {(h.kind, h.channels) for h in chosen}
+    others = [k for k, those in enumerate(sets) if {(h.kind, h.channels) for h in those} != same]
+    next_best = max(others, key=lambda k: values[k], default=best)
+    lead = values[best] - max([*(values[k] for k in others), as_is])
+    rival = sets[next_best][0] if lead < TIE and len(chosen) == 1 and values[next_best] > as_is else None
     chosen = tuple(_fitted(run, chosen, k) for k in range(len(chosen)))
-    return tuple(Verdict(h, values[best] - least, lead) for h in chosen)
+    return tuple(Verdict(h, values[best] - least, lead, rival) for h in chosen)
 
 
 def _fitted(run: Modelled, chosen: tuple[Hypothesis, ...], which: int) -> Hypothesis:
@@ -172,15 +187,17 @@ def checks(run: Modelled) -> list[Check]:
 
 def _check(run: Modelled, v: Verdict) -> Check:
     h = v.hypothesis
-    fixes = bool(h.correction.readings) and h.sure
+    fixes = bool(h.correction.readings) and h.sure and v.sure and v.rival is None
     sure = f"{amount(v.gain)} nats more probable than as it stands, {amount(v.lead)} more than anything else"
+    rival = "" if v.rival is None else f", or {v.rival.said}: this recording does not tell which"
+    remedy = h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed"
     return Check(
         kind=h.kind,
-        severity=Severity.WRONG,
+        severity=Severity.WRONG if v.sure else Severity.SUSPECT,
         run=run.run.name,
         channels=h.channels,
-        sentence=f"{h.said} ({sure})",
-        remedy=h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed",
+        sentence=f"{'' if v.sure else 'perhaps '}{h.said}{rival} ({sure})",
+        remedy=remedy if fixes or h.remedy else "record a motion that tells, or ask who made the recording",
         evidence=v.lead,
         correction=h.correction if fixes else None,
     )

@@ -354,7 +354,8 @@ def wraps(run: Run) -> Iterator[Check]:
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
             continue
         step = np.diff(channel.value)
-        turn = next((t for t in TURNS if np.any(_round(step, t))), 0.0)
+        usual = float(np.quantile(np.abs(step), 1.0 - SELDOM)) if len(step) else 0.0
+        turn = next((t for t in TURNS if usual < NEARLY * t and np.any(_round(step, t))), 0.0)
         if not turn:
             continue
         many = int(np.count_nonzero(_round(step, turn)))
@@ -377,8 +378,8 @@ def _round(step: np.ndarray, turn: float) -> np.ndarray:
 
 TURNS = (2.0 * np.pi, 360.0)
 """In rad, and in degrees that are called rad."""
-NEARLY = 0.2
-"""Of a turn: what a joint moves at most between two samples."""
+NEARLY, SELDOM = 0.2, 0.05
+"""Of a turn: what a joint moves at most between two samples; and share of the samples at which it is counted anew."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
 )  # fmt: skip
