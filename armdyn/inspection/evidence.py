@@ -101,14 +101,20 @@ def evidence(given: Channels) -> Evidence:
     return Evidence(float(value[best]), left[best], np.mean(left[best] ** 2, axis=1) / scale**2, theta[best])
 
 
-def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
+def independent(
+    measured: np.ndarray, left: np.ndarray, least: np.ndarray, after: np.ndarray | None = None
+) -> np.ndarray:
     """(J,) independent samples per sample of (J, n) readings as recorded.
 
     What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of
-    it say no more than one; `least` as in `Channels`.
+    it say no more than one; `least` as in `Channels`. Whether it changes show the readings shortly `after`, (J, n), by
+    what they have in common; those of the next moments where they are not given.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in left])
     centred = measured - measured.mean(axis=1, keepdims=True)
-    moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
+    before, then = (
+        (centred[:, :-1], centred[:, 1:]) if after is None else (centred, after - after.mean(axis=1, keepdims=True))
+    )
+    moves = np.maximum(np.mean(before * then, axis=1), 0.0)
     floor = FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
     return np.asarray(1.0 / measured.shape[1] + np.maximum(alone, SLOWEST) * (moves / (moves + floor)) ** 2)

@@ -51,6 +51,8 @@ motion of a gripper is told where it makes a tenth of the swing's acceleration, 
 LENGTHS, FADES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
 """Of the model's length, half a percent apart, and 1/s of a swing's decay: with which a swing is tried that no sensor
 shows. In 30 s the phases of neighbours come half a radian apart."""
+SOON = 0.5
+"""Of a swing's period over 2 pi: between two looks that show whether a reading is more than noise."""
 STEP = 0.02
 """s, of the integration of such a swing."""
 _TREND = np.linspace(-1.0, 1.0, MOMENTS)
@@ -167,7 +169,10 @@ class SwingRun:
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
-        return independent(given.measured, evidence(given).left, given.least)
+        soon = SOON * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
+        shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
+        after = self._given(shifted, given.weight).measured
+        return independent(given.measured, evidence(given).left, given.least, after)
 
     def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) as `sure`: a pendulum has few effects."""
