@@ -43,6 +43,8 @@ LOAD, LEVER = 0.15, 0.2
 """Of the mass of the arm, and m: a payload and its place."""
 BEYOND = 10.0
 """Nats for each joint that would leave its limits: descriptions have wrong limits now and then."""
+FAR, NEVER = 4.0 * np.pi, 20.0
+"""rad or m beyond a limit where no joint is, whatever its description says of limits, and nats that each costs."""
 MARGIN, STRONGER = 0.3, 2.0
 """rad or m beyond a limit that is still at it, and times its effort that a joint has at most."""
 SELDOM = 0.05
@@ -57,15 +59,21 @@ class Description:
         gravity: (3,) m/s^2 in the frame of the base; that of the model where None.
         mass: factor of all masses and inertias.
         length: factor of all lengths.
+        lag: s; time constant with which the torques were low-passed.
+        magnitudes: whether only the sizes of torques were written down.
+        compensated: whether the weight of the arm as described was taken out of the torques, but not a payload's.
     """
 
     gravity: tuple[float, float, float] | None = None
     mass: float = 1.0
     length: float = 1.0
+    lag: float = 0.0
+    magnitudes: bool = False
+    compensated: bool = False
 
     def of(self, model: pin.Model) -> pin.Model:
         """The arm so described."""
-        if self == Description():
+        if replace(self, lag=0.0, magnitudes=False, compensated=False) == Description():
             return model
         changed = model.copy()
         if self.gravity is not None:
@@ -77,6 +85,26 @@ class Description:
             lever, moment = self.length * inertia.lever, self.mass * self.length**2 * inertia.inertia
             changed.inertias[i] = pin.Inertia(self.mass * inertia.mass, lever, moment)
         return changed
+
+    def read(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Torques (J, n), and what changes them (J, n, k), as such a recording has them."""
+        if self.lag:
+            parts = tuple(_lagged(time, part, self.lag) for part in parts)
+        if self.magnitudes:
+            sign = np.where(parts[0] < 0.0, -1.0, 1.0)
+            parts = tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
+        return parts
+
+
+def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
+    """(J, n, ...) after a first-order lag, exact for what is straight between the times (n,)."""
+    found = np.empty_like(value)
+    found[:, 0] = value[:, 0]
+    for k, h in enumerate(np.diff(time).tolist(), start=1):
+        keep = np.exp(-h / lag)
+        mean = lag / h * (1.0 - keep)
+        found[:, k] = keep * found[:, k - 1] + (mean - keep) * value[:, k - 1] + (1.0 - mean) * value[:, k]
+    return found
 
 
 AS_DESCRIBED = Description()
@@ -132,9 +160,11 @@ class ArmRun:
         inside = inside if len(inside) > 1 else first.time
         return whole.at(np.linspace(inside[0], inside[-1], MOMENTS))
 
-    def torque(self, channel: str, late: float = 0.0) -> np.ndarray:
-        """(n,) averages of a torque around the moments, whose stamps are so much too large."""
-        return averages(self.run.channels[channel], self.motion.time + late, NEAR)
+    def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
+        """(n,) averages of a torque around the moments, by how late and fast its stamps are."""
+        recorded = self.run.channels[channel]
+        stamps = Reading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
+        return averages(recorded, stamps, NEAR)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -166,8 +196,8 @@ class ArmRun:
         for i, channel in enumerate(self.channels):
             r = correction.reading(channel)
             sources[i] = self.channels.index(r.source)
-            if r.late:
-                rows[i] = r.factor * self.torque(r.source, r.late) + r.offset
+            if r.late or r.pace:
+                rows[i] = r.factor * self.torque(r.source, r.late, r.pace) + r.offset
             elif r.source != channel or r.factor != 1.0 or r.offset:
                 rows[i] = r.factor * self.measured[self.channels.index(r.source)] + r.offset
             volume[i] = np.log(abs(r.factor))
@@ -180,7 +210,12 @@ class ArmRun:
             found = self._own.at_states(Stretch(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
-        return np.asarray(found.T[self.of_joint])
+        return np.asarray(found.T[self.of_joint]) - (self._weight(motion) if description.compensated else 0.0)
+
+    def _weight(self, motion: Motion) -> np.ndarray:
+        """(J, n) torques that hold the arm as described."""
+        still = np.zeros_like(motion.q)
+        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.of_joint])
 
     def outside(self, motion: Motion, torques: np.ndarray) -> float:
         """Nats that positions beyond the joints' limits cost, and (J, n) torques that no drive of this arm has."""
@@ -188,8 +223,9 @@ class ArmRun:
 
     def _beyond(self, motion: Motion) -> float:
         described = self.model.arm.model
-        beyond = (motion.q < described.lowerPositionLimit - MARGIN) | (motion.q > described.upperPositionLimit + MARGIN)
-        return BEYOND * float(np.count_nonzero(beyond.mean(axis=0) > SELDOM))
+        below, above = described.lowerPositionLimit - motion.q, motion.q - described.upperPositionLimit
+        beyond, far = ((np.maximum(below, above) > margin).mean(axis=0) > SELDOM for margin in (MARGIN, FAR))
+        return BEYOND * float(np.count_nonzero(beyond)) + NEVER * float(np.count_nonzero(far))
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
         """(...) nats of (..., J, n) torques."""
@@ -234,7 +270,8 @@ class ArmRun:
         j, effort = self.of_joint, self._effort[self.of_joint]
         rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
         columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
-        return self.described(m, description), columns, self._beyond(m)
+        described, columns = description.read(m.time, self.described(m, description), columns)
+        return described, columns, self._beyond(m)
 
     def sure(
         self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
@@ -248,6 +285,8 @@ class ArmRun:
         else:
             changed = description.of(self.model.arm.model)
             f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass * description.length)
+            f = f - self._weight(m) if description.compensated else f
+            f, columns = description.read(m.time, f, columns)
         found = evidence(
             Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint] * np.exp(volume))
         )

@@ -42,6 +42,7 @@ class Channels:
         weight: (J,) independent samples per sample.
         volume: (J,) logarithm of how much the readings were scaled.
         least: (J,) root mean square below which a channel is not worth telling.
+        floor: of a channel's root mean square: error that any model of this kind may have.
     """
 
     measured: np.ndarray
@@ -51,6 +52,7 @@ class Channels:
     weight: np.ndarray
     volume: np.ndarray
     least: np.ndarray
+    floor: float = FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def evidence(given: Channels) -> Evidence:
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
         left = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
-        variance = np.mean(left**2, axis=2) + (FLOOR * scale) ** 2
+        variance = np.mean(left**2, axis=2) + (given.floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
     value = -0.5 * (np.sum(share * np.sum(left**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
@@ -99,14 +101,20 @@ def evidence(given: Channels) -> Evidence:
     return Evidence(float(value[best]), left[best], np.mean(left[best] ** 2, axis=1) / scale**2, theta[best])
 
 
-def independent(measured: np.ndarray, left: np.ndarray, least: np.ndarray) -> np.ndarray:
+def independent(
+    measured: np.ndarray, left: np.ndarray, least: np.ndarray, after: np.ndarray | None = None
+) -> np.ndarray:
     """(J,) independent samples per sample of (J, n) readings as recorded.
 
     What a model lacks changes as slowly as what it leaves, (J, n), and where a reading stays as it is, many samples of
-    it say no more than one; `least` as in `Channels`.
+    it say no more than one; `least` as in `Channels`. Whether it changes show the readings shortly `after`, (J, n), by
+    what they have in common; those of the next moments where they are not given.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in left])
     centred = measured - measured.mean(axis=1, keepdims=True)
-    moves = np.maximum(np.mean(centred[:, 1:] * centred[:, :-1], axis=1), 0.0)
+    before, then = (
+        (centred[:, :-1], centred[:, 1:]) if after is None else (centred, after - after.mean(axis=1, keepdims=True))
+    )
+    moves = np.maximum(np.mean(before * then, axis=1), 0.0)
     floor = FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
     return np.asarray(1.0 / measured.shape[1] + np.maximum(alone, SLOWEST) * (moves / (moves + floor)) ** 2)

@@ -1,12 +1,12 @@
 """The mistakes that people make with recordings of arms, one entry per kind; each is a correction or a description."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, ArmRun, Description
+from armdyn.inspection.arm import AS_DESCRIBED, SELDOM, ArmRun, Description
 from armdyn.inspection.check import MODEL, Kind
 from armdyn.inspection.correction import Correction, Reading
 
@@ -20,6 +20,8 @@ OF_ONE = ("mN m", "N cm")
 """Units that a single joint's column may have."""
 CONSTANTS = (2.0, 400.0)
 """N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
+OWN_FACTOR, FREE = 3.0, 8.0
+"""From which a factor of its own is no gain, and nats that it costs beside a unit that is known."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 """SI, by unit in which a description may have been written."""
@@ -28,6 +30,12 @@ LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
 """s; what is late by less is a delay of the torque sensor, an effect."""
 LAGS = (0.03, 0.06, 0.09)
 """s by which a gripper or a sensor may lag, which is an effect."""
+PACES = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
+"""By which clocks of two computers, or a wrong rate, drift apart."""
+TIME_CONSTANTS = (0.1, 0.2, 0.4)
+"""s, of averages that torques are shown as."""
+ONE_OF_MANY = 2.0
+"""Nats that a mistake of one joint alone costs."""
 FILTERED = 6.0
 """Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
 TURNED = np.deg2rad(12.0)
@@ -48,6 +56,7 @@ class Hypothesis:
         price: nats that it costs before anything is measured.
         sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
         effect: whether it is no mistake but an effect, so that nothing is told where it explains best.
+        clock: what is said of a clock, with a place for how it runs, which is fitted; empty of other mistakes.
     """
 
     kind: Kind
@@ -59,8 +68,30 @@ class Hypothesis:
     price: float = 0.0
     sure: bool = True
     effect: bool = False
+    clock: str = ""
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """How channels are to be read."""
+        return tuple(self.correction.readings.values())
+
+    def with_clock(self, late: float, pace: float) -> "Hypothesis":
+        """The same with another clock of all its channels."""
+        correction = Correction(
+            {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
+        )
+        return replace(self, said=self.clock.format(stamps(late, pace)), correction=correction)
 
 
+def stamps(late: float, pace: float) -> str:
+    """How stamps are wrong, for a sentence."""
+    shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
+    drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
+    return drift if pace and abs(late) < NO_SHIFT else f"{shift} and {drift}" if pace else shift
+
+
+NO_SHIFT = 5e-3
+"""s by which stamps are hardly late."""
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
 
 
@@ -72,11 +103,12 @@ def read_as(
     *,
     offset: float = 0.0,
     late: float = 0.0,
+    pace: float = 0.0,
     price: float = 0.0,
 ) -> Hypothesis:
-    """All of some channels read with one factor, offset and lateness; a little late is no mistake but an effect."""
+    """All of some channels read with one factor, offset and clock; a little late is no mistake but an effect."""
     channels = tuple(channels)
-    correction = Correction({name: Reading(name, factor, offset, late) for name in channels})
+    correction = Correction({name: Reading(name, factor, offset, late, pace) for name in channels})
     return Hypothesis(kind, channels, said, correction=correction, price=price, effect=late in LAGS)
 
 
@@ -84,8 +116,8 @@ def stamped(channels: Iterable[str], times: Iterable[float], said: str, price: f
     """Channels whose stamps are too late or too early; `said` is a sentence with a place for by how much."""
     channels = tuple(channels)
     for late in (*LAGS, *times):
-        by = f"{abs(late):g} s too {'late' if late > 0.0 else 'early'}"
-        yield read_as("clock_shift", channels, said.format(by), late=late, price=price)
+        found = read_as("clock_shift", channels, said.format(stamps(late, 0.0)), late=late, price=price)
+        yield replace(found, clock=said)
 
 
 def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
@@ -108,6 +140,11 @@ def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
     channels = _recorded(run, "qva", (j for j in run.model.arm.joints if not run.slides(j)))
     yield read_as("angle_unit", channels, "angles are in degrees and called rad", DEGREE)
     yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / DEGREE)
+    for joint in run.joints if len(run.joints) > 1 else ():
+        own = () if run.slides(joint) else _recorded(run, "qva", (joint,))
+        for factor, said in (DEGREE, "degrees and called rad"), (1 / DEGREE, "rad and called degrees"):
+            if own:
+                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=ONE_OF_MANY)
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
@@ -121,6 +158,15 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
+    whole = float(np.sum(described * measured) / max(float(np.sum(measured**2)), 1e-300))
+    if whole > OWN_FACTOR or 0.0 < whole < 1.0 / OWN_FACTOR:
+        size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
+        yield Hypothesis(
+            "torque_unit", tuple(every), f"torques are about {size}: those of the motors before their gears, or in a "
+            "unit of their own",
+            "give gear_ratio, or scale, in the map of 'armdyn import'",
+            Correction({name: Reading(name, whole) for name in every}), price=FREE, sure=False,
+        )  # fmt: skip
     if CONSTANTS[0] < likely < CONSTANTS[1]:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
@@ -184,10 +230,15 @@ def clocks(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques stamped by another clock than positions; early ones may be commands."""
     said = "torques are stamped {} against the positions"
     yield from stamped(run.channels, [late for late in LATE if late > 0.0], said, FILTERED)
+    for pace in PACES:
+        found = read_as("clock_shift", run.channels, said.format(stamps(0.0, pace)), pace=pace, price=FILTERED)
+        yield replace(found, clock=said)
     commands = ", or are commands, which the drive follows later"
     for late in (late for late in LATE if late < 0.0):
-        early = said.format(f"{-late:g} s too early") + commands
-        yield read_as("clock_shift", run.channels, early, late=late, price=FILTERED)
+        found = read_as(
+            "clock_shift", run.channels, said.format(stamps(late, 0.0)) + commands, late=late, price=FILTERED
+        )
+        yield replace(found, clock=said + commands)
 
 
 def mountings(run: ArmRun) -> Iterator[Hypothesis]:
@@ -215,11 +266,11 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
             f"'armdyn add {MODEL} base_tilt {recording} --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
             description=Description(gravity=tuple(there.tolist())), price=3.0,
         )  # fmt: skip
-    yield Hypothesis(
-        "gravity_direction", run.channels, "gravity is already taken out of the torques",
-        "record the whole measured torque (libfranka: tau_J, not tau_J_d)",
-        description=Description(gravity=(0.0, 0.0, 0.0)),
-    )  # fmt: skip
+    for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
+        yield Hypothesis(
+            "gravity_direction", run.channels, "gravity is already taken out of the torques",
+            "record the whole measured torque (libfranka: tau_J, not tau_J_d)", description=out,
+        )  # fmt: skip
 
 
 def rolled(gravity: np.ndarray) -> tuple[float, float]:
@@ -227,6 +278,22 @@ def rolled(gravity: np.ndarray) -> tuple[float, float]:
     up = -gravity / np.linalg.norm(gravity)
     # R_x(-roll) R_y(-pitch) e_z = (-sin p, cos p sin r, cos p cos r)
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
+
+
+def readings(run: ArmRun) -> Iterator[Hypothesis]:
+    """Torques that were low-passed or lost their sign: no description explains them, and nothing undoes that."""
+    for lag in TIME_CONSTANTS:
+        yield Hypothesis(
+            "low_pass", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
+            "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
+            description=Description(lag=lag), price=FILTERED,
+        )  # fmt: skip
+    rows = run.measured
+    if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
+        yield Hypothesis(
+            "torque_sign", run.channels, "torques are magnitudes: their signs are lost",
+            "record torques with their signs", description=Description(magnitudes=True),
+        )  # fmt: skip
 
 
 def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
@@ -243,5 +310,15 @@ def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
-MISTAKES: tuple[Mistake, ...] = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, descriptions)
+MISTAKES: tuple[Mistake, ...] = (
+    angle_units,
+    torque_units,
+    signs,
+    orders,
+    zeros,
+    clocks,
+    mountings,
+    readings,
+    descriptions,
+)
 """Who makes another kind of mistake adds a function here."""

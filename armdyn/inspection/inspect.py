@@ -8,11 +8,11 @@ import numpy as np
 
 from armdyn.arm.carried import joints_described, left_out
 from armdyn.arm.model import ArmModel
-from armdyn.channels import MIN_SAMPLES, Channel
+from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError
-from armdyn.faults import without_spikes
+from armdyn.faults import without_saturation, without_spikes
 from armdyn.gaps import between, gaps_of
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
@@ -20,7 +20,7 @@ from armdyn.inspection.arm import ArmRun
 from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount, by_severity
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.kinematics import consistent, rate_checks
-from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of
+from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of, wraps
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
 from armdyn.run import Run
@@ -91,7 +91,10 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     refused = _refused(run, check_stamps)
     if refused:
         return refused
-    found = [check for look in SIGNAL_CHECKS for check in look(run)]
+    turned = list(wraps(run))
+    for check in turned:
+        run = (check.correction or Correction()).of(run)
+    found = [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
     if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
@@ -99,6 +102,7 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     if model is not None and not still:
         piece = longest_piece(run, LONGEST)
         piece = without_spikes(piece, piece.channels)
+        piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
         told = physics_of(model, consistent(piece), effects)
         found += [replace(check, run=run.name) for check in told]
         for check in told:

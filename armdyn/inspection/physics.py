@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize, minimize_scalar
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
 from armdyn.inspection.check import MODEL, Check, Severity, amount
@@ -16,6 +17,10 @@ SURPRISE = 8.0
 """Nats that a mistake costs before anything is measured: one recording in some ten has one of some hundred."""
 SURE = 12.0
 """Nats by which a mistake must then beat "as it stands": sound recordings reach 6, see docs/inspect.md."""
+PERHAPS = 8.0
+"""Nats from which a mistake is told as one to look at."""
+TIE = 6.0
+"""Nats below which two mistakes explain a recording equally well: both are told, and neither is mended."""
 EXPLAINED = 0.35
 """Of the concerned channels' mean square that the model may leave once the mistake is undone; where it leaves more, the
 description is of another arm, and no mistake is told."""
@@ -28,6 +33,12 @@ AT_ONCE = 3
 """Mistakes in one recording."""
 HOPELESS = 5.0
 """Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
+SHIFT, DRIFT = 0.03, 5e-3
+"""s, and share of the time that passes: first steps of the search for how a clock runs."""
+AROUND = 4.0
+"""First steps to either side of a clock's shift, as far as the next that was tried."""
+MOST_TRIED = 80
+"""Clocks that such a search tries."""
 Modelled = ArmRun | SwingRun
 REGISTRY: dict[type, Sequence[Callable[[Any], Iterator[Hypothesis]]]] = {ArmRun: MISTAKES, SwingRun: (mistakes,)}
 """Kinds of mistake by what was recorded."""
@@ -41,11 +52,18 @@ class Verdict:
         hypothesis: the best.
         gain: nats against "as it stands".
         lead: nats against the next best.
+        rival: another mistake that explains as much; None where there is none.
     """
 
     hypothesis: Hypothesis
     gain: float
     lead: float
+    rival: Hypothesis | None = None
+
+    @property
+    def sure(self) -> bool:
+        """Whether the recording is wrong, rather than to be looked at."""
+        return self.gain >= SURE
 
 
 def find_mistakes(run: Modelled) -> Iterator[Verdict]:
@@ -59,7 +77,7 @@ def find_mistakes(run: Modelled) -> Iterator[Verdict]:
                 return
             yield verdict
             told.add((h.kind, h.channels))
-            if h.description != AS_DESCRIBED:
+            if h.description != AS_DESCRIBED or not verdict.sure or verdict.rival is not None:
                 return
             run = run.with_run(h.correction.of(run.run))
         if not found:
@@ -119,13 +137,47 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in h.channels for h in chosen)] or slice(None)
     explained = float(np.mean(found[best].share[concerned])) <= EXPLAINED
-    if values[best] - as_is < SURE or not explained or any(h.effect for h in chosen):
-        return ()
     least = max(as_is, run.nothing())
-    if values[best] - least < SURE:
+    of_description = any(h.description.mass != 1.0 or h.description.length != 1.0 for h in chosen)
+    enough = SURE if of_description else PERHAPS  # a description is that of all its recordings
+    if values[best] - least < enough or not explained or any(h.effect for h in chosen):
         return ()
-    lead = values[best] - max([*(v for k, v in enumerate(values) if k != best), as_is])
-    return tuple(Verdict(h, values[best] - least, lead) for h in chosen)
+    same = {(h.kind, h.channels) for h in chosen}
+    others = [k for k, those in enumerate(sets) if {(h.kind, h.channels) for h in those} != same]
+    next_best = max(others, key=lambda k: values[k], default=best)
+    lead = values[best] - max([*(values[k] for k in others), as_is])
+    rival = sets[next_best][0] if lead < TIE and len(chosen) == 1 and values[next_best] > as_is else None
+    chosen = tuple(_fitted(run, chosen, k) for k in range(len(chosen)))
+    return tuple(Verdict(h, values[best] - least, lead, rival) for h in chosen)
+
+
+def _fitted(run: Modelled, chosen: tuple[Hypothesis, ...], which: int) -> Hypothesis:
+    """A mistake of a clock with the shift and the drift that explain best, in place of the nearest that was tried."""
+    h = chosen[which]
+    if not h.clock:
+        return h
+    reading = h.readings[0]
+
+    def worth(clock: np.ndarray) -> float:
+        correction = Correction()
+        for k, other in enumerate(chosen):
+            meant = h.with_clock(SHIFT * clock[0], DRIFT * clock[1]) if k == which else other
+            correction = correction.then(meant.correction)
+        return -run.sure(correction, AS_DESCRIBED).value
+
+    start = np.array([reading.late / SHIFT, reading.pace / DRIFT])
+    simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    both = minimize(
+        worth, start, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.05, "maxfev": MOST_TRIED},
+    )  # fmt: skip
+    alone = minimize_scalar(
+        lambda late: worth(np.array([late, 0.0])), bounds=(start[0] - AROUND, start[0] + AROUND), method="bounded",
+        options={"xatol": 1e-3, "maxiter": MOST_TRIED // 2},
+    )  # fmt: skip
+    if alone.fun <= both.fun + SURPRISE:
+        return h.with_clock(SHIFT * float(alone.x), 0.0)
+    return h.with_clock(SHIFT * float(both.x[0]), DRIFT * float(both.x[1]))
 
 
 def checks(run: Modelled) -> list[Check]:
@@ -135,15 +187,17 @@ def checks(run: Modelled) -> list[Check]:
 
 def _check(run: Modelled, v: Verdict) -> Check:
     h = v.hypothesis
-    fixes = bool(h.correction.readings) and h.sure
+    fixes = bool(h.correction.readings) and h.sure and v.sure and v.rival is None
     sure = f"{amount(v.gain)} nats more probable than as it stands, {amount(v.lead)} more than anything else"
+    rival = "" if v.rival is None else f", or {v.rival.said}: this recording does not tell which"
+    remedy = h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed"
     return Check(
         kind=h.kind,
-        severity=Severity.WRONG,
+        severity=Severity.WRONG if v.sure else Severity.SUSPECT,
         run=run.run.name,
         channels=h.channels,
-        sentence=f"{h.said} ({sure})",
-        remedy=h.remedy or f"armdyn inspect {MODEL} {run.run.source or run.run.name} --fix fixed",
+        sentence=f"{'' if v.sure else 'perhaps '}{h.said}{rival} ({sure})",
+        remedy=remedy if fixes or h.remedy else "record a motion that tells, or ask who made the recording",
         evidence=v.lead,
         correction=h.correction if fixes else None,
     )

@@ -21,6 +21,15 @@ STRONG = 1.0
 CHECK = "check your recording: armdyn inspect M.toml RUN..., with --report a page of every channel"
 
 
+DETERMINED = 2.0
+"""Standard deviations by which a value must be beyond what a thing has: what runs do not determine is no finding."""
+
+
+def least(p: Parameter) -> float:
+    """How large a parameter is at least, as far as the runs determine it."""
+    return abs(p.value) - DETERMINED * (p.std or 0.0)
+
+
 def implausible(model: Model) -> list[Check]:
     """Values that nothing has: a payload heavier than the robot, a friction that pushes, a base upside down."""
     return [
@@ -49,7 +58,7 @@ def require_plausible(model: Model, runs: Sequence[Run], given: Model) -> None:
 def compared_model(model: Model, found: Comparison) -> Model:
     """The model of a study with the values that a comparison found; those of a single run stay."""
     changed = {
-        name: replace(p, value=found.parameters[name].value)
+        name: replace(p, value=found.parameters[name].value, std=found.parameters[name].std)
         for name, p in model.parameters.items()
         if name in found.parameters and p.scope == "shared"
     }
@@ -61,26 +70,27 @@ def _sizes(model: Model) -> Iterator[tuple[str, str]]:
     for name, p in model.parameters.items():
         effect = p.effect or ""
         pushes = ("friction" in effect or "drag" in effect) and p.lower >= 0.0
-        if pushes and p.value < 0.0:
+        if pushes and p.value < 0.0 < least(p):
             yield name, f"{name} = {amount(p.value)} {p.unit} is a friction that pushes"
-        if effect and p.unit == "s" and abs(p.value) > SLOWEST:
+        if effect and p.unit == "s" and least(p) > SLOWEST:
             yield name, f"{name} = {amount(p.value)} s is a time that nothing of a robot takes"
 
 
 def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
     whole = float(model.arm.described[:, 0].sum())
     for name, p in model.parameters.items():
-        if p.effect == "payload" and p.unit == "kg" and p.value > whole:
+        if p.effect == "payload" and p.unit == "kg" and least(p) > whole:
             yield name, f"{name} = {amount(p.value)} kg is a payload heavier than the arm of {amount(whole)} kg"
         limit = _effort(model, p)
-        if limit is not None and p.unit in ("N m", "N") and abs(p.value) > STRONG * limit and "spring" not in p.effect:
+        if limit is not None and p.unit in ("N m", "N") and least(p) > STRONG * limit and "spring" not in p.effect:
             yield (
                 name,
                 f"{name} = {amount(p.value)} {p.unit} is more than the joint's limit of {amount(limit)} {p.unit}",
             )
     if any(p.effect == "link_inertia" for p in model.parameters.values()):
         for joint, inertial in model.link_parameters().items():
-            if inertial[0] > max(whole, 1.0):
+            own = model.parameters.get(f"link_inertia.mass[{joint}]")
+            if inertial[0] - (DETERMINED * (own.std or 0.0) if own is not None else 0.0) > max(whole, 1.0):
                 said = (
                     f"the link of {joint} would weigh {amount(inertial[0])} kg, more than the arm of {amount(whole)} kg"
                 )

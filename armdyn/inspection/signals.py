@@ -9,6 +9,7 @@ from armdyn.differences import LONGEST_SPAN, normalised_differences, quiet_std
 from armdyn.faults import FEW, at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of, shortest_gap
 from armdyn.inspection.check import Check, Kind, Severity, amount
+from armdyn.inspection.correction import Correction, Reading
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 from armdyn.tracks import second_track
@@ -347,6 +348,38 @@ def ranges(run: Run) -> Iterator[Check]:
                 )  # fmt: skip
 
 
+def wraps(run: Run) -> Iterator[Check]:
+    """An endless joint is counted from the other end again after a turn."""
+    for name, channel in run.channels.items():
+        if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
+            continue
+        step = np.diff(channel.value)
+        usual = float(np.quantile(np.abs(step), 1.0 - SELDOM)) if len(step) else 0.0
+        turn = next((t for t in TURNS if usual < NEARLY * t and np.any(_round(step, t))), 0.0)
+        if not turn:
+            continue
+        many = int(np.count_nonzero(_round(step, turn)))
+        yield Check(
+            "wrapped", Severity.WRONG, run.name, (name,),
+            f"{name} counts from the other end again after {amount(turn)} rad, {many} times: no joint turns that fast",
+            f"armdyn inspect {run.source or run.name} --fix fixed",
+            float(channel.time[1:][_round(step, turn)][0]), float(channel.time[-1]),
+            correction=Correction({name: Reading(name, turn=turn)}),
+        )  # fmt: skip
+
+
+def _round(step: np.ndarray, turn: float) -> np.ndarray:
+    """(n,) bool: steps of a whole turn, give or take the motion, that leave the motion as it was before and after."""
+    once = np.abs(np.abs(step) - turn) < NEARLY * turn
+    small = np.abs(step) < NEARLY * turn
+    beside = np.concatenate([[True], small[:-1]]) & np.concatenate([small[1:], [True]])
+    return np.asarray(once & beside)
+
+
+TURNS = (2.0 * np.pi, 360.0)
+"""In rad, and in degrees that are called rad."""
+NEARLY, SELDOM = 0.2, 0.05
+"""Of a turn: what a joint moves at most between two samples; and share of the samples at which it is counted anew."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
 )  # fmt: skip

@@ -12,9 +12,18 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from armdyn.inspection.correction import Correction
-from armdyn.inspection.evidence import Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import DEGREE, LENGTH_UNITS, QUARTERS, Hypothesis, read_as, stamped
+from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
+from armdyn.inspection.hypotheses import (
+    DEGREE,
+    LENGTH_UNITS,
+    PACES,
+    QUARTERS,
+    Hypothesis,
+    read_as,
+    stamped,
+    stamps,
+)
 from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.run import Run
@@ -34,6 +43,19 @@ FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.44
 """N."""
 LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """s; what is late by less is a delay of a sensor, an effect."""
+ASTRAY = 0.05
+"""Of a gripper's acceleration: what its scale is typically wrong by. With 0.15 it is as good as free to be reversed."""
+KNOWN = 0.03
+"""Of a channel's root mean square: error that the equations of a pendulum may have, known better than an arm's. The
+motion of a gripper is told where it makes a tenth of the swing's acceleration, which 0.1 hides."""
+LENGTHS, FADES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
+"""Of the model's length, half a percent apart, and 1/s of a swing's decay: with which a swing is tried that no sensor
+shows. In 30 s the phases of neighbours come half a radian apart."""
+SOON = 0.5
+"""Of a swing's period over 2 pi: between two looks that show whether a reading is more than noise."""
+STEP = 0.02
+"""s, of the integration of such a swing."""
+_TREND = np.linspace(-1.0, 1.0, MOMENTS)
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -79,38 +101,78 @@ class SwingRun:
         return found
 
     @cached_property
-    def motion(self) -> Callable[[float], Motion]:
-        """(n,) angle, rate and acceleration of the angle as recorded, whose stamps are so much too large; kept."""
+    def motion(self) -> Callable[[float, float], Motion]:
+        """(n,) angle, rate and acceleration of the angle as recorded, by how late and fast its stamps are; kept."""
         return cache(self._motion)
 
-    def _motion(self, late: float) -> Motion:
-        time = self.moments + late
+    def _stamps(self, channel: str, late: float, pace: float) -> np.ndarray:
+        """(n,) stamps that a channel has at the moments."""
+        begin = float(self.run.channels[channel].time[0])
+        return Reading(channel, late=late, pace=pace).stamped(self.moments, begin)
+
+    def _motion(self, late: float, pace: float) -> Motion:
+        time = self._stamps(self.swing or "", late, pace)
         curve = self._curves[self.swing or ""]
         if self.swing == "swing_angle":
-            angle, rate, bend = (curve(time, k)[:, 0] for k in range(3))
+            angle, rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3))
             return angle, rate, bend
-        rate, bend = (curve(time, k)[:, 0] for k in range(2))
+        rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(2))
         fine = np.linspace(time[0], time[-1], 8 * MOMENTS)
         values = curve(fine, 0)[:, 0]
-        angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(fine))])
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(fine))]) / (1.0 + pace)
         angle -= np.polyval(np.polyfit(fine, angle, 1), fine)
         return np.interp(time, fine, angle), rate, bend
 
-    def pull(self, late: float) -> np.ndarray:
+    def pull(self, late: float, pace: float = 0.0) -> np.ndarray:
         """(n,) acceleration of the pivot as recorded, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(MOMENTS)
-        return np.asarray(self._curves["gripper_x"](self.moments + late, 2)[:, 0])
+        stamps = self._stamps("gripper_x", late, pace)
+        return np.asarray((1.0 + pace) ** 2 * self._curves["gripper_x"](stamps, 2)[:, 0])
 
-    def force(self, late: float) -> np.ndarray:
+    def force(self, late: float, pace: float = 0.0) -> np.ndarray:
         """(n,) of the load cell as recorded, averaged around the moments."""
-        return averages(self.run.channels["load_force"], self.moments + late)
+        return averages(self.run.channels["load_force"], self._stamps("load_force", late, pace))
+
+    @cached_property
+    def driven(self) -> Callable[[float], list[Motion]]:
+        """What a load does that hangs still at first under the gripper times a factor, for `LENGTHS` and `FADES`."""
+        return cache(self._driven)
+
+    def _driven(self, factor: float) -> list[Motion]:
+        gravity, begin = self._known("gravity")[0], float(self.run.channels["gripper_x"].time[0])
+        h = STEP
+        steps = int((self.moments[-1] - begin) / h) + 2
+        fine = begin + 0.5 * h * np.arange(2 * steps + 1)
+        u = factor * self._curves["gripper_x"](np.minimum(fine, self.run.channels["gripper_x"].time[-1]), 2)[:, 0]
+        length, fade = (x.ravel() for x in np.meshgrid(self._known("length")[0] * LENGTHS, FADES))
+
+        def rates(angle: np.ndarray, rate: np.ndarray, u: float) -> tuple[np.ndarray, np.ndarray]:
+            return rate, (u * np.cos(angle) - gravity * np.sin(angle)) / length - fade * rate
+
+        found = np.zeros((steps + 1, 2, len(length)))
+        a, b = found[0]
+        for k in range(steps):
+            first = rates(a, b, u[2 * k])
+            second = rates(a + 0.5 * h * first[0], b + 0.5 * h * first[1], u[2 * k + 1])
+            third = rates(a + 0.5 * h * second[0], b + 0.5 * h * second[1], u[2 * k + 1])
+            last = rates(a + h * third[0], b + h * third[1], u[2 * k + 2])
+            a = a + h / 6.0 * (first[0] + 2.0 * second[0] + 2.0 * third[0] + last[0])
+            b = b + h / 6.0 * (first[1] + 2.0 * second[1] + 2.0 * third[1] + last[1])
+            found[k + 1] = a, b
+        at = np.clip((self.moments - begin) / h, 0.0, steps - 1e-9)
+        i, part = at.astype(int), (at % 1.0)[:, None]
+        angle, rate = (((1.0 - part) * found[i, j] + part * found[i + 1, j]).T for j in (0, 1))
+        return [(a, r, np.full(len(a), own)) for a, r, own in zip(angle, rate, length, strict=True)]
 
     @cached_property
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
-        return independent(given.measured, evidence(given).left, given.least)
+        soon = SOON * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
+        shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
+        after = self._given(shifted, given.weight).measured
+        return independent(given.measured, evidence(given).left, given.least, after)
 
     def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) as `sure`: a pendulum has few effects."""
@@ -121,14 +183,15 @@ class SwingRun:
         del description
         given = self._given(correction, self.weights)
         found = evidence(given)
-        return replace(found, value=found.value - self._outside(given))
+        return replace(found, value=found.value - self._outside(correction))
 
-    def _outside(self, given: Channels) -> float:
+    def _outside(self, correction: Correction) -> float:
         """Nats that a force costs with which no string holds this load."""
         if "load_force" not in self.channels:
             return 0.0
         mass, weighed = self._known("mass")
-        share = float(np.mean(given.measured[-1])) / (mass * self._known("gravity")[0])
+        mean = correction.reading("load_force").factor * float(np.mean(self.run.channels["load_force"].value))
+        share = mean / (mass * self._known("gravity")[0])
         return BEYOND * (float(share < 0.0) + float(weighed and not LIGHT < abs(share) < 1.0 / LIGHT))
 
     def nothing(self) -> float:
@@ -153,10 +216,12 @@ class SwingRun:
         u = np.zeros(n)
         if "gripper_x" in self._curves:
             r = correction.reading("gripper_x")
-            u = r.factor * self.pull(r.late)
+            u = r.factor * self.pull(r.late, r.pace)
+            if self.swing is None:
+                return self._given_by_force(correction, weight, u)
         if self.swing is not None:
             r = correction.reading(self.swing)
-            angle, rate, bend = (r.factor * x for x in self.motion(r.late))
+            angle, rate, bend = (r.factor * x for x in self.motion(r.late, r.pace))
             angle = angle + r.offset
             drive, weightless = u * np.cos(angle) / length, -gravity * np.sin(angle) / length
             width = MEASURED if measured else GUESSED["length"]
@@ -164,7 +229,7 @@ class SwingRun:
             rows.append(bend)
             described.append((drive + weightless) if measured else np.zeros(n))
             X = [
-                width * (drive + weightless), 0.15 * drive, -0.5 * rate, -np.tanh(20.0 * rate),
+                width * (drive + weightless), ASTRAY * drive, -0.5 * rate, -np.tanh(20.0 * rate),
                 -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
                 0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
@@ -177,7 +242,7 @@ class SwingRun:
             mass, weighed = self._known("mass")
             width = MEASURED if weighed else GUESSED["mass"]
             static = gravity * np.cos(angle) + u * np.sin(angle)
-            rows.append(r.factor * self.force(r.late))
+            rows.append(r.factor * self.force(r.late, r.pace))
             described.append(mass * (static + length * rate**2) if weighed else np.zeros(n))
             X = [
                 width * mass * static,
@@ -194,8 +259,46 @@ class SwingRun:
         for k, c in enumerate(columns):
             whole[k, :, sum(width_of[:k]) : sum(width_of[: k + 1])] = c
         return Channels(
-            np.array(rows), np.array(described), whole, np.concatenate(signs), weight, np.array(volume), np.array(least)
+            np.array(rows),
+            np.array(described),
+            whole,
+            np.concatenate(signs),
+            weight,
+            np.array(volume),
+            np.array(least),
+            KNOWN,
         )
+
+    def _given_by_force(self, correction: Correction, weight: np.ndarray, u: np.ndarray) -> Channels:
+        """Where nothing but the force shows the swing: that of the load which explains the force best.
+
+        What the force is on average says what the load weighs, and no more; so it is left out.
+        """
+        (mass, weighed), (gravity, _) = self._known("mass"), self._known("gravity")
+        r = correction.reading("load_force")
+        y = r.factor * self.force(r.late, r.pace)
+        y = y - y.mean()
+        swings = self.driven(correction.reading("gripper_x").factor)
+        shapes = np.array([gravity * np.cos(a) + length * rate**2 + u * np.sin(a) for a, rate, length in swings])
+        shapes -= shapes.mean(axis=1, keepdims=True)
+        along = np.maximum(shapes @ y, 0.0) ** 2 / np.maximum(np.sum(shapes**2, axis=1), 1e-300)
+        best = int(np.argmax(along))
+        shape, aside = shapes[best], np.sin(swings[best][0])
+        around = shapes.reshape(len(FADES), len(LENGTHS), -1)
+        j, i = divmod(best, len(LENGTHS))
+        size = mass if weighed else float(shape @ y) / max(float(shape @ shape), 1e-300)
+        longer = around[j, min(i + 1, len(LENGTHS) - 1)] - around[j, max(i - 1, 0)]
+        fading = around[min(j + 1, len(FADES) - 1), i] - around[max(j - 1, 0), i]
+        width = MEASURED if weighed else GUESSED["mass"]
+        X = [
+            width * mass * shape, 0.03 * mass * gravity * (aside - aside.mean()), 0.02 * mass * gravity * _TREND,
+            size * longer, size * fading,
+        ]  # fmt: skip
+        return Channels(
+            y[None], (mass * shape if weighed else np.zeros(len(y)))[None], np.column_stack(X)[None],
+            np.array([not weighed, *([False] * 4)]), weight, np.array([np.log(abs(r.factor))]),
+            np.array([1e-3 * mass * gravity]), FLOOR,
+        )  # fmt: skip
 
 
 def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
@@ -209,15 +312,21 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
     for said, offset in QUARTERS.items() if run.swing == "swing_angle" else ():
         zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
         yield read_as("position_offset", ("swing_angle",), zero, offset=-offset)
-    if "gripper_x" in has and run.swing is not None:
-        said = f"{both} count the other way than gripper_x: the load is at gripper_x - l sin(angle)"
-        yield replace(read_as("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x"))
+    if "gripper_x" in has:
+        if run.swing is not None:
+            said = f"{both} count the other way than gripper_x: the load is at gripper_x - l sin(angle)"
+            yield replace(read_as("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x"))
         for unit, factor in {**LENGTH_UNITS, "m, and called mm": 1e3}.items():
             said = f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m")
             yield read_as("scale", ("gripper_x",), said, factor)
         yield from stamped(
             (n for n in has if n != "gripper_x"), LATE, "what swings is stamped {} against gripper_x", 2.0
         )
+        others = tuple(n for n in has if n != "gripper_x")
+        said = "what swings is stamped {} against gripper_x"
+        for pace in PACES:
+            found = read_as("clock_shift", others, said.format(stamps(0.0, pace)), pace=pace, price=2.0)
+            yield replace(found, clock=said)
     if "load_force" in has:
         for unit, factor in FORCE_UNITS.items():
             yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)

@@ -23,6 +23,7 @@ from armdyn.channels import (
 )
 from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.inspection.check import Check
+from armdyn.inspection.correction import Reading
 from armdyn.run import Run
 from armdyn.units import parse_quantity, si_factor
 from pipeline.imports.foreign import Account, Column, Foreign
@@ -154,7 +155,9 @@ def _channel(
         )
         present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
-    return Channel(time[present] - late, value[present], to_si.unit)
+    turn = parse_quantity(entry.turn, to_si.unit).value if entry.turn else 0.0
+    reading = Reading(name, late=late, pace=entry.fast, turn=turn)
+    return Channel(reading.right(time[present]), reading.values(value[present]), to_si.unit)
 
 
 def _conversion(entry: Entry, unit: str) -> Conversion:

@@ -47,6 +47,8 @@ class Entry:
         torque_constant: torque per current, with its unit; empty where the column is no current.
         scale: what its values are multiplied by besides.
         late: by which its stamps are too large, with its unit; empty for 0.
+        fast: share of the time by which their clock runs fast.
+        turn: after which it counts from the other end again, with its unit; empty for never.
         why: how it was guessed; for a person.
     """
 
@@ -62,6 +64,8 @@ class Entry:
         1.0
     )
     late: str = ""
+    fast: Annotated[float, Check(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
+    turn: str = ""
     why: str = ""
 
 
@@ -184,6 +188,8 @@ def correction_text(run: Run, correction: Correction) -> str:
                 scale=abs(reading.factor),
                 offset=f"{reading.offset:.12g} {recorded.unit}" if reading.offset else "",
                 late=f"{reading.late:.12g} s" if reading.late else "",
+                fast=reading.pace,
+                turn=f"{reading.turn:.12g} {run.channels[reading.source].unit}" if reading.turn else "",
             )
     comment = f"Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS"
     return map_text(ColumnMap(entries, "time", "s"), comment)
