@@ -4,8 +4,9 @@ r"""What a set of effects is worth to runs, in nats: one score from clean simula
 
 fit       log evidence of the training runs: likelihood, less Occam's factor log det(I + T G T) / 2 of the unknowns, T
           their typical sizes (MacKay, Neural Computation 4, 1992), and a Cauchy prior on their sizes.
-transfer  log likelihood of every run as predicted by a fit to the *other* training runs: what decides where no model
-          is complete, and there training alone names whatever bends most.
+transfer  log likelihood of the held-out runs as a fit to the training runs predicts them, or of every training run as
+          a fit to the *others* does where none are held out: what decides where no model is complete, and there
+          training alone names whatever bends most.
 price     what a set must gain to be believed; see `Appraiser.price`.
 
 The model's own error is an unknown variance d^2 >= 0 of each joint or channel beside the sensor's s^2. At its best

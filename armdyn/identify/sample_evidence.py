@@ -64,8 +64,9 @@ class SampleEvidence:
         self.training = np.flatnonzero(sums.training)
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
         training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
-        # With a single training run there are no others to predict it from.
-        runs = (r for r in range(len(sums.runs)) if r not in training or len(training) > 1)
+        # Training runs stand in for held-out ones where none are given and there are several of them.
+        others = [r for r in range(len(sums.runs)) if r not in training]
+        runs = others or (training if len(training) > 1 else ())
         self.folds = tuple(
             Fold(run, np.flatnonzero(sums.run == run), np.flatnonzero(sums.training & (sums.run != run)))
             for run in runs
