@@ -63,7 +63,7 @@ class SampleEvidence:
         self._by_channel = [units for units in by_channel if len(units)]
         self.training = np.flatnonzero(sums.training)
         self._owner = np.array([-1 if c.run is None else c.run for c in sums.problem.columns])
-        training = tuple(np.flatnonzero(np.isin(np.arange(len(sums.runs)), sums.run[sums.training])))
+        training = np.unique(sums.run[sums.training]).tolist()
         # Training runs stand in for held-out ones where none are given and there are several of them.
         others = [r for r in range(len(sums.runs)) if r not in training]
         runs = others or (training if len(training) > 1 else ())

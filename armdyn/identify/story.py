@@ -56,10 +56,11 @@ def _with_all_that_is_sure(study: Study, given: Step, legs: list[Leg], say: Prog
 
 
 def _few_or_large(study: Study, given: Step, say: Progress) -> tuple[Summed, list[Leg]]:
-    appraiser, few = _to_the_end(study, given, say, sparse=True)
+    starts = _starts(study, given.fit, say)
+    appraiser, few = _to_the_end(study, given, starts, say, sparse=True)
     if _few_explain_all(study, _end(few, given)):
         return appraiser, few
-    other, large = _to_the_end(study, given, say, sparse=False)
+    other, large = _to_the_end(study, given, starts, say, sparse=False)
     one, end = _end(few, given), _end(large, given)
     if one.fit.free.sum() <= end.fit.free.sum() and study.squared_error(one.fit) < study.squared_error(end.fit):
         return appraiser, few
@@ -73,9 +74,11 @@ def _end(legs: Sequence[Leg], given: Step) -> Leg | Step:
     return legs[-1] if legs else given
 
 
-def _to_the_end(study: Study, given: Step, say: Progress, sparse: bool) -> tuple[Summed, list[Leg]]:
+def _to_the_end(
+    study: Study, given: Step, starts: "Sequence[_Start]", say: Progress, sparse: bool
+) -> tuple[Summed, list[Leg]]:
     """The appraiser of an arm around its fit as given, and the way to the fixed point; see `Summed` for `sparse`."""
-    appraiser, whole, ahead, around_given = _best_around(study, given.fit, say, sparse)
+    appraiser, whole, ahead, around_given = _best_around(study, starts, say, sparse)
     way = _leg(study, appraiser, whole, given, ahead, appraiser.given)
     return around_given, _to_fixed_point(study, given, way, say, sparse)
 
@@ -130,9 +133,13 @@ def _to_fixed_point(study: Study, given: Step, legs: list[Leg], say: Progress, s
     return legs
 
 
-def _best_around(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple[Summed, Appraisal, Fit, Summed]:
-    """The set chosen by sums, with its appraiser and the fit around which that is; the appraiser around `first`."""
-    starts: list[tuple[Fit, tuple[Candidate, ...]]] = [(first, ())]
+_Start = tuple[Fit, tuple[Candidate, ...]]
+"""A fit that sums may be around, and the effects that it has beside the model as given."""
+
+
+def _starts(study: Study, first: Fit, say: Progress) -> list[_Start]:
+    """The fit of the model as given, and such as a far turned base needs."""
+    starts: list[_Start] = [(first, ())]
     for candidate in study.candidates:
         if not candidate.joints:  # it turns the whole arm, and a large angle is far from linear
             say(f"fitting with {candidate.spoken}")
@@ -141,6 +148,13 @@ def _best_around(study: Study, first: Fit, say: Progress, sparse: bool) -> tuple
             angles, typical = turned.values[own] - study.problem.null[own], study.problem.typical[own]
             if np.any(np.abs(angles) > FAR * typical):
                 starts.append((turned, (candidate,)))
+    return starts
+
+
+def _best_around(
+    study: Study, starts: Sequence[_Start], say: Progress, sparse: bool
+) -> tuple[Summed, Appraisal, Fit, Summed]:
+    """The set chosen by sums, with its appraiser and the fit around which that is; the appraiser around the first."""
     appraisers = [study.appraiser(fit, sparse) for fit, _ in starts]
     found = {}
     for appraiser, (_, firm) in zip(appraisers, starts, strict=True):

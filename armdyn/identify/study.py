@@ -20,7 +20,7 @@ from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transfe
 from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import ResidualTests, Score, residual_tests, scores
 from armdyn.identify.summed import Summed
-from armdyn.identify.sums import sums
+from armdyn.identify.sums import Sums, sums
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -92,6 +92,7 @@ class Study:
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
         self._appraised: tuple[Fit, bool, Summed] | None = None
+        self._sums: tuple[Fit, Sums] | None = None
         self._present_names = [name for c in self.present for name in c.names]
 
     @cached_property
@@ -278,7 +279,9 @@ class Study:
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
-        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
+        if self._sums is None or self._sums[0] is not at:
+            self._sums = at, sums(everything, {run.name for run in self.runs}, values, absent, free)
+        around = self._sums[1]
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
         found = Summed(around, always, atoms, own, sparse)
         found.tried = self.tried

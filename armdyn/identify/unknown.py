@@ -181,10 +181,11 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
         white = filters[channel]
         order = len(white.coefficients)
         power = np.zeros(len(frequencies))
-        for b in blocks:
+        long_enough = [b for b in blocks if len(b.time) > order]  # a joint that rests leaves a handful of samples
+        for b in long_enough:
             power += periodogram(b.time[order:], white(b.residual), frequencies)
         best = int(np.argmax(power))
-        p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(blocks), 2 * float(power[best]))))
+        p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(long_enough), 2 * float(power[best]))))
         if p < SIGNIFICANCE:
             raw = np.concatenate([b.misfit for b in blocks])
             time = np.concatenate([b.time for b in blocks])
