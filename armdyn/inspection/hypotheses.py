@@ -299,7 +299,7 @@ def readings(run: ArmRun) -> Iterator[Hypothesis]:
     rows = run.measured
     if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
         yield Hypothesis(
-            "torque_sign", run.channels, "torques are magnitudes: their signs are lost",
+            "torque_magnitude", run.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=Description(magnitudes=True),
         )  # fmt: skip
 

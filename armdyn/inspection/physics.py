@@ -31,7 +31,7 @@ UNEXPLAINED = 0.2
 of sound recordings, real ones too, the median is below 0.14."""
 AT_ONCE = 3
 """Mistakes in one recording."""
-HOPELESS = 5.0
+HOPELESS = 10.0
 """Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
 SHIFT, DRIFT = 0.03, 5e-3
 """s, and share of the time that passes: first steps of the search for how a clock runs."""
