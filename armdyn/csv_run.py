@@ -22,7 +22,7 @@ from armdyn.channels import (
 from armdyn.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.units import si_factor
-from urdf.bounds import number, shown
+from urdf.bounds import LONGEST_NAME, number, shown
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
@@ -71,7 +71,15 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
     """Channels as one table; stamps that a channel does not have get an empty cell.
 
     Numbers have all their digits: reading them back gives the same floats.
+
+    Raises:
+        InputError: a channel has a name that would be read back as another.
     """
+    for name in channels:
+        if set(name) & set(',"[]') or not name.isprintable() or len(name) > LONGEST_NAME:
+            raise InputError(
+                f"channel {shown(name)}: no table holds such a name: rename its joint, or map its column to another"
+            )
     time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
     columns = [[repr(t) for t in time.tolist()]]
     for channel in channels.values():

@@ -33,6 +33,8 @@ ASIDE = frozenset(
 """Effects whose columns are made here in another form (a delay, a tilt, a payload), or are near those of others."""
 LARGE = {"joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0}
 """Times its typical size that an effect often has; Baxter's spring is 3.5 times as large as a spring typically is."""
+SIGNS = 3
+"""Times that the signs of torques of which only the sizes are known are decided anew."""
 SLIGHT = 0.02
 """Of what a joint is made for: torques that are hardly any."""
 LATE = 0.03
@@ -90,10 +92,13 @@ class Description:
         """Torques (J, n), and what changes them (J, n, k), as such a recording has them."""
         if self.lag:
             parts = tuple(_lagged(time, part, self.lag) for part in parts)
-        if self.magnitudes:
-            sign = np.where(parts[0] < 0.0, -1.0, 1.0)
-            parts = tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
-        return parts
+        return turned_up(parts[0], *parts) if self.magnitudes else parts
+
+
+def turned_up(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Parts (J, n, ...) of a torque (J, n), with its sign, so that the whole becomes its size."""
+    sign = np.where(whole < 0.0, -1.0, 1.0)
+    return tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
 
 
 def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
@@ -287,9 +292,11 @@ class ArmRun:
             f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
-        found = evidence(
-            Channels(y, f, columns, positive, weight, volume, SLIGHT * self._effort[self.of_joint] * np.exp(volume))
-        )
+        least = SLIGHT * self._effort[self.of_joint] * np.exp(volume)
+        found = evidence(Channels(y, f, columns, positive, weight, volume, least))
+        for _ in range(SIGNS if description.magnitudes else 0):  # the effects decide, too, which way a torque acts
+            f, columns = turned_up(f + columns @ found.sizes, f, columns)
+            found = evidence(Channels(y, f, columns, positive, weight, volume, least))
         return Evidence(found.value - self.outside(m, y), found.left, found.share, found.sizes)
 
     def nothing(self) -> float:

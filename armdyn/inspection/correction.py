@@ -76,7 +76,7 @@ class Correction:
                 second.factor * first.offset + second.offset,
                 first.late + second.late,
                 (1.0 + first.pace) * (1.0 + second.pace) - 1.0,
-                first.turn,
+                first.turn or second.turn,
             )
         return Correction(found)
 

@@ -20,6 +20,8 @@ OF_ONE = ("mN m", "N cm")
 """Units that a single joint's column may have."""
 CONSTANTS = (2.0, 400.0)
 """N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
+NEAR_A_UNIT = 1.5
+"""Factor from a known unit within which gains and loads may lie."""
 OWN_FACTOR, FREE = 3.0, 8.0
 """From which a factor of its own is no gain, and nats that it costs beside a unit that is known."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
@@ -74,6 +76,11 @@ class Hypothesis:
     def readings(self) -> tuple[Reading, ...]:
         """How channels are to be read."""
         return tuple(self.correction.readings.values())
+
+    @property
+    def family(self) -> tuple[object, ...]:
+        """The same for what differs only in how a clock runs, which is fitted."""
+        return self.kind, self.channels, self.clock or self.said
 
     def with_clock(self, late: float, pace: float) -> "Hypothesis":
         """The same with another clock of all its channels."""
@@ -159,7 +166,8 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
     whole = float(np.sum(described * measured) / max(float(np.sum(measured**2)), 1e-300))
-    if whole > OWN_FACTOR or 0.0 < whole < 1.0 / OWN_FACTOR:
+    listed = any(1.0 / NEAR_A_UNIT < whole / factor < NEAR_A_UNIT for factor, _ in TORQUE_UNITS.values())
+    if not listed and (whole > OWN_FACTOR or 0.0 < whole < 1.0 / OWN_FACTOR):
         size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
         yield Hypothesis(
             "torque_unit", tuple(every), f"torques are about {size}: those of the motors before their gears, or in a "
@@ -291,7 +299,7 @@ def readings(run: ArmRun) -> Iterator[Hypothesis]:
     rows = run.measured
     if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
         yield Hypothesis(
-            "torque_sign", run.channels, "torques are magnitudes: their signs are lost",
+            "torque_magnitude", run.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=Description(magnitudes=True),
         )  # fmt: skip
 

@@ -31,7 +31,7 @@ UNEXPLAINED = 0.2
 of sound recordings, real ones too, the median is below 0.14."""
 AT_ONCE = 3
 """Mistakes in one recording."""
-HOPELESS = 5.0
+HOPELESS = 10.0
 """Nats by which a hypothesis may look worse than "as it stands" at first and still be looked at closely."""
 SHIFT, DRIFT = 0.03, 5e-3
 """s, and share of the time that passes: first steps of the search for how a clock runs."""
@@ -142,8 +142,8 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     enough = SURE if of_description else PERHAPS  # a description is that of all its recordings
     if values[best] - least < enough or not explained or any(h.effect for h in chosen):
         return ()
-    same = {(h.kind, h.channels) for h in chosen}
-    others = [k for k, those in enumerate(sets) if {(h.kind, h.channels) for h in those} != same]
+    same = {h.family for h in chosen}
+    others = [k for k, those in enumerate(sets) if {h.family for h in those} != same]
     next_best = max(others, key=lambda k: values[k], default=best)
     lead = values[best] - max([*(values[k] for k in others), as_is])
     rival = sets[next_best][0] if lead < TIE and len(chosen) == 1 and values[next_best] > as_is else None

@@ -107,7 +107,7 @@ def _import(
     if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(told.checks)}):
         if told.checks:
             show(inspection_document(told))
-        _say(found, written)
+        _say(found, written, choice)
 
 
 def _joints(choice: RobotChoice) -> "Joints | None":
@@ -159,8 +159,9 @@ def _propose(
         _say_guess(found, recordings, target)
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
-        again = shlex.join(["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)])
-        typer.echo(f"read it, mend what is wrong, then: {again}")
+        again = ["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)]
+        again += _words(choice) if choice else []
+        typer.echo(f"read it, mend what is wrong, then: {shlex.join(again)}")
 
 
 def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
@@ -183,7 +184,14 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
     typer.echo(f"written to {target}")
 
 
-def _say(found: "list[Imported]", written: list[Path]) -> None:
+def _words(choice: RobotChoice) -> list[str]:
+    """The options that name the robot again; a place for its file where none was named."""
+    if choice.robot is not None:
+        return ["--robot", choice.robot]
+    return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]
+
+
+def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> None:
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
         run = each.run
@@ -196,7 +204,7 @@ def _say(found: "list[Imported]", written: list[Path]) -> None:
     compare = f"then: armdyn compare M.toml {shlex.join(map(str, written[:3]))}"
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
-        typer.echo("next: armdyn new arm M.toml --urdf ROBOT.urdf")
+        typer.echo(f"next: {shlex.join(['armdyn', 'new', 'arm', 'M.toml', *_words(choice)])}")
         measured = any(name.startswith("tau.") for name in runs[0].channels)
         typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
     else:

@@ -137,4 +137,6 @@ def _said(column: Column) -> tuple[bool, int]:
     return bool(np.ptp(column.value[np.isfinite(column.value)]) > 0.0), len(column.value)
 
 
-READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml"),)
+PARTS = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
+"""How recorders of ROS 2 call the files of a bag: as its directory."""
+READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", PARTS),)

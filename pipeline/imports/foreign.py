@@ -1,5 +1,6 @@
 """A recording as somebody else wrote it, a table, a bag or a data set: columns of numbers, whatever they are called."""
 
+import glob
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,15 +139,20 @@ class Reader:
         endings: of the files' names.
         folder: what a directory of this kind is; empty where it is never one.
         marker: file in such a directory, by which it is known.
+        parts: patterns of files, `name` that of the directory, by which it is known where that one is missing, as
+            after a recorder that was killed.
     """
 
     read: Callable[[Path], list[Foreign]]
     endings: tuple[str, ...] = ()
     folder: str = ""
     marker: str = ""
+    parts: tuple[str, ...] = ()
 
     def accepts(self, path: Path) -> bool:
         """Whether a file or directory is of this kind."""
         if path.is_dir():
-            return bool(self.marker) and (path / self.marker).is_file()
+            name = glob.escape(path.resolve().name)
+            known = [self.marker, *(part.format(name=name) for part in self.parts)] if self.marker else []
+            return any(file.is_file() for pattern in known for file in path.glob(pattern))
         return path.suffix.lower() in self.endings

@@ -3,7 +3,7 @@
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
@@ -198,7 +198,8 @@ class MeasurementNode:
         self._waiting.append(("gripper_z", state.time, height))
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
             for name, value in zip(self._arm.joint_names, values, strict=True):
-                self._recorder.record(f"{prefix}.{name}", state.time, float(value))
+                if isfinite(value):  # what the robot does not tell is missing
+                    self._recorder.record(f"{prefix}.{name}", state.time, float(value))
 
     def _locate(self, q: Vector) -> tuple[float, float]:
         """Coordinate of the gripper along the line and height above it [m], of a posture (n,)."""

@@ -106,9 +106,10 @@ class JointReadingCheck(ReadingCheck):
     def _why_not(self, state: JointState, now: float) -> Refused | None:
         joints = self._limits.velocity.shape
         values = (state.q, state.v, state.tau)
+        told = [state.q, *(value for value in (state.v, state.tau) if not np.isnan(value).all())]
         if any(np.shape(value) != joints for value in values):
             return Refused.WRONG_NUMBER
-        if not (isfinite(state.time) and all(np.isfinite(value).all() for value in values)):
+        if not (isfinite(state.time) and all(np.isfinite(value).all() for value in told)):
             return Refused.NOT_A_NUMBER
         last = self._last
         if last is not None and state.time <= last.time:
@@ -117,7 +118,8 @@ class JointReadingCheck(ReadingCheck):
         if stamp is not None:
             return stamp
         quick = QUICKEST * self._limits.velocity
-        if not (np.all(np.abs(state.v) <= quick) and np.all(np.abs(state.tau) <= EFFORT_ROOM * self._limits.effort)):
+        speed, effort = np.abs(np.nan_to_num(state.v)), np.abs(np.nan_to_num(state.tau))
+        if not (np.all(speed <= quick) and np.all(effort <= EFFORT_ROOM * self._limits.effort)):
             return Refused.OUT_OF_RANGE
         if last is not None and np.any(np.abs(state.q - last.q) > quick * (state.time - last.time) + ENCODER_ERROR):
             return Refused.JUMP
@@ -130,7 +132,7 @@ class JointReadingCheck(ReadingCheck):
         """
         last = self._last
         assert last is not None, "bridging needs a good reading"
-        position: Vector = last.q + last.v * period
+        position: Vector = last.q + np.nan_to_num(last.v) * period
         return position
 
 

@@ -20,8 +20,8 @@ class JointState:
     Attributes:
         time: when the reading was taken [s].
         q: joint positions (n,) [rad].
-        v: joint velocities (n,) [rad/s].
-        tau: joint efforts, what the motors exert (n,) [N m].
+        v: joint velocities (n,) [rad/s]; all of them nan where the robot does not tell them.
+        tau: joint efforts, what the motors exert (n,) [N m]; likewise.
     """
 
     time: float

@@ -4,7 +4,7 @@ import threading
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -127,7 +127,7 @@ class JointStates:
         after = bisect_right(states, time, key=lambda state: state.time)
         if after == len(states):
             last = states[-1]
-            return JointState(time, last.q + last.v * (time - last.time), last.v, last.tau)
+            return JointState(time, last.q + np.nan_to_num(last.v) * (time - last.time), last.v, last.tau)
         return _between(states[after - 1], states[after], time) if after else states[0]
 
     def _index(self, names: object) -> list[int] | None:
@@ -145,9 +145,10 @@ class JointStates:
         stamp = stamp_of(message)
         if q is None or not isfinite(stamp):
             return None
-        # A driver may leave either out. A reading that says neither speed nor effort is still one of the posture.
+        # A driver may leave either out. A reading that says neither speed nor effort is still one of the posture: what
+        # was not sent is missing, not 0.
         v, tau = (
-            _values(message[name], index) if message.get(name) else np.zeros(len(index))
+            _values(message[name], index) if message.get(name) else np.full(len(index), nan)
             for name in ("velocity", "effort")
         )
         if v is None or tau is None:
@@ -233,8 +234,9 @@ def _values(given: object, index: list[int]) -> Vector | None:
 
 
 def _between(a: JointState, b: JointState, time: float) -> JointState:
-    """Cubic Hermite in the positions, linear in velocities and efforts."""
+    """Cubic Hermite in the positions, linear in velocities and efforts; a straight line where no velocity was sent."""
     h = b.time - a.time
-    u = (time - a.time) / h
-    q = (1 + 2 * u) * (1 - u) ** 2 * a.q + u**2 * (3 - 2 * u) * b.q + h * u * (1 - u) * ((1 - u) * a.v - u * b.v)
+    u, mean = (time - a.time) / h, (b.q - a.q) / h
+    before, after = (np.where(np.isnan(v), mean, v) for v in (a.v, b.v))
+    q = (1 + 2 * u) * (1 - u) ** 2 * a.q + u**2 * (3 - 2 * u) * b.q + h * u * (1 - u) * ((1 - u) * before - u * after)
     return JointState(time, q, (1 - u) * a.v + u * b.v, (1 - u) * a.tau + u * b.tau)

@@ -351,3 +351,12 @@ def test_of_a_number_with_all_its_digits_the_last_are_of_no_size(recording, lost
     assert read_run(recording(text[:-lost])).channel("load_force").value[-1] == pytest.approx(
         float(cells[-1]), rel=1e-11
     )
+
+
+@pytest.mark.parametrize("joint", ["a,b", 'a"b', "a\nb", "a [rad]", "x" * 300, "a\tb"])
+def test_a_name_that_would_be_read_back_as_another_is_not_written(tmp_path, joint):
+    time = np.arange(20) / 10.0
+    run = Run("x", {f"q.{joint}": Channel(time, np.sin(time), "rad")}, {}, {})
+    with pytest.raises(InputError, match="no table holds such a name"):
+        write_run_csv(run, tmp_path / "a.csv")
+    assert not list(tmp_path.iterdir())

@@ -93,6 +93,18 @@ def test_joint_states_become_a_run(bag, joints):
             assert channel.unit == unit
 
 
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("number", ["", "_0"])
+def test_a_directory_without_its_metadata_is_a_bag_all_the_same(tmp_path, joints, plugin, number):
+    bag = write_bag(tmp_path / "walk", plugin)
+    (bag / "metadata.yaml").unlink()
+    (file,) = bag.iterdir()
+    file.rename(file.with_stem(f"walk{number}"))
+    (foreign,) = read_foreign(bag)
+    run = imported(foreign, known_columns(foreign)).run
+    np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
+
+
 def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
     (foreign,) = read_foreign(bag)
     entries = {

@@ -75,9 +75,14 @@ def test_a_bad_message_is_counted_and_left_out(taken, changes):
 
 def test_a_driver_may_leave_out_velocity_and_effort_and_stamps(taken):
     states = taken(message(0.0, velocity=[], effort=[]), 7.0)
-    assert not states.latest.v.any()
-    assert not states.latest.tau.any()
+    assert np.isnan(states.latest.v).all()  # missing, not 0
+    assert np.isnan(states.latest.tau).all()
     assert states.latest.time == 7.0
+    states = taken(message(1.0, velocity=[], effort=[]), 7.0, message(1.1, velocity=[], effort=[]), 7.1)
+    first, last = (states.at(time) for time in (states._states[0].time, states.latest.time))
+    between = states.at(0.5 * (first.time + last.time))
+    np.testing.assert_allclose(between.q, 0.5 * (first.q + last.q))
+    np.testing.assert_allclose(states.at(last.time + 0.01).q, last.q)
 
 
 def test_repeated_and_overtaken_messages_are_left_out(taken):
