@@ -199,7 +199,11 @@ class ArmModel(Model):
 
     def gravity(self) -> np.ndarray:
         """(3,) acceleration of free fall in the frame of the base, m/s^2, effects included."""
-        described, change = np.array(self.arm.model.gravity.linear), self._bodies(self.theta()).gravity
+        return self.gravity_at(self.theta())
+
+    def gravity_at(self, theta: np.ndarray) -> np.ndarray:
+        """(3,) the same at (p,) `theta`."""
+        described, change = np.array(self.arm.model.gravity.linear), self._bodies(theta).gravity
         return described if change is None else described + change
 
     def _bodies(self, theta: np.ndarray) -> Bodies:

@@ -6,14 +6,16 @@ effects add to the drives. Gain and offset of a drive's torque are no part of th
 what the drive is told, and says itself, which is a function of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.physics import Expression, Joint, Link, Neighbour
-from armdyn.arm.rigid import inertia_matrix, joint_axes, parents
+from armdyn.arm.rigid import joint_axes, parents
 from armdyn.errors import InputError
 
 DRIVE = frozenset({"torque_offset", "torque_gain"})
@@ -56,32 +58,60 @@ def _torques(model: ArmModel) -> tuple[Expression, Expression, Expression, Expre
     """Symbols of positions, velocities and accelerations, the drives' torques, and gain and offset of every reading."""
     n = len(model.arm.joints)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
-    load = rigid_torques(model, q, v, a)
-    tau, readings = [load[i] for i in range(n)], []
-    for i in range(n):
-        joint, inner = _with_effects(model, i, q, v, a, load[i])
-        tau[i] += joint.torque
-        if inner >= 0:
-            tau[inner] += joint.inner_torque
-        readings.append((joint.gain, joint.offset))
-    return q, v, a, ca.densify(ca.vertcat(*tau)), readings
+    links = [ca.SX(link) for link in model.link_parameters().values()]
+    load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
+    tau, gains, offsets = added_torques(model, (q, v, a), ca.sign(v), load, ca.SX(model.theta()))
+    readings = list(zip(ca.vertsplit(gains), ca.vertsplit(offsets), strict=True))
+    return q, v, a, ca.densify(load + tau), readings
 
 
-def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) -> Expression:
-    """(n,) torques that the rigid bodies ask of the joints, effects on links and base counted in.
+def added_torques(
+    model: ArmModel,
+    motion: tuple[Expression, Expression, Expression],
+    direction: Expression,
+    load: Expression,
+    theta: Expression,
+) -> tuple[Expression, Expression, Expression]:
+    """What effects add to the drives' torques, (n,), and gain and offset, (n,) each, of the readings of these.
 
     Args:
-        model: the arm.
+        model: the arm; its own values are not read.
+        motion: (n,) positions, velocities and accelerations.
+        direction: (n,) signs of the velocities.
+        load: (n,) torques that the rigid bodies ask of the joints.
+        theta: (p,) parameters of the model.
+
+    Raises:
+        InputError: an effect depends on time or has states of its own.
+    """
+    n = len(model.arm.joints)
+    torque, gain, offset = [ca.SX(0)] * n, [], []
+    for i in range(n):
+        joint, inner = _with_effects(model, i, motion, direction[i], load[i], theta)
+        torque[i] += joint.torque
+        if inner >= 0:
+            torque[inner] += joint.inner_torque
+        gain.append(joint.gain)
+        offset.append(joint.offset)
+    return ca.vertcat(*torque), ca.vertcat(*gain), ca.vertcat(*offset)
+
+
+def rigid_torques(
+    arm: pin.Model, links: Sequence[Expression], gravity: Expression, q: Expression, v: Expression, a: Expression
+) -> Expression:
+    """(n,) torques that rigid bodies ask of the joints.
+
+    Args:
+        arm: placements and axes of the joints.
+        links: (10,) inertial parameters of the link that each joint moves.
+        gravity: (3,) in the frame of the base, m/s^2.
         q: (n,) rad or m.
         v: (n,) per s.
         a: (n,) per s^2.
     """
-    arm = model.arm.model
-    links = list(model.link_parameters().values())
     inner = parents(arm)
     placements = list(arm.jointPlacements)[1:]
     axes = joint_axes(arm)
-    gravity = ca.SX(model.gravity())
     rotations: list[tuple[Expression, Expression]] = []
     moves: list[tuple[Expression, Expression, Expression]] = []
     forces: list[tuple[Expression, Expression]] = []
@@ -97,7 +127,7 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
         acceleration = acceleration + slide * a[i] + 2 * ca.cross(w, slide * v[i])
         dw = dw + turn * a[i] + ca.cross(w, turn * v[i])
         w = w + turn * v[i]
-        m, h, inertia = links[i][0], ca.SX(links[i][1:4]), ca.SX(inertia_matrix(links[i]))
+        m, h, inertia = links[i][0], links[i][1:4], _inertia_matrix(links[i])
         force = m * acceleration + ca.cross(dw, h) + ca.cross(w, ca.cross(w, h))
         moment = inertia @ dw + ca.cross(w, inertia @ w) + ca.cross(h, acceleration)
         rotations.append((R, p))
@@ -115,20 +145,24 @@ def rigid_torques(model: ArmModel, q: Expression, v: Expression, a: Expression) 
 
 
 def _with_effects(
-    model: ArmModel, i: int, q: Expression, v: Expression, a: Expression, load: Expression
+    model: ArmModel,
+    i: int,
+    motion: tuple[Expression, Expression, Expression],
+    direction: Expression,
+    load: Expression,
+    theta: Expression,
 ) -> tuple[Joint, int]:
-    """A joint with its effects at the model's parameters, and its neighbour towards the base, -1 for none."""
+    """A joint with its effects at (p,) parameters, and its neighbour towards the base, -1 for none."""
     name, zero, time = model.arm.joints[i], ca.SX(0), ca.SX.sym("time")
     inner = parents(model.arm.model)[i]
-    neighbour = Neighbour(q[inner], v[inner], a[inner]) if inner >= 0 else Neighbour(zero, zero, zero)
-    joint = Joint(
-        time, q[i], v[i], a[i], ca.sign(v[i]), load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)),
-    )  # fmt: skip
+    neighbour = Neighbour(*(part[inner] if inner >= 0 else zero for part in motion))
+    q, v, a = (part[i] for part in motion)
+    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)))
     for effect in model.effects:
         if effect.reach == "base" or name not in model.joints_with(effect.name):
             continue
         full = (f"{effect.name}.{short}" for short in effect.quantities)
-        values = {quantity: ca.SX(model.parameters[f"{quantity}[{name}]"].value) for quantity in full}
+        values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
         # What an effect does to the link is in the link's parameters already.
         joint = replace(effect.apply(joint, values), link=joint.link)
         if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
@@ -137,6 +171,12 @@ def _with_effects(
                 f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
             )
     return joint, inner
+
+
+def _inertia_matrix(link: Expression) -> Expression:
+    """(3, 3) about the origin of (10,) inertial parameters; see `rigid.inertia_matrix`."""
+    xx, xy, yy, xz, yz, zz = ca.vertsplit(link[4:])
+    return ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
 
 
 def _turned(axis: np.ndarray, angle: Expression) -> Expression:

@@ -1,0 +1,206 @@
+r"""An arm that moves: under given torques, or in closed loop with its servos, from the model that explains recordings.
+
+A model says which torques T(q, v, a) a motion takes, effects counted in, and how a drive's torque is read:
+reading = gain T + offset. Solved for the motion over a step h, with q' = q + h v/2 and v' = v + h a/2 at its middle:
+
+    (A + h/2 D) v_next + h F sign(v_next) = A v + h (u - T(q', v', 0) + D (v' - v/2)),    q_next = q' + h v_next/2
+
+A = dT/da; D the share of T and of the drive's torque u that follows the joint's own velocity, taken at the mean of both
+velocities; F(q', v', load) the dry friction, dT/dsign(v), of either direction its own. This is second order where
+nothing sticks. At v_next = 0 friction is whatever holds the joint, up to F: v_next is the minimum of a convex function
+with kinks there (Moreau, Unilateral Contact and Dry Friction in Finite Freedom Dynamics, 1988), and found by Newton's
+method for such functions (Hintermüller, Ito & Kunisch, SIAM J. Optim. 13, 2003), then by coordinates. A joint that
+rests rests exactly.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from armdyn.arm.arm import Arm
+from armdyn.arm.model import ArmModel
+from armdyn.arm.physics import Expression
+from armdyn.arm.symbolic import added_torques, rigid_torques
+from armdyn.codegen import Buffered, compile_functions
+from armdyn.effects.effect import Effect
+
+BLOCK = 50
+"""Steps of one compiled call."""
+NEWTON = 3
+"""Guesses of which joints stick and which way the others slide; each but the last is nearly always right."""
+SWEEPS = 2
+"""Over the coordinates, after which what is left of a wrong guess is friction's error in one step."""
+PER_JOINT = 5
+"""Inputs of a joint: see `Drives`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """What drives an arm's joints over n steps: reading = given + on clip(k (q_cmd - q) + d (v_cmd - v), +-limit).
+
+    Attributes:
+        given: (n, nj) N m or N: a measured torque, or one that is asked for beside a command.
+        q_cmd: (n, nj) rad or m, as it acts in the step.
+        v_cmd: (n, nj) per s.
+        limit: (n, nj) N m or N, infinite for none: it may follow the supply.
+        on: (n, nj) 1 where the servo is on, 0 where it is off or there is none.
+        gain: (nj,) k, N m/rad or N/m.
+        damping: (nj,) d, N m s/rad or N s/m.
+    """
+
+    given: np.ndarray
+    q_cmd: np.ndarray
+    v_cmd: np.ndarray
+    limit: np.ndarray
+    on: np.ndarray
+    gain: np.ndarray
+    damping: np.ndarray
+
+
+def simulate(
+    model: ArmModel, theta: np.ndarray, start: tuple[np.ndarray, np.ndarray], drives: Drives, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The motion of an arm from a state.
+
+    Args:
+        model: the arm with its effects.
+        theta: (p,) its parameters.
+        start: (nj,) positions and velocities.
+        drives: over n steps.
+        step: length of one, s; stable where k step^2 is well below four times the inertia that k moves.
+
+    Returns:
+        (n + 1, nj) positions and velocities, the start first.
+
+    Raises:
+        InputError: an effect depends on time or has states of its own.
+    """
+    count, joints = drives.given.shape
+    function = _compiled(model.arm, model.effects, model.names)
+    links = model.arm.described.copy()
+    for i, (change, _) in model.changed_links(theta).items():
+        links[i] += change
+    gravity = model.gravity_at(theta)
+    values = np.concatenate([links.ravel(), gravity, theta, drives.gain, drives.damping, [step]])
+    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, FREE), drives.on])
+    state = np.concatenate([*start, np.zeros(joints)])
+    found = np.empty((count + 1, 3 * joints))
+    found[0] = state
+    inputs = np.zeros((PER_JOINT * joints, BLOCK))
+    for begin in range(0, count, BLOCK):
+        part = rows[begin : begin + BLOCK]
+        inputs[:, : len(part)] = part.T
+        inputs[:, len(part) :] = part[-1:].T
+        states = function(state, inputs, values)[0]
+        found[begin + 1 : begin + 1 + len(part)] = states.T[: len(part)]
+        state = found[begin + len(part)]
+    return found[:, :joints], found[:, joints : 2 * joints]
+
+
+FREE = 1e30
+"""N m; a limit that no torque reaches."""
+
+
+@lru_cache(maxsize=16)
+def _compiled(arm: Arm, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
+    """``(state, inputs, p) -> states`` of `BLOCK` steps."""
+    nameless: Any = dict.fromkeys(names)  # values are inputs of the function
+    step = _step(ArmModel(effects, nameless, arm))
+    name = f"arm_{len(arm.joints)}_steps"
+    block = step.mapaccum(name, BLOCK)
+    s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), BLOCK)
+    p = ca.MX.sym("p", step.size1_in(2))
+    whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, BLOCK))])
+    return Buffered(compile_functions(name, {name: whole})[name])
+
+
+def _step(model: ArmModel) -> ca.Function:
+    """``(state, inputs, p) -> state`` of one step; the state is q, v and the mean acceleration of the last step."""
+    n, size = len(model.arm.joints), len(model.names)
+    state, inputs = ca.SX.sym("x", 3 * n), ca.SX.sym("w", PER_JOINT * n)
+    p = ca.SX.sym("p", 12 * n + 4 + size)
+    q, v, last = (state[i * n : (i + 1) * n] for i in range(3))
+    given, q_cmd, v_cmd, limit, on = (inputs[i * n : (i + 1) * n] for i in range(PER_JOINT))
+    links, rest = [p[10 * i : 10 * (i + 1)] for i in range(n)], p[10 * n :]
+    gravity, theta, gain, damping, h = (
+        rest[:3], rest[3 : 3 + size], rest[3 + size : 3 + size + n], rest[3 + size + n : 3 + size + 2 * n], rest[-1],
+    )  # fmt: skip
+    qm, vm = q + h / 2 * v, v + h / 2 * last
+    qs, vs, a, way, load = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load"))
+    rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
+    mass = ca.jacobian(rigid, a)
+    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, theta)
+    by_a, zero = ca.jacobian(added, a), ca.SX.zeros(n)
+    still = ca.substitute(added, a, zero)
+    free = ca.substitute(still, way, zero)
+    forwards, backwards = (ca.substitute(still, way, sign * ca.SX.ones(n)) for sign in (1, -1))
+    own = ca.vertcat(*(ca.jacobian(free[i], vs[i]) for i in range(n)))
+    bias = ca.substitute(rigid, a, zero)
+    parts = ca.Function(
+        "parts",
+        [qs, vs, load, p],
+        [mass, bias, by_a, free, forwards - free, free - backwards, own, sensor_gain, offset],
+    )
+    loads = ca.Function("loads", [qs, vs, p], [mass, bias])
+    M, b = loads(qm, vm, p)
+    M, b, more, free, up, down, own, sensor_gain, offset = parts(qm, vm, b + M @ last, p)
+    asked = gain * (q_cmd - qm) + damping * (v_cmd - vm)
+    within = on * (ca.fabs(asked) < limit)
+    u = (given + on * ca.fmax(-limit, ca.fmin(limit, asked)) - offset) / sensor_gain
+    D = own + within * damping / sensor_gain
+    A = M + more
+    H = A + ca.diag(h / 2 * D)
+    r = A @ v + h * (u - b - free + D * (vm - v / 2))
+    v_next = _sliding(H, r, h * up, h * down, v)
+    stops = v_next == 0
+    a_next = ca.if_else(stops, 0, (v_next - v) / h)
+    following = ca.vertcat(qm + h / 2 * v_next, v_next, a_next)
+    return ca.Function("step", [state, inputs, p], [ca.densify(following)])
+
+
+def _sliding(H: Expression, r: Expression, up: Expression, down: Expression, v: Expression) -> Expression:
+    """(n,) v with r - H v within the friction: `up` where v > 0, -`down` where v < 0, between them where v = 0.
+
+    Args:
+        H: (n, n), positive definite.
+        r: (n,).
+        up: (n,) >= 0.
+        down: (n,) >= 0.
+        v: (n,) where the search begins.
+    """
+    n = r.numel()
+    diagonal = ca.diag(H)
+    for _ in range(NEWTON):
+        push = r - H @ v + diagonal * v
+        moves = ca.logic_or(push > up, push < -down)
+        friction = ca.if_else(push > up, up, -down)
+        keep = ca.if_else(moves, 1, 0)
+        masked = H * (keep @ keep.T)
+        for i in range(n):
+            masked[i, i] = ca.if_else(moves[i], H[i, i], 1)
+        v = _solved(masked, keep * (r - friction))
+    for _ in range(SWEEPS):
+        for i in range(n):
+            push = r[i] - H[i, :] @ v + H[i, i] * v[i]
+            v[i] = (ca.fmax(push - up[i], 0) + ca.fmin(push + down[i], 0)) / H[i, i]
+    return v
+
+
+def _solved(H: Expression, r: Expression) -> Expression:
+    """(n,) solution of a positive definite system, by L D L' without pivots."""
+    n = r.numel()
+    L, d = [[ca.SX(0)] * n for _ in range(n)], [ca.SX(0)] * n
+    for j in range(n):
+        d[j] = H[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
+        for i in range(j + 1, n):
+            L[i][j] = (H[i, j] - sum((L[i][k] * L[j][k] * d[k] for k in range(j)), ca.SX(0))) / d[j]
+    x: list[Expression] = []
+    for i in range(n):
+        x.append(r[i] - sum((L[i][k] * x[k] for k in range(i)), ca.SX(0)))
+    x = [x[i] / d[i] for i in range(n)]
+    for i in reversed(range(n)):
+        x[i] = x[i] - sum((L[k][i] * x[k] for k in range(i + 1, n)), ca.SX(0))
+    return ca.vertcat(*x)
