@@ -125,7 +125,10 @@ class CheckedStudy:
         known = model if isinstance(model, Known) else Known.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
         every = [*training, *others, *last]
-        known = replace(known, file=replace(known.file, model=known.file.model.following(every)))
+        model = known.file.model.following(every)
+        known = replace(known, file=replace(known.file, model=model))
+        training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
+        every = [*training, *others, *last]
         for run in every:
             check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
         found = known.inspect(every)

@@ -399,6 +399,10 @@ class Model(Shown):
         del runs
         return self
 
+    def reading(self, run: Run) -> Run:
+        """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
+        return run
+
     def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """A model that may lack effects which are not `needed`, where `runs` are predicted faster without them.
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -15,6 +15,8 @@ from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
+from armdyn.arm.drive_scale import settled
+from armdyn.arm.drives import Servo, read_drives, with_readings
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun, torque_noise
@@ -35,9 +37,11 @@ class ArmModel(Model):
 
     Attributes:
         arm: the joints and their links.
+        drives: by the name of their kind, of joints that record what they were told rather than a torque.
     """
 
     arm: Arm
+    drives: Mapping[str, Servo] = field(default_factory=lambda: MappingProxyType({}))
 
     base = "arm"
     stages = ("joint",)
@@ -49,14 +53,17 @@ class ArmModel(Model):
         return f"arm {self.arm.robot.name}, {len(self.joints)} joints from {self.joints[0]} to {self.joints[-1]}"
 
     def described(self, folder: Path) -> Mapping[str, Any]:
-        """See `Model.described`: which arm it is, its file as seen from the model's own."""
+        """See `Model.described`: which arm it is, its file as seen from the model's own, and its drives."""
+        slides = dict(zip(self.arm.joints, self.arm.slides, strict=True))
+        drives = {name: servo.entries(slides[servo.joints[0]]) for name, servo in self.drives.items()}
+        own = {**super().described(folder), **({"drives": drives} if drives else {})}
         if self.arm.file is None:
-            return super().described(folder)
+            return own
         try:
             place = Path(os.path.relpath(self.arm.file, folder.resolve())).as_posix()
         except ValueError:  # on another drive
             place = str(self.arm.file)
-        return {**super().described(folder), "urdf": place}
+        return {**own, "urdf": place}
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -64,9 +71,21 @@ class ArmModel(Model):
         return self.arm.driven
 
     def following(self, runs: Sequence[Run]) -> Self:
-        """See `Model.following`: joints of the URDF that it leaves out and that move in the recordings."""
-        found = following(self.arm, runs)
-        return self if found is self.arm else replace(self, arm=found)
+        """See `Model.following`: joints of the URDF that it leaves out and that move, and drives that were not known."""
+        arm = following(self.arm, runs)
+        drives = {name: settled(servo, arm, runs, name) for name, servo in self.drives.items()}
+        if arm is self.arm and drives == self.drives:
+            return self
+        return replace(self, arm=arm, drives=MappingProxyType(drives))
+
+    def reading(self, run: Run) -> Run:
+        """See `Model.reading`: the torques that servos gave, by their own errors."""
+        return with_readings(run, self.arm.joints, tuple(self.drives.values()))
+
+    def with_drives(self, table: Mapping[str, Any]) -> Self:
+        """The model with drives as ``[drives]`` of a model file declares them; see `read_drives`."""
+        slides = dict(zip(self.arm.joints, self.arm.slides, strict=True))
+        return replace(self, drives=MappingProxyType(read_drives(table, slides))) if table else self
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """See `Model.reachable`; ``("",)`` for an effect on the base.
@@ -284,9 +303,10 @@ class Keys:
     robot: _Name | None = None
     joints: tuple[str, ...] | None = None
     tool: _Name | None = None
+    drives: dict[str, Any] = field(default_factory=dict)
 
 
-KEYS = tuple(field.name for field in fields(Keys))
+KEYS = tuple(key.name for key in fields(Keys))
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[str, Any]]:
@@ -305,6 +325,7 @@ def read_base(table: Mapping[str, Any], folder: Path) -> tuple[ArmModel, dict[st
     if (keys.urdf is None) == (keys.robot is None):
         raise InputError('an arm needs either urdf = "path" or robot = "baxter"')
     # Where the URDF is depends on where the model is written: `ArmModel.described` says it.
-    rest = {key: value for key, value in description.items() if key != "urdf"}
+    rest = {key: value for key, value in description.items() if key not in ("urdf", "drives")}
     urdf = None if keys.urdf is None else folder / keys.urdf
-    return arm_model(urdf, keys.robot, keys.joints, tool=keys.tool), rest
+    model = arm_model(urdf, keys.robot, keys.joints, tool=keys.tool)
+    return model.with_drives(keys.drives), rest
