@@ -214,6 +214,10 @@ class Channel:
         """The samples of which (n,) is true."""
         return Channel(self.time[which], self.value[which], self.unit)
 
+    def held(self, time: FloatArray) -> FloatArray:
+        """(n,) values at (n,) times of what holds from its stamp to the next one, as a command does."""
+        return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
+
     def averaged(self, group: int) -> "Channel":
         """Means of so many samples in a row, those of their stamps included; what is left over at the end is left out.
 

@@ -58,7 +58,7 @@ class Stretch:
         model: the arm as described.
         motion: at the stamps.
         time: (n,) s since the start of the run.
-        extra: further recorded quantities by name, see `Run.extra`.
+        extra: further recorded quantities by name, see `Run.extra`, and when drives were on.
     """
 
     model: pin.Model
@@ -126,9 +126,11 @@ class Stretch:
         return link == joint
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(9 + c, n) inputs of a joint's functions, with the load of the arm as described, and c further quantities."""
+        """(10 + c, n) inputs of a joint's functions, with the load of the arm as described, and c further quantities."""
         m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
+        enabled = self.extra.get(f"enabled.{self.model.names[joint + 1]}")
+        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held(m.time) > 0.5).astype(float))
         return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

@@ -72,12 +72,12 @@ class Servo:
         """(n,) share of its torque that it gives at (n,) times, 0 where it is off, and (n,) share of its gain."""
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
-            share = (held(run.channels[f"enabled.{joint}"], time) > 0.5).astype(float)
+            share = (run.channels[f"enabled.{joint}"].held(time) > 0.5).astype(float)
         if self.supply is not None and f"voltage.{joint}" in run.channels:
             volts = run.channels[f"voltage.{joint}"]
             share = share * np.interp(time, volts.time, np.abs(volts.value)) / self.supply
         if SCALE in run.extra:
-            scale = held(run.extra[SCALE], time)
+            scale = run.extra[SCALE].held(time)
         return share, scale
 
     def error_unit(self, slides: bool) -> str:
@@ -167,11 +167,6 @@ def _servo(entry: _Entry, *, slides: bool) -> Servo:
     return Servo(entry.joints, law, gain, **values)
 
 
-def held(channel: Channel, time: np.ndarray) -> np.ndarray:
-    """(n,) values at (n,) times of what holds from its stamp to the next one."""
-    return np.asarray(channel.value[np.clip(np.searchsorted(channel.time, time, side="right") - 1, 0, None)])
-
-
 def mean_held(channel: Channel, edges: np.ndarray) -> np.ndarray:
     """(n,) means between (n + 1,) rising times of what holds from its stamp to the next one, smooth in the times."""
     time, value = channel.time, channel.value
@@ -189,7 +184,7 @@ def reads(run: Run, joint: str, servo: Servo) -> bool:
 
 def error(run: Run, joints: tuple[str, ...], joint: str, servo: Servo, delay: float, time: np.ndarray) -> np.ndarray:
     """(n,) what a drive reads at (n,) times before its gain, its share of the torque and its limit."""
-    told = held(run.channels[f"{TOLD[servo.law]}.{joint}"], time - delay)
+    told = run.channels[f"{TOLD[servo.law]}.{joint}"].held(time - delay)
     if servo.law == "position":
         q = run.channels[f"q.{joint}"]
         return told - np.interp(time, q.time, q.value)
@@ -216,7 +211,7 @@ def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) 
             if servo.damping and servo.law == "position":
                 v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
                 told = run.channels.get(f"v_cmd.{joint}")
-                asked += servo.damping * ((0.0 if told is None else held(told, q.time - (servo.delay or 0.0))) - v)
+                asked += servo.damping * ((0.0 if told is None else told.held(q.time - (servo.delay or 0.0))) - v)
             given = share * np.clip(asked, -servo.largest, servo.largest)
             channels[f"tau.{joint}"] = Channel(q.time, given, "N" if q.unit == "m" else "N m")
     return run if len(channels) == len(run.channels) else replace(run, channels=channels)

@@ -44,8 +44,12 @@ class ArmModel(Model):
     drives: Mapping[str, Servo] = field(default_factory=lambda: MappingProxyType({}))
 
     base = "arm"
-    stages = ("joint",)
     linear = True
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """See `Model.stages`: drives are one where the model says what they are told."""
+        return ("joint", "drive") if self.drives else ("joint",)
 
     @property
     def about(self) -> str:
@@ -208,6 +212,11 @@ class ArmModel(Model):
             derivatives[:, self._columns[i]] = bodies.derivatives[i]
             found[i] = change, derivatives
         return found
+
+    @property
+    def remembers(self) -> bool:
+        """Whether an effect has states of its own."""
+        return any(functions.remembers for functions in self._functions)
 
     def link_parameters(self) -> Mapping[str, np.ndarray]:
         """By joint: (10,) inertial parameters of the link that it moves, effects included; see `rigid`."""

@@ -97,6 +97,7 @@ class Joint(Timed):
         inner_torque: what the inner neighbour's drive gives beyond its own, N m.
         gain: the sensor's reading per torque.
         offset: its reading without torque, N m.
+        on: 1 while the drive is on, 0 while its windings are open.
     """
 
     time: Expression
@@ -111,6 +112,7 @@ class Joint(Timed):
     inner_torque: Expression = NONE
     gain: Expression = ONE
     offset: Expression = NONE
+    on: Expression = ONE
 
     def with_torque(self, torque: Expression) -> "Joint":
         """Let the drive give this much more, N m: positive where friction opposes a positive velocity."""

@@ -262,4 +262,5 @@ def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
     motion = motion_in(run, arm.joints)
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
-    return Stretch(arm.model, motion.at(time), time - start, recording.extra)
+    enabled = {key: c for key, c in recording.channels.items() if key.startswith("enabled.")}
+    return Stretch(arm.model, motion.at(time), time - start, {**recording.extra, **enabled})

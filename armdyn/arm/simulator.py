@@ -46,7 +46,7 @@ class Drives:
         q_cmd: (n, nj) rad or m, as it acts in the step.
         v_cmd: (n, nj) per s.
         limit: (n, nj) N m or N, infinite for none: it may follow the supply.
-        on: (n, nj) 1 where the servo is on, 0 where it is off or there is none.
+        on: (n, nj) share of its torque that a drive gives, 0 where it is off.
         gain: (nj,) k, N m/rad or N/m.
         damping: (nj,) d, N m s/rad or N s/m.
     """
@@ -129,10 +129,10 @@ def _step(model: ArmModel) -> ca.Function:
         rest[:3], rest[3 : 3 + size], rest[3 + size : 3 + size + n], rest[3 + size + n : 3 + size + 2 * n], rest[-1],
     )  # fmt: skip
     qm, vm = q + h / 2 * v, v + h / 2 * last
-    qs, vs, a, way, load = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load"))
+    qs, vs, a, way, load, live = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load", "live"))
     rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
     mass = ca.jacobian(rigid, a)
-    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, theta)
+    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, live, theta)
     by_a, zero = ca.jacobian(added, a), ca.SX.zeros(n)
     still = ca.substitute(added, a, zero)
     free = ca.substitute(still, way, zero)
@@ -141,12 +141,12 @@ def _step(model: ArmModel) -> ca.Function:
     bias = ca.substitute(rigid, a, zero)
     parts = ca.Function(
         "parts",
-        [qs, vs, load, p],
+        [qs, vs, load, live, p],
         [mass, bias, by_a, free, forwards - free, free - backwards, own, sensor_gain, offset],
     )
     loads = ca.Function("loads", [qs, vs, p], [mass, bias])
     M, b = loads(qm, vm, p)
-    M, b, more, free, up, down, own, sensor_gain, offset = parts(qm, vm, b + M @ last, p)
+    M, b, more, free, up, down, own, sensor_gain, offset = parts(qm, vm, b + M @ last, ca.if_else(on > 0, 1, 0), p)
     asked = gain * (q_cmd - qm) + damping * (v_cmd - vm)
     within = on * (ca.fabs(asked) < limit)
     u = (given + on * ca.fmax(-limit, ca.fmin(limit, asked)) - offset) / sensor_gain

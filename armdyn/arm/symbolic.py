@@ -60,7 +60,7 @@ def _torques(model: ArmModel) -> tuple[Expression, Expression, Expression, Expre
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     links = [ca.SX(link) for link in model.link_parameters().values()]
     load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
-    tau, gains, offsets = added_torques(model, (q, v, a), ca.sign(v), load, ca.SX(model.theta()))
+    tau, gains, offsets = added_torques(model, (q, v, a), ca.sign(v), load, ca.SX.ones(n), ca.SX(model.theta()))
     readings = list(zip(ca.vertsplit(gains), ca.vertsplit(offsets), strict=True))
     return q, v, a, ca.densify(load + tau), readings
 
@@ -70,6 +70,7 @@ def added_torques(
     motion: tuple[Expression, Expression, Expression],
     direction: Expression,
     load: Expression,
+    on: Expression,
     theta: Expression,
 ) -> tuple[Expression, Expression, Expression]:
     """What effects add to the drives' torques, (n,), and gain and offset, (n,) each, of the readings of these.
@@ -79,6 +80,7 @@ def added_torques(
         motion: (n,) positions, velocities and accelerations.
         direction: (n,) signs of the velocities.
         load: (n,) torques that the rigid bodies ask of the joints.
+        on: (n,) 1 where the drive is on, 0 where it is off.
         theta: (p,) parameters of the model.
 
     Raises:
@@ -87,7 +89,7 @@ def added_torques(
     n = len(model.arm.joints)
     torque, gain, offset = [ca.SX(0)] * n, [], []
     for i in range(n):
-        joint, inner = _with_effects(model, i, motion, direction[i], load[i], theta)
+        joint, inner = _with_effects(model, i, motion, direction[i], load[i], on[i], theta)
         torque[i] += joint.torque
         if inner >= 0:
             torque[inner] += joint.inner_torque
@@ -150,6 +152,7 @@ def _with_effects(
     motion: tuple[Expression, Expression, Expression],
     direction: Expression,
     load: Expression,
+    on: Expression,
     theta: Expression,
 ) -> tuple[Joint, int]:
     """A joint with its effects at (p,) parameters, and its neighbour towards the base, -1 for none."""
@@ -157,7 +160,7 @@ def _with_effects(
     inner = parents(model.arm.model)[i]
     neighbour = Neighbour(*(part[inner] if inner >= 0 else zero for part in motion))
     q, v, a = (part[i] for part in motion)
-    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)))
+    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)), on=on)
     for effect in model.effects:
         if effect.reach == "base" or name not in model.joints_with(effect.name):
             continue

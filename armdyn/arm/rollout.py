@@ -1,0 +1,200 @@
+"""How far the motion of a model is from the robot's: an arm simulated by what its drives were told, or gave.
+
+Where every joint has a command the loop is closed, and whole recordings are simulated from their first state; a measured
+torque alone pulls nothing back, so that windows are begun anew at the measured motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.arm.drives import TOLD, Servo, mean_held
+from armdyn.arm.model import ArmModel
+from armdyn.arm.motion import measured_motion
+from armdyn.arm.simulator import Drives, simulate
+from armdyn.kept import kept_alongside
+from armdyn.run import Run
+
+STEP = 0.002
+"""s of the simulation."""
+WINDOWS = (0.5, 5.0)
+"""s, of what cannot be simulated as a whole."""
+LATE = "torque_delay.time"
+
+
+@dataclass(frozen=True)
+class RollOut:
+    """The error of one joint's simulated position in one run; see the contract's `rollout`.
+
+    Attributes:
+        run: its name.
+        role: ``"training"``, ``"held_out"`` or ``"exam"``.
+        kind: ``"closed_loop"``, or ``"window_0.5"`` and ``"window_5"``.
+        joint: which.
+        unit: rad or m.
+        rms: root of the mean square.
+        mae: mean absolute error.
+        position_is_command: rms and mean absolute error of a joint that is always where it was told to be; None where
+            it was told no position.
+        resolution: step of the encoder, 0 where none shows.
+    """
+
+    run: str
+    role: str
+    kind: str
+    joint: str
+    unit: str
+    rms: float
+    mae: float
+    position_is_command: tuple[float, float] | None
+    resolution: float
+
+
+def servo_of(model: ArmModel, joint: str) -> Servo | None:
+    """The drive of a joint, if it is declared."""
+    return next((servo for servo in model.drives.values() if joint in servo.joints), None)
+
+
+def closed(model: ArmModel, run: Run) -> bool:
+    """Whether every joint of the arm was told its position."""
+    servos = [servo_of(model, joint) for joint in model.arm.joints]
+    return all(
+        servo is not None and servo.law == "position" and f"q_cmd.{joint}" in run.channels
+        for servo, joint in zip(servos, model.arm.joints, strict=True)
+    )
+
+
+def can_roll_out(model: ArmModel, run: Run) -> bool:
+    """Whether the recording says what drove every joint, and the model has nothing that depends on what was before."""
+    driven = all(f"tau.{joint}" in run.channels for joint in model.arm.joints)
+    return driven and not model.arm.carried and not model.remembers
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A stretch of a recording that is simulated from its first state.
+
+    Attributes:
+        run: the recording.
+        begin: s.
+        end: s.
+        start: (nj,) positions and velocities.
+        time: (n,) s of the recorded positions.
+        q: (n, nj) recorded positions.
+    """
+
+    run: Run
+    begin: float
+    end: float
+    start: tuple[np.ndarray, np.ndarray]
+    time: np.ndarray
+    q: np.ndarray
+
+
+@kept_alongside
+def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, ...]:
+    """Stretches of `length` s of a recording, infinite for the whole, at the stamps of its first joint."""
+    motion = measured_motion(run, joints)
+    first = run.channels[f"q.{joints[0]}"].time
+    time = first[(first >= motion.start) & (first <= motion.end)]
+    recorded = np.column_stack(
+        [np.interp(time, run.channels[f"q.{j}"].time, run.channels[f"q.{j}"].value) for j in joints]
+    )
+    lasts = float(time[-1] - time[0])
+    count = 1 if lasts <= length else int(lasts / length)
+    edges = time[0] + np.arange(count + 1) * min(length, lasts)
+    found = []
+    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        inside = (time >= begin - 1e-9) & (time <= end + 1e-9)
+        at = motion.at(np.array([begin]))
+        found.append(Window(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], recorded[inside]))
+    return tuple(found)
+
+
+def rolled(
+    model: ArmModel, theta: np.ndarray, window: Window, servos: Sequence[Servo | None] | None = None
+) -> np.ndarray:
+    """(n, nj) simulated positions at the stamps of a window.
+
+    Args:
+        model: the arm.
+        theta: (p,) its parameters.
+        window: what is simulated.
+        servos: by joint, in place of those of the model.
+    """
+    own = [servo_of(model, joint) for joint in model.arm.joints] if servos is None else list(servos)
+    count = max(1, int(np.ceil((window.end - window.begin) / STEP - 1e-9)))
+    edges = window.begin + STEP * np.arange(count + 1)
+    q, _ = simulate(model, theta, window.start, _drives(model, theta, window.run, own, edges), STEP)
+    return np.column_stack([np.interp(window.time, edges, q[:, j]) for j in range(q.shape[1])])
+
+
+def _drives(
+    model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
+) -> Drives:
+    n, m = len(edges) - 1, len(servos)
+    given, q_cmd, v_cmd, on = (np.zeros((n, m)) for _ in range(4))
+    limit, gain, damping = np.full((n, m), np.inf), np.zeros(m), np.zeros(m)
+    middle = (edges[1:] + edges[:-1]) / 2
+    for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
+        name = f"{LATE}[{joint}]"
+        late = float(theta[model.names.index(name)]) if name in model.parameters else 0.0
+        channels = run.channels
+        if servo is None or servo.gain is None or f"{TOLD[servo.law]}.{joint}" not in channels:
+            on[:, j] = 1.0
+            given[:, j] = np.interp(middle + late, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
+            continue
+        share, scale = servo.gate(run, joint, middle)
+        told = edges - (servo.delay or 0.0) + late
+        if servo.law in ("torque", "current"):
+            value = scale * servo.gain.value * mean_held(channels[f"{TOLD[servo.law]}.{joint}"], told)
+            given[:, j], on[:, j] = share * np.clip(value, -servo.largest, servo.largest), share
+            continue
+        on[:, j], limit[:, j] = share * scale, servo.largest / scale
+        if servo.law == "position":
+            q_cmd[:, j] = mean_held(channels[f"q_cmd.{joint}"], told)
+            gain[j], damping[j] = servo.gain.value, servo.damping
+        else:
+            damping[j] = servo.gain.value
+        if damping[j] and f"v_cmd.{joint}" in channels:
+            v_cmd[:, j] = mean_held(channels[f"v_cmd.{joint}"], told)
+        if f"tau_ff.{joint}" in channels:
+            given[:, j] = mean_held(channels[f"tau_ff.{joint}"], told)
+    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping)
+
+
+def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut, ...]:
+    """The motion errors of a model in recordings, each with its role; none of what cannot be simulated."""
+    found, theta = [], model.theta()
+    for run, role in runs:
+        if not can_roll_out(model, run):
+            continue
+        whole = closed(model, run)
+        for length in (np.inf,) if whole else WINDOWS:
+            parts = windows(run, model.arm.joints, length)
+            errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
+            for j, joint in enumerate(model.arm.joints):
+                kind = "closed_loop" if whole else f"window_{length:g}"
+                own, aside = errors[:, j], _aside(run, joint)
+                q = run.channels[f"q.{joint}"]
+                steps = np.unique(np.abs(np.diff(q.value)))
+                found.append(
+                    RollOut(
+                        run.name, role, kind, joint, q.unit, _rms(own), float(np.abs(own).mean()), aside,
+                        float(steps[steps > 1e-9][0]) if len(steps) < len(q) / 4 and (steps > 1e-9).any() else 0.0,
+                    )
+                )  # fmt: skip
+    return tuple(found)
+
+
+def _aside(run: Run, joint: str) -> tuple[float, float] | None:
+    if f"q_cmd.{joint}" not in run.channels:
+        return None
+    q = run.channels[f"q.{joint}"]
+    error = run.channels[f"q_cmd.{joint}"].held(q.time) - q.value
+    return _rms(error), float(np.abs(error).mean())
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

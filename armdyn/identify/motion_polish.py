@@ -1,0 +1,215 @@
+r"""Values of an arm whose drives only say what they were told, fitted to its motion.
+
+Linear sums of what drives read name the effects; friction that they find is too small by a quarter to a half, because
+what a joint reads while it sticks is left out, and a wrong gain is as wrong everywhere. So the named values, gain and
+delay end at the least squares of the closed loop's simulated positions, in windows that grow from the measured motion
+to whole recordings (multiple shooting first: Bock 1983): a whole recording with a wrong start is no slope to follow.
+A joint's motion follows from its own values; those that act through the links are seen in every joint's.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from armdyn.arm.drives import Servo
+from armdyn.arm.model import ArmModel
+from armdyn.arm.rollout import can_roll_out, closed, rolled, servo_of, windows
+from armdyn.linear.solve import solve_bounded
+from armdyn.run import Run
+
+LENGTHS = (2.0, np.inf)
+"""s of the windows, in turn."""
+ROUNDS = 8
+"""Steps with windows of one length, at most."""
+ENOUGH = 2e-3
+"""Share of the squared error that a step must gain for another one."""
+DIFFERENCE = 0.02
+"""Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
+TYPICAL = {"gain": 0.1, "delay": 0.005}
+"""Log of a gain's ratio, and s."""
+LATEST = 0.2
+"""s; delays of drives that are told of are well below."""
+ROBUST = 0.5
+"""Errors beyond so many times the median count as their size, not their square: after a hit or a wrong turn of
+friction a whole recording goes another way."""
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """One value that moves: a parameter, or what a drive is.
+
+    Attributes:
+        name: of the parameter; of the drive's kind for gain and delay.
+        of: ``"parameter"``, ``"gain"`` or ``"delay"``.
+        joints: indices of the joints whose motion is seen to follow it.
+        typical: size.
+        lower: bound.
+        upper: bound.
+        prior: mean and standard deviation, in the value's own scale; infinite where nothing is known.
+    """
+
+    name: str
+    of: str
+    joints: tuple[int, ...]
+    typical: float
+    lower: float
+    upper: float
+    prior: tuple[float, float]
+
+
+def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
+    """The model with values fitted to the motion of closed loops; as it is where there is none.
+
+    Args:
+        model: with its effects; values that no fit may change stay.
+        runs: for training.
+        given: the drives as the user declared them, whose stated gains are priors; the model's if None.
+    """
+    usable = [run for run in runs if can_roll_out(model, run) and closed(model, run)]
+    if not usable:
+        return model
+    unknowns = _unknowns(model, model.drives if given is None else given)
+    values = np.array([_value(model, unknown) for unknown in unknowns])
+    for length in LENGTHS:
+        values = _Descent(model, usable, unknowns, length).down(values)
+    return _with(model, unknowns, values)
+
+
+def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
+    found, count = [], len(model.arm.joints)
+    held = model.background.names if model.background is not None else ()
+    through = {joint for joint in model.changed_links(model.theta())}
+    for name, p in model.parameters.items():
+        if not p.fitted or name in held or p.effect == "torque_gain":
+            continue
+        links = p.joint == "" or (model.arm.joints.index(p.joint) in through and p.effect in LINKED)
+        joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
+        spread = np.inf if p.prior is None else p.prior.std
+        mean = 0.0 if p.prior is None else p.prior.mean
+        found.append(_Unknown(name, "parameter", joints, p.typical, p.lower, p.upper, (mean, spread)))
+    for name, servo in model.drives.items():
+        joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
+        gain = given[name].gain
+        known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
+        if gain is None or gain.std is not None:
+            found.append(_Unknown(name, "gain", joints, TYPICAL["gain"], -np.inf, np.inf, known))
+        if given[name].delay is None:
+            found.append(_Unknown(name, "delay", joints, TYPICAL["delay"], 0.0, LATEST, (0.0, np.inf)))
+    return found
+
+
+LINKED = ("payload", "link_inertia")
+"""Effects on a joint that every joint before it feels."""
+
+
+def _value(model: ArmModel, unknown: _Unknown) -> float:
+    if unknown.of == "parameter":
+        return model.value(unknown.name)
+    servo = model.drives[unknown.name]
+    assert servo.gain is not None
+    return float(np.log(servo.gain.value)) if unknown.of == "gain" else servo.delay or 0.0
+
+
+def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> ArmModel:
+    parameters, drives = {}, dict(model.drives)
+    for unknown, value in zip(unknowns, values.tolist(), strict=True):
+        if unknown.of == "parameter":
+            parameters[unknown.name] = replace(model.parameters[unknown.name], value=value)
+        elif unknown.of == "delay":
+            drives[unknown.name] = replace(drives[unknown.name], delay=value)
+        else:
+            gain = drives[unknown.name].gain
+            assert gain is not None
+            drives[unknown.name] = replace(drives[unknown.name], gain=replace(gain, value=float(np.exp(value))))
+    return replace(model.with_parameters(parameters), drives=MappingProxyType(drives))
+
+
+class _Descent:
+    """Levenberg's damped steps with windows of one length; errors of joints are weighed by what is left at first."""
+
+    def __init__(self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float) -> None:
+        self._model, self._unknowns = model, unknowns
+        self._windows = [w for run in runs for w in windows(run, model.arm.joints, length)]
+        self._groups = _apart(unknowns)
+
+    def _errors(self, values: np.ndarray) -> np.ndarray:
+        """(N, nj)."""
+        model = _with(self._model, self._unknowns, values)
+        servos = [servo_of(model, joint) for joint in model.arm.joints]
+        theta = model.theta()
+        with np.errstate(all="ignore"):
+            parts = [rolled(model, theta, window, servos) - window.q for window in self._windows]
+        return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
+
+    def down(self, values: np.ndarray) -> np.ndarray:
+        """(u,) values where the error is least."""
+        errors, damping = self._errors(values), 1e-3
+        size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
+        typical = np.array([u.typical for u in self._unknowns])
+        lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
+        mean, spread = np.array([u.prior for u in self._unknowns]).T
+        independent = len(errors) / max(np.sum(_correlation(errors / size)), 1.0)
+        weight = 1.0 / spread**2 / max(independent, 1.0)
+
+        def cost(e: np.ndarray, at: np.ndarray) -> float:
+            scaled = e / size
+            return float(np.mean(2.0 * (np.sqrt(1.0 + scaled**2) - 1.0), axis=0).sum() + weight @ (at - mean) ** 2)
+
+        now = cost(errors, values)
+        for _ in range(ROUNDS):
+            slopes = self._slopes(values, errors, typical)
+            share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
+            H = np.einsum("unj,nj,vnj->uv", slopes, share, slopes) + np.diag(weight)
+            g = -np.einsum("unj,nj->u", slopes, share * errors) - weight * (values - mean)
+            before = now
+            for _ in range(6):
+                A = H + np.diag(damping * np.diag(H) + 1e-12 / typical**2)
+                step = solve_bounded(A, g, lower - values, upper - values).x
+                tried = np.clip(values + step, lower, upper)
+                there = self._errors(tried)
+                if cost(there, tried) < now:
+                    values, errors, now, damping = tried, there, cost(there, tried), max(damping / 5.0, 1e-6)
+                    break
+                damping *= 8.0
+            if now > (1.0 - ENOUGH) * before:
+                break
+        return values
+
+    def _slopes(self, values: np.ndarray, errors: np.ndarray, typical: np.ndarray) -> np.ndarray:
+        """(u, N, nj) by differences, several unknowns at once where no joint's motion is seen to follow two of them."""
+        slopes = np.zeros((len(values), *errors.shape))
+        for group in self._groups:
+            changed = values.copy()
+            steps = DIFFERENCE * typical[group]
+            steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
+            changed[group] += steps
+            found = self._errors(changed) - errors
+            for i, step in zip(group, steps.tolist(), strict=True):
+                own = list(self._unknowns[i].joints)
+                slopes[i][:, own] = found[:, own] / step
+        return slopes
+
+
+def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
+    """Groups of unknowns of which no two are seen in the same joint."""
+    groups: list[tuple[set[int], list[int]]] = []
+    for i, unknown in enumerate(unknowns):
+        free = next((g for g in groups if not g[0] & set(unknown.joints)), None)
+        if free is None:
+            groups.append((set(unknown.joints), [i]))
+        else:
+            free[0].update(unknown.joints)
+            free[1].append(i)
+    return [members for _, members in groups]
+
+
+def _correlation(errors: np.ndarray) -> np.ndarray:
+    """Autocorrelation, both ways, of the mean over joints, up to where it is lost."""
+    e = errors - errors.mean(axis=0)
+    size = max(len(e) // 4, 1)
+    found = [float(np.sum(e[k:] * e[: len(e) - k])) for k in range(0, size, max(1, size // 400))]
+    share = np.array(found) / max(found[0], 1e-30)
+    end = int(np.argmax(share < 0.05)) or len(share)
+    return np.append(1.0, 2.0 * share[1:end] * max(1, size // 400))
