@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
+from armdyn.arm.model import ArmModel
+from armdyn.arm.rollout import RollOut, roll_outs
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
@@ -16,7 +18,9 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import available, load_effects
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.motion_polish import polished
 from armdyn.identify.repair import Repair, add, fitted_model, repair
+from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL, Inspection
 from armdyn.inspection.inspect import inspected, require_usable
@@ -25,6 +29,7 @@ from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 from armdyn.run import Run, read_run
 from armdyn.run_checks import check_run
+from armdyn.threads import one_thread
 
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
@@ -87,6 +92,7 @@ class CheckedStudy:
         effects: to choose from.
         inspection: of the recordings.
         trusted: go on where recordings are not what they say they are.
+        declared: the model as its user wrote it, before recordings said what its drives are.
     """
 
     known: Known
@@ -94,6 +100,7 @@ class CheckedStudy:
     effects: tuple[Effect, ...]
     inspection: Inspection
     trusted: bool = False
+    declared: Model | None = None
 
     @classmethod
     def of(
@@ -125,18 +132,18 @@ class CheckedStudy:
         known = model if isinstance(model, Known) else Known.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
         every = [*training, *others, *last]
-        model = known.file.model.following(every)
+        declared = known.file.model
+        model = declared.following(every)
         known = replace(known, file=replace(known.file, model=model))
+        found = known.inspect(every)  # of what was recorded: a servo's reading is made of it
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
-        every = [*training, *others, *last]
-        for run in every:
+        for run in (*training, *others, *last):
             check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
-        found = known.inspect(every)
         if not trusted:
             require_usable(found)
         chosen = known.catalogue if effects is None else tuple(effects)
         begun = known.file.model.named_only() if chosen else known.file.model
-        return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted)
+        return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted, declared)
 
     @property
     def set_aside(self) -> tuple[str, ...]:
@@ -149,8 +156,9 @@ class CheckedStudy:
     def compare(self) -> Comparison:
         """Fit the model and see where it fails."""
         found = compare(self.study)
-        self._require_plausible(compared_model(self.study.model, found))
-        return found
+        model = compared_model(self.study.model, found)
+        self._require_plausible(model)
+        return replace(found, rollout=self._rollout(model))
 
     def diagnose(self, say: Say | None = None) -> Diagnosis:
         """Find out which effect the model lacks."""
@@ -162,17 +170,33 @@ class CheckedStudy:
         """Diagnose and add until nothing is left to explain."""
         found = repair(self.study, say)
         self._require_plausible(found.model)
-        return replace(found, after=self._telling(found.after))
+        return self._moved(found)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings ask for them."""
         found = add(self.study, wanted)
         self._require_plausible(found.model)
-        return replace(found, after=self._telling(found.after))
+        return self._moved(found)
 
     def discover(self, say: Say | None = None) -> Discovery:
         """Find a formula for the force that the model lacks."""
         return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
+
+    def _moved(self, found: Repair) -> Repair:
+        """A repair whose values are fitted to the motion, where drives say what they were told, and its roll-out."""
+        model, after = found.model, self._telling(found.after)
+        if isinstance(model, ArmModel) and isinstance(self.declared, ArmModel) and found.verdict is not Verdict.LOST:
+            model = polished(model, [run.recording for run in self.study.runs], self.declared.drives)
+            values = {n: replace(p, value=model.value(n)) for n, p in after.parameters.items() if n in model.names}
+            after = replace(after, parameters={**after.parameters, **values})
+        return replace(found, model=model, after=replace(after, rollout=self._rollout(model)))
+
+    @one_thread
+    def _rollout(self, model: Model) -> tuple[RollOut, ...]:
+        if not isinstance(model, ArmModel):
+            return ()
+        roles = {"training": self.study.runs, "held_out": self.study.held_out, "exam": self.study.exam}
+        return roll_outs(model, [(run.recording, role) for role, runs in roles.items() for run in runs])
 
     def _telling(self, found: Comparison) -> Comparison:
         """A comparison that tells what was set aside."""

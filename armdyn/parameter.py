@@ -98,10 +98,11 @@ def asked_for(channels: Collection[str], needs: tuple[str, ...], beside: tuple[s
 
     Args:
         channels: that it has.
-        needs: of these one; any will do where empty.
+        needs: of these one, of any joint where none is named; any will do where empty.
         beside: of these one as well, likewise.
     """
-    return next((names for names in (needs, beside) if names and not any(name in channels for name in names)), ())
+    held = {*channels, *(name.partition(".")[0] for name in channels)}
+    return next((names for names in (needs, beside) if names and not held & set(names)), ())
 
 
 @dataclass(frozen=True)

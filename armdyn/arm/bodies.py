@@ -126,7 +126,7 @@ class Stretch:
         return link == joint
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(10 + c, n) inputs of a joint's functions, with the load of the arm as described, and c further quantities."""
+        """(10 + c, n) inputs of a joint's functions, with the load of the arm as described, and c more quantities."""
         m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))

@@ -218,7 +218,9 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     time, q, v, a, direction, load, *inner, on = symbols[: len(INPUTS)]
     recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
     zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
-    joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, on=on)
+    joint = Joint(
+        time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, on=on
+    )
     added = []
     for e in effects:
         joint = e.apply(replace(joint, torque=before), by_name, recorded)

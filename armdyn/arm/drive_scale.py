@@ -70,10 +70,11 @@ def settled(servo: Servo, arm: Arm, runs: Sequence[Run], name: str) -> Servo:
         return servo
     tried = DELAYS if servo.delay is None else np.array([servo.delay])
     found = [{joint: _said(servo, arm, runs, joint, float(delay)) for joint in joints} for delay in tried]
-    worth = [sum(np.log(said.left / said.power) for said in each.values()) for each in found]
+    worth = [sum(np.log(said.left / said.power) for said in each.values() if said.power > 0.0) for each in found]
     best = int(np.argmin(worth))
     servo = replace(servo, delay=float(tried[best]))
     told = [said for said in found[best].values() if 0.0 < said.std < DETERMINED * said.compliance]
+    unit = UNITS[servo.law][arm.slides[arm.joints.index(joints[0])]]
     weights, values = [1.0 / said.std**2 for said in told], [said.compliance for said in told]
     given = servo.gain
     if given is not None:
@@ -83,31 +84,33 @@ def settled(servo: Servo, arm: Arm, runs: Sequence[Run], name: str) -> Servo:
         values.append(1.0 / given.value)
     if not weights:
         raise InputError(
-            f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of {', '.join(joints)} "
-            "moves a known weight against gravity far enough to tell: write gain = "
-            f"\"... {UNITS[servo.law][arm.slides[arm.joints.index(joints[0])]]}\", or record postures that lift a known load"
+            f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of "
+            f"{', '.join(joints)} moves a known weight against gravity far enough to tell: write gain = "
+            f'"... {unit}", or record postures that lift a known load'
         )
     compliance = float(np.average(values, weights=weights))
     spread = float(np.sqrt(1.0 / sum(weights) + np.average((np.array(values) - compliance) ** 2, weights=weights)))
-    unit = UNITS[servo.law][arm.slides[arm.joints.index(joints[0])]]
     return replace(servo, gain=Known(1.0 / compliance, spread / compliance**2, unit))
 
 
 def _said(servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, delay: float) -> _Said:
     parts = [_rows(run, arm, joint, servo, delay) for run in runs if reads(run, joint, servo)]
     X, y = np.vstack([X for X, _ in parts]), np.concatenate([y for _, y in parts])
+    if len(y) <= X.shape[1] or not np.any(y):
+        return _Said(0.0, np.inf, 1.0, 0.0)
     most, held, free = np.inf, 0.0, np.ones(X.shape[1], dtype=bool)
     for _ in range(ROUNDS):
         A = X.T @ X
         A[LOAD, LOAD] += held
-        size, unit = scaled(A + ROUNDING * np.trace(A) * np.eye(len(A)))
+        A += ROUNDING * max(float(np.trace(A)), ROUNDING) * np.eye(len(A))
         low = np.where(np.arange(len(A)) < len(A) - 1, 0.0, -np.inf)
-        solution = solve_bounded(unit, (X.T @ y) / size, low, np.inf)
-        values, free = solution.x / size, solution.held == 0
+        solution = solve_bounded(A, X.T @ y, low, np.inf)
+        values, free = solution.x, solution.held == 0
         left = y - X @ values
         most = float(left @ left) / len(y) * _correlated(left)
         held = most / max(USUAL_LOSS * values[0], 1e-12) ** 2
     found = np.zeros(len(A))
+    size, unit = scaled(A)
     found[free] = np.diag(np.linalg.inv(unit[np.ix_(free, free)])) / size[free] ** 2 * most
     return _Said(float(values[0]), float(np.sqrt(found[0])), float(left @ left) / len(y), float(y @ y) / len(y))
 
@@ -129,7 +132,9 @@ def _rows(run: Run, arm: Arm, joint: str, servo: Servo, delay: float) -> tuple[n
     time, columns, known = _columns(run, arm, joint)
     share, scale = servo.gate(run, joint, time)
     reading = share * scale * error(run, arm.joints, joint, servo, delay, time)
-    used = known & (_low(((share > 0.0) & (np.abs(reading) < SATURATED * share * servo.saturating)).astype(float)) > 0.95)
+    used = known & (
+        _low(((share > 0.0) & (np.abs(reading) < SATURATED * share * servo.saturating)).astype(float)) > 0.95
+    )
     return columns[used][::THINNED], _low(reading)[used][::THINNED]
 
 

@@ -1,8 +1,8 @@
 """Drives that do what they are told: a servo is a torque sensor whose gain may be unknown.
 
 A position servo gives k (q_cmd - q), so that its own error says which torque it gave; a velocity servo likewise by its
-velocity's error, and a drive that is told a torque or records its current says it itself. Such a reading stands in a run
-as `tau.<joint>`, and everything that holds for measured torques holds for it. What the drive adds in proportion to the
+velocity's error, and a drive that is told a torque or records its current says it itself. Such a reading stands in a
+run as `tau.<joint>`, and everything that holds for measured torques holds for it. What the drive adds in proportion to the
 velocity, its own damping and the back-EMF of its motor, cannot be told from viscous friction while it is on.
 """
 
@@ -32,6 +32,9 @@ TOLD: Mapping[Law, str] = {"position": "q_cmd", "velocity": "v_cmd", "torque": "
 """Channel that a drive of each law obeys, or records."""
 SCALE = "extra.gain_scale"
 """Further column: the gain that was set over the model's, where it was changed."""
+
+INFORMATIVE = (0.1, 0.9)
+"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value, but for few samples."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,12 @@ class Servo:
             spread = "" if self.gain.std is None else f" +/- {self.gain.std:.4g} {self.gain.unit}"
             found["gain"] = f"{self.gain.value:.6g} {self.gain.unit}{spread}"
         values = {
-            "damping": (self.damping, f"{turning} s/{sliding}", 0.0), "supply": (self.supply, "V", None),
-            "limit": (self.limit, turning, np.inf), "full_at": (self.full_at, self.error_unit(slides), np.inf), "delay": (self.delay, "s", None),
-        }  # fmt: skip
+            "damping": (self.damping, f"{turning} s/{sliding}", 0.0),
+            "supply": (self.supply, "V", None),
+            "limit": (self.limit, turning, np.inf),
+            "full_at": (self.full_at, self.error_unit(slides), np.inf),
+            "delay": (self.delay, "s", None),
+        }
         return found | {key: f"{value:.6g} {unit}" for key, (value, unit, none) in values.items() if value != none}
 
 
@@ -136,7 +142,9 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
                 if joint not in slides:
                     raise UnknownNameError("joint of the arm", joint, slides)
                 if joint in driven:
-                    raise InputError(f"joint '{joint}' is driven by [drives.{driven[joint]}] already: leave it out of one")
+                    raise InputError(
+                        f"joint '{joint}' is driven by [drives.{driven[joint]}] already: leave it out of one"
+                    )
                 driven[joint] = name
             kinds = {slides[joint] for joint in entry.joints}
             if len(kinds) > 1:
@@ -213,5 +221,7 @@ def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) 
                 told = run.channels.get(f"v_cmd.{joint}")
                 asked += servo.damping * ((0.0 if told is None else told.held(q.time - (servo.delay or 0.0))) - v)
             given = share * np.clip(asked, -servo.largest, servo.largest)
+            if not np.ptp(np.quantile(given, INFORMATIVE)) > 0.0:
+                continue  # a joint that was told nothing
             channels[f"tau.{joint}"] = Channel(q.time, given, "N" if q.unit == "m" else "N m")
     return run if len(channels) == len(run.channels) else replace(run, channels=channels)

@@ -75,7 +75,7 @@ class ArmModel(Model):
         return self.arm.driven
 
     def following(self, runs: Sequence[Run]) -> Self:
-        """See `Model.following`: joints of the URDF that it leaves out and that move, and drives that were not known."""
+        """See `Model.following`: joints of the URDF that it leaves out and that move, and drives not known yet."""
         arm = following(self.arm, runs)
         drives = {name: settled(servo, arm, runs, name) for name, servo in self.drives.items()}
         if arm is self.arm and drives == self.drives:
@@ -157,9 +157,9 @@ class ArmModel(Model):
         """See `Model.noise`."""
         if not isinstance(run, PreparedRun):
             return {}
-        return torque_noise(run, self._rigid(theta), self.arm.model, self.arm.joints)
+        return torque_noise(run, self.rigid_at(theta), self.arm.model, self.arm.joints)
 
-    def _rigid(self, theta: np.ndarray) -> pin.Model:
+    def rigid_at(self, theta: np.ndarray) -> pin.Model:
         """The links and rotors as effects with (p,) `theta` leave them."""
         rigid, armature = self.arm.model.copy(), np.zeros(len(self.arm.joints))
         for i, change in self._bodies(theta).links.items():

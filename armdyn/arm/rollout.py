@@ -1,13 +1,15 @@
 """How far the motion of a model is from the robot's: an arm simulated by what its drives were told, or gave.
 
-Where every joint has a command the loop is closed, and whole recordings are simulated from their first state; a measured
-torque alone pulls nothing back, so that windows are begun anew at the measured motion.
+Where every joint has a command the loop is closed, and whole recordings are simulated from their first state; a
+measured torque alone pulls nothing back, so that windows are begun anew at the measured motion.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
 from armdyn.arm.drives import TOLD, Servo, mean_held
 from armdyn.arm.model import ArmModel
@@ -16,8 +18,10 @@ from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import kept_alongside
 from armdyn.run import Run
 
-STEP = 0.002
-"""s of the simulation."""
+STEP = 0.004
+"""s of the simulation, at most."""
+STIFF = 0.5
+"""Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
 WINDOWS = (0.5, 5.0)
 """s, of what cannot be simulated as a whole."""
 LATE = "torque_delay.time"
@@ -67,8 +71,12 @@ def closed(model: ArmModel, run: Run) -> bool:
 
 def can_roll_out(model: ArmModel, run: Run) -> bool:
     """Whether the recording says what drove every joint, and the model has nothing that depends on what was before."""
-    driven = all(f"tau.{joint}" in run.channels for joint in model.arm.joints)
-    return driven and not model.arm.carried and not model.remembers
+    for joint in model.arm.joints:
+        servo = servo_of(model, joint)
+        told = servo is not None and servo.gain is not None and f"{TOLD[servo.law]}.{joint}" in run.channels
+        if not told and f"tau.{joint}" not in run.channels:
+            return False
+    return not model.arm.carried and not model.remembers
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +113,7 @@ def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, .
     count = 1 if lasts <= length else int(lasts / length)
     edges = time[0] + np.arange(count + 1) * min(length, lasts)
     found = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         inside = (time >= begin - 1e-9) & (time <= end + 1e-9)
         at = motion.at(np.array([begin]))
         found.append(Window(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], recorded[inside]))
@@ -124,15 +132,23 @@ def rolled(
         servos: by joint, in place of those of the model.
     """
     own = [servo_of(model, joint) for joint in model.arm.joints] if servos is None else list(servos)
-    count = max(1, int(np.ceil((window.end - window.begin) / STEP - 1e-9)))
-    edges = window.begin + STEP * np.arange(count + 1)
-    q, _ = simulate(model, theta, window.start, _drives(model, theta, window.run, own, edges), STEP)
+    step = _step(model, theta, own)
+    count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
+    edges = window.begin + step * np.arange(count + 1)
+    q, _ = simulate(model, theta, window.start, _drives(model, theta, window.run, own, edges), step)
     return np.column_stack([np.interp(window.time, edges, q[:, j]) for j in range(q.shape[1])])
 
 
-def _drives(
-    model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
-) -> Drives:
+def _step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
+    rigid, lasts = model.rigid_at(theta), STEP
+    mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid)))
+    for inertia, servo in zip(mass.tolist(), servos, strict=True):
+        if servo is not None and servo.gain is not None and servo.law == "position":
+            lasts = min(lasts, STIFF * float(np.sqrt(inertia / servo.gain.value)))
+    return lasts
+
+
+def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray) -> Drives:
     n, m = len(edges) - 1, len(servos)
     given, q_cmd, v_cmd, on = (np.zeros((n, m)) for _ in range(4))
     limit, gain, damping = np.full((n, m), np.inf), np.zeros(m), np.zeros(m)

@@ -13,6 +13,7 @@ from armdyn.parameter import quantity
     summary="While the drive is on, its motor brakes in proportion to the speed; with open windings it does not.",
     source="k_t^2/R behind the gears: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §5.2.1; while the drive "
     "is always on, it is joint_viscous_friction",
+    needs=("enabled",),
 )
 def back_emf(
     joint: Joint,

@@ -5,6 +5,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from armdyn.arm.rollout import RollOut
 from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import columns_of
 from armdyn.identify.bands import Bands, bands
@@ -23,6 +24,7 @@ from armdyn.identify.tables import (
     channel_table,
     curves_of,
     missing_force_columns,
+    motion_section,
     parameter_table,
     place_section,
     sample_columns,
@@ -106,6 +108,8 @@ class Comparison(Shown):
             the residual is of the size of the noise.
         lost: what is needed where the fit is lost, a sentence; see `lost`. Empty where it is not.
         bands: where samples should be; None where the fit is lost.
+        rollout: how far the motion of an arm's model is from the recorded one; nothing where nothing says what drove
+            every joint.
     """
 
     fit: Fit
@@ -122,6 +126,7 @@ class Comparison(Shown):
     widened: float = 1.0
     lost: str = ""
     bands: Bands | None = None
+    rollout: tuple[RollOut, ...] = ()
 
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
@@ -134,6 +139,7 @@ class Comparison(Shown):
                 " ".join([*self.remarks, *held]),
                 tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
+            *([motion_section(self.rollout)] if self.rollout else []),
             *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
         ]
         if self.correction is not None:

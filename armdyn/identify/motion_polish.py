@@ -18,12 +18,13 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import can_roll_out, closed, rolled, servo_of, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
+from armdyn.units import Known
 
 LENGTHS = (2.0, np.inf)
 """s of the windows, in turn."""
 ROUNDS = 8
 """Steps with windows of one length, at most."""
-ENOUGH = 2e-3
+ENOUGH = 0.01
 """Share of the squared error that a step must gain for another one."""
 DIFFERENCE = 0.02
 """Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
@@ -80,14 +81,14 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
 def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
     found, count = [], len(model.arm.joints)
     held = model.background.names if model.background is not None else ()
-    through = {joint for joint in model.changed_links(model.theta())}
     for name, p in model.parameters.items():
-        if not p.fitted or name in held or p.effect == "torque_gain":
+        links = p.joint == "" or p.effect in LINKED
+        if p.effect == "torque_gain" or not (p.fitted or (name in held and not links)):
             continue
-        links = p.joint == "" or (model.arm.joints.index(p.joint) in through and p.effect in LINKED)
         joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
-        spread = np.inf if p.prior is None else p.prior.std
-        mean = 0.0 if p.prior is None else p.prior.mean
+        mean, spread = (0.0, np.inf) if p.prior is None else (p.prior.mean, p.prior.std)
+        if name in held and model.background is not None:
+            mean, spread = p.null, max(model.background.width, 1e-6) * p.typical
         found.append(_Unknown(name, "parameter", joints, p.typical, p.lower, p.upper, (mean, spread)))
     for name, servo in model.drives.items():
         joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
@@ -122,8 +123,13 @@ def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> 
         else:
             gain = drives[unknown.name].gain
             assert gain is not None
-            drives[unknown.name] = replace(drives[unknown.name], gain=replace(gain, value=float(np.exp(value))))
+            drives[unknown.name] = replace(drives[unknown.name], gain=_agreed(gain, float(np.exp(value))))
     return replace(model.with_parameters(parameters), drives=MappingProxyType(drives))
+
+
+def _agreed(read: Known, moved: float) -> Known:
+    """A gain by the motion, as uncertain as it is by what the drive read, or as both differ."""
+    return replace(read, value=moved, std=float(np.hypot(read.std or 0.0, moved - read.value)))
 
 
 class _Descent:

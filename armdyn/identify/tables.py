@@ -16,6 +16,7 @@ from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.arm.rollout import RollOut
     from armdyn.identify.bands import Bands
 
 MOST_PLACES = 6
@@ -236,6 +237,44 @@ def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale
     now, before = totals(rmse, scale.units), totals(given, scale.units)
     ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
+
+
+ROLES = {"exam": "exam", "held_out": "held-out", "training": "training"}
+KINDS = {
+    "closed_loop": "whole recordings in closed loop",
+    "window_0.5": "windows of 0.5 s",
+    "window_5": "windows of 5 s",
+}
+
+
+def motion_section(found: Sequence["RollOut"]) -> Section:
+    """How far the simulated motion is from the recorded one, of the most independent runs that there are."""
+    role = next(role for role in ROLES if any(r.role == role for r in found))
+    rows: dict[tuple[str, str], list[RollOut]] = {}
+    for r in found:
+        if r.role == role:
+            rows.setdefault((r.joint, r.kind), []).append(r)
+
+    def mean(errors: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        return float(np.sqrt(np.mean([e[0] ** 2 for e in errors]))), float(np.mean([e[1] for e in errors]))
+
+    errors = [mean([(r.rms, r.mae) for r in of]) for of in rows.values()]
+    told = [[r.position_is_command for r in of if r.position_is_command is not None] for of in rows.values()]
+    aside = [mean(each)[0] if each else None for each in told]
+    columns = [
+        Column("joint", [joint for joint, _ in rows]),
+        Column("simulated", [KINDS[kind] for _, kind in rows]),
+        Column("unit", [of[0].unit for of in rows.values()]),
+        Column("rms", [e[0] for e in errors]),
+        Column("mean_absolute", [e[1] for e in errors]),
+        Column("position_is_command", aside, title="rms if position = command"),
+        Column("encoder", [of[0].resolution or None for of in rows.values()], title="encoder's step"),
+    ]
+    text = (
+        f"The model is simulated by what drove the joints in the {ROLES[role]} runs, not told where they went; "
+        "the error of its positions:"
+    )
+    return Section("Motion", text, tables=[Table(columns, name="motion")])
 
 
 def link_section(links: Sequence["LinkChange"]) -> Section:
