@@ -2,11 +2,11 @@
 
 A position servo gives k (q_cmd - q), so that its own error says which torque it gave; a velocity servo likewise by its
 velocity's error, and a drive that is told a torque or records its current says it itself. Such a reading stands in a
-run as `tau.<joint>`, and everything that holds for measured torques holds for it. What the drive adds in proportion to the
-velocity, its own damping and the back-EMF of its motor, cannot be told from viscous friction while it is on.
+run as `tau.<joint>`, and everything that holds for measured torques holds for it. What the drive adds in proportion to
+the velocity, its own damping and the back-EMF of its motor, cannot be told from viscous friction while it is on.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -34,7 +34,15 @@ SCALE = "extra.gain_scale"
 """Further column: the gain that was set over the model's, where it was changed."""
 
 INFORMATIVE = (0.1, 0.9)
-"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value, but for few samples."""
+"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value but for few samples."""
+
+KNOWN: Mapping[str, Mapping[str, str]] = {
+    # k_p 17.8 N m/rad at P = 32 and 3.35 N m: Open Duck Mini's MJCF, after BAM (Rhoban); LeRobot sets 16.
+    "sts3215": {"law": "position", "gain": "8.9 N m/rad +/- 10 %", "limit": "3.35 N m"},
+    # Full duty from an error of 885 x 256 x 2 pi/4096 / P rad at register P; here P = 100: BAM (Rhoban).
+    "xl330": {"law": "position", "full_at": "3.47 rad"},
+}
+"""Kinds of drives: gain and limit as they are usually set, ``extra.gain_scale`` beside a recording says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -150,6 +158,27 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
             if len(kinds) > 1:
                 raise InputError("joints that turn and joints that slide: write a table for each")
             found[name] = _servo(entry, slides=kinds.pop())
+    return found
+
+
+def known_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]:
+    """``[drives]`` of a model file for kinds of drives that are known.
+
+    Args:
+        chosen: ``"KIND=all"`` or ``"KIND=joint,joint"`` each.
+        joints: of the arm.
+
+    Raises:
+        InputError: a kind is unknown, or it is written otherwise.
+    """
+    found: dict[str, Any] = {}
+    for text in chosen:
+        kind, equals, listed = text.partition("=")
+        if not equals or not listed:
+            raise InputError(f"--drive {text}: write it as --drive sts3215=all, or with joints, sts3215=elbow,wrist")
+        if kind not in KNOWN:
+            raise UnknownNameError("drive", kind, KNOWN, "; write others into the model file, [drives.NAME]")
+        found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **KNOWN[kind]}
     return found
 
 

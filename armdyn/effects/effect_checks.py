@@ -189,10 +189,12 @@ def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[fl
 
 def _joint(*w: Expression) -> Joint:
     link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
-    time, q, v, a, direction, load, *inner = w
-    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link)
+    time, q, v, a, direction, load, *inner, on = w
+    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on)
 
 
+JOINT = [0.0] * 10, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0]
+"""At rest and in motion."""
 STAGES = {
     "gripper": _stage(
         lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
@@ -211,7 +213,8 @@ STAGES = {
         [0.0, 0.785, 0.0, 0.0],
         [0.7, 0.82, 0.2, -0.9],
     ),
-    "joint": _stage(_joint, [0.0] * 9, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6]),
+    "joint": _stage(_joint, *JOINT),
+    "drive": _stage(_joint, *JOINT),
     "base": _stage(lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
 }
 """Stages of pendulum and arm, with values such as a small load on a string and a slow joint have."""

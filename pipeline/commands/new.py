@@ -34,6 +34,12 @@ group = typer.Typer(
 )
 
 
+DriveOption = Annotated[
+    list[str] | None,
+    typer.Option("--drive", help="Servos that record no torque: sts3215=all, or KIND=joint,joint; may be repeated."),
+]
+
+
 @dataclass(frozen=True)
 class Target:
     """The file that is written, and how the answer is given."""
@@ -78,8 +84,10 @@ def arm(
     robot: Annotated[str | None, typer.Option(help="Name of a known robot, such as baxter.")] = None,
     joints: JointsOption = None,
     tool: ToolOption = None,
+    drive: DriveOption = None,
 ) -> None:
     """The rigid bodies of any URDF or MJCF, held against joint torques; the longest chain where no joints are given."""
+    from armdyn.arm.drives import known_drives
     from armdyn.arm.described import with_described_effects
     from armdyn.arm.model import arm_model
     from armdyn.model_file import ModelFile
@@ -87,6 +95,7 @@ def arm(
     if sum(given is not None for given in (urdf, mjcf, robot)) != 1:
         raise InputError("an arm needs one of --urdf FILE, --mjcf FILE and --robot baxter")
     made = with_described_effects(arm_model(urdf or mjcf, robot, names_in(joints), tool=tool))
+    made = made.with_drives(known_drives(drive or (), made.joints))
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
     weightless = [

@@ -25,7 +25,7 @@ from armdyn.identify.unknown import periodogram
 from armdyn.pendulum.model import pendulum_model
 from armdyn.units import Known
 
-EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
 
 
 def recordings(seed=7, **settings):

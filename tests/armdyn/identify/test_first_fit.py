@@ -16,7 +16,7 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 from armdyn.units import Known
 
-EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
 LOST_EASILY = (
     "pull_and_release", "release_unweighed", "release_2_rad", "near_upright", "late_motion", "mid_swing", "large_swing",
     "gap_and_jitter", "20_hz", "spikes", "clipped", "several_masses",

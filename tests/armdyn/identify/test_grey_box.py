@@ -18,7 +18,7 @@ from armdyn.physics.simulated import RESTING, end_of_motion
 from armdyn.run import Channel, Run
 
 G, LENGTH = 9.81, 0.4
-EFFECTS = [effect for effect in CATALOGUE.values() if effect.acts_on != "joint"]
+EFFECTS = [effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive")]
 
 
 def swing(
