@@ -34,7 +34,7 @@ SCALE = "extra.gain_scale"
 """Further column: the gain that was set over the model's, where it was changed."""
 
 INFORMATIVE = (0.1, 0.9)
-"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value but for few samples."""
+"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value, but for a few."""
 
 KNOWN: Mapping[str, Mapping[str, str]] = {
     # k_p 17.8 N m/rad at P = 32 and 3.35 N m: Open Duck Mini's MJCF, after BAM (Rhoban); LeRobot sets 16.

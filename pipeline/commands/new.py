@@ -87,8 +87,8 @@ def arm(
     drive: DriveOption = None,
 ) -> None:
     """The rigid bodies of any URDF or MJCF, held against joint torques; the longest chain where no joints are given."""
-    from armdyn.arm.drives import known_drives
     from armdyn.arm.described import with_described_effects
+    from armdyn.arm.drives import known_drives
     from armdyn.arm.model import arm_model
     from armdyn.model_file import ModelFile
 

@@ -10,8 +10,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
+from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, joint_axes
+from armdyn.arm.rollout import servo_of
 from armdyn.arm.symbolic import drive_readings
 from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, need_body, parts_of
@@ -41,22 +43,40 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
     _add_drives(root, model, parts)
+    notes += [
+        f"delay of {name}, {servo.delay:.3g} s: MuJoCo's actuators act at once; shift the commands by it"
+        for name, servo in model.drives.items()
+        if servo.delay
+    ]
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
 
 def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
-    """A drive for every joint: the torque that its command gives is (command - offset) / gain."""
+    """A drive for every joint: the torque that its command, or a servo's law, gives is (command - offset) / gain."""
     actuators = ET.SubElement(root, "actuator")
     limits = model.arm.model.effortLimit.tolist()
     for joint, effort, (gain, offset) in zip(parts.joints, limits, drive_readings(model), strict=True):
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
+        servo = servo_of(model, joint.name)
+        if servo is not None and servo.gain is not None and servo.law in ("position", "velocity"):
+            ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset))
+            continue
         if gain != 1.0 or offset:
             told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
             kind = "general"
         if np.isfinite(effort):
             told["ctrlrange"] = f"{offset - gain * effort!r} {offset + gain * effort!r}"
         ET.SubElement(actuators, kind, told)
+
+
+def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
+    """A servo as an affine actuator: force = (k (told - is) - damping v - offset) / gain, within its limit."""
+    own = (-k, -servo.damping) if servo.law == "position" else (0.0, -k)
+    law = {"gainprm": repr(k / gain), "biastype": "affine", "biasprm": numbers_text(np.array([-offset, *own]) / gain)}
+    if np.isfinite(servo.largest):
+        law["forcerange"] = f"{(-servo.largest - offset) / gain!r} {(servo.largest - offset) / gain!r}"
+    return law
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:

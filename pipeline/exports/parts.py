@@ -17,7 +17,7 @@ HELD = {
     "mujoco": LINKS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
-        "gravity_spring", "joint_spring", "torque_offset", "torque_gain",
+        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "back_emf",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
@@ -36,7 +36,7 @@ class JointParts:
         name: of the joint.
         link: (10,) inertial parameters of what it moves, in its frame.
         described: (10,) as the URDF has them.
-        damping: torque per speed, N m s/rad.
+        damping: torque per speed, N m s/rad; with that of a motor that is on.
         friction: size of the dry friction, N m.
         armature: of the rotor behind the gears, kg m^2.
         spring: factors of sin q and of cos q in what the drive gives, N m.
@@ -81,7 +81,7 @@ def parts_of(model: ArmModel) -> ArmParts:
             name=name,
             link=links[name],
             described=model.arm.described[i],
-            damping=of("joint_viscous_friction", "coefficient", name),
+            damping=of("joint_viscous_friction", "coefficient", name) + of("back_emf", "coefficient", name),
             friction=of("joint_coulomb_friction", "torque", name)
             + (of("joint_asymmetric_friction", "positive", name) + of("joint_asymmetric_friction", "negative", name))
             / 2,

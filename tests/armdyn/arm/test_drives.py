@@ -1,0 +1,131 @@
+"""Arms that record what they were told and where they went; the truth is simulated by MuJoCo, not by the product."""
+
+import numpy as np
+import pytest
+
+from armdyn.arm.drives import mean_held
+from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.rollout import rolled, windows
+from armdyn.channels import Channel
+from armdyn.checked_study import CheckedStudy
+from armdyn.effects.catalogue import find
+from armdyn.errors import InputError
+from armdyn.run import Run
+from pipeline.exports.mujoco_file import mujoco_text
+
+from . import urdfs
+
+mujoco = pytest.importorskip("mujoco")
+JOINTS = ("swing", "elbow")
+GAIN, DAMPING, FRICTION, ARMATURE, DELAY, STEP = 25.0, 0.9, 0.35, 0.04, 0.02, 0.02
+
+
+def joined(**entries):
+    return {"servo": {"joints": list(JOINTS), **entries}}
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory) -> ArmModel:
+    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    file.write_text(urdfs.chain(urdfs.DOUBLE))
+    return arm_model(file)
+
+
+def commanded(seed: int, seconds: float = 25.0) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and commands of both joints: sines and rests, 50 a second."""
+    random, time = np.random.default_rng(seed), np.arange(0.0, seconds, STEP)
+    sizes, rates, phases = (random.uniform(*r, (2, 4)) for r in ((0.1, 0.35), (0.1, 0.9), (0.0, 6.3)))
+    waves = sizes[..., None] * np.sin(2 * np.pi * rates[..., None] * time + phases[..., None])
+    return time, np.add(waves.sum(axis=1).T, [0.6, -0.4])
+
+
+def simulated(text: str, seed: int, delay: float) -> Run:
+    """The run of a servo arm that MuJoCo simulates at 5 kHz, its encoder in steps of 1.5 mrad."""
+    spec = mujoco.MjSpec.from_string(text)
+    spec.option.timestep = 2e-4
+    model = spec.compile()
+    data, (time, told) = mujoco.MjData(model), commanded(seed)
+    data.qpos[:] = told[0]
+    positions, every = [], round(STEP / 2e-4)
+    for k in range(len(time) * every):
+        if k % every == 0:
+            positions.append(data.qpos.copy())
+        late = max(0, int(np.floor((k * 2e-4 - delay) / STEP + 1e-6)))
+        data.ctrl[:] = told[late]
+        mujoco.mj_step(model, data)
+    q = np.round(np.array(positions) / 1.5e-3) * 1.5e-3
+    columns = {f"q.{j}": q[:, i] for i, j in enumerate(JOINTS)} | {
+        f"q_cmd.{j}": told[:, i] for i, j in enumerate(JOINTS)
+    }
+    return Run.from_arrays(time, columns, name=f"seed {seed}", joints=None)
+
+
+def true_model(arm: ArmModel) -> ArmModel:
+    model = arm.with_drives(joined(gain=f"{GAIN} N m/rad"))
+    values = {
+        "joint_viscous_friction.coefficient": DAMPING,
+        "joint_coulomb_friction.torque": FRICTION,
+        "rotor_inertia.inertia": ARMATURE,
+    }
+    for name, value in values.items():
+        model = model.with_effect(find(name.partition(".")[0]))
+        model = model.with_values({f"{name}[{joint}]": value for joint in JOINTS})
+    return model
+
+
+@pytest.fixture(scope="module")
+def runs(arm) -> list[Run]:
+    text, _ = mujoco_text(true_model(arm))
+    return [simulated(text, seed, DELAY) for seed in (1, 2, 3)]
+
+
+def test_a_servo_of_unknown_gain_is_told_with_its_delay_and_its_frictions_from_commands_and_positions(arm, runs):
+    model = arm.with_drives(joined())
+    wanted = [find(name) for name in ("joint_viscous_friction", "joint_coulomb_friction", "rotor_inertia")]
+    found = CheckedStudy.of(model, runs[:2], runs[2:]).add(wanted)
+    servo = found.model.drives["servo"]
+    assert servo.gain.value == pytest.approx(GAIN, rel=0.03)
+    assert servo.delay == pytest.approx(DELAY, abs=0.004)
+    for joint in JOINTS:
+        assert found.model.value(f"joint_viscous_friction.coefficient[{joint}]") == pytest.approx(DAMPING, rel=0.15)
+        assert found.model.value(f"joint_coulomb_friction.torque[{joint}]") == pytest.approx(FRICTION, rel=0.1)
+    held_out = [r for r in found.after.rollout if r.role == "held_out"]
+    assert {r.kind for r in held_out} == {"closed_loop"}
+    assert all(r.rms < 1.5e-3 for r in held_out)
+    assert all(r.rms < 0.1 * r.position_is_command[0] for r in held_out)
+
+
+def test_the_exported_servo_moves_in_mujoco_as_in_the_model(arm):
+    model = true_model(arm)
+    run = simulated(mujoco_text(model)[0], 7, 0.0)
+    (window,) = windows(run, model.arm.joints, np.inf)
+    assert np.sqrt(np.mean((rolled(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
+
+
+def test_a_gain_that_nothing_tells_is_refused_and_not_guessed(tmp_path, runs):
+    upright = [(name, kind, "0 0 1", place) for name, kind, _, place in urdfs.DOUBLE]  # no gravity about these axes
+    (tmp_path / "flat.urdf").write_text(urdfs.chain(upright))
+    flat = arm_model(tmp_path / "flat.urdf").with_drives(joined())
+    with pytest.raises(InputError, match=r"drives.servo.*without its gain every value would be a ratio to it"):
+        CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
+
+
+def test_a_command_holds_until_the_next_stamp():
+    told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
+    assert told.held(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
+    assert mean_held(told, np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        ({"joints": ["nose"]}, "nose"),
+        ({"law": "wishes"}, "wishes"),
+        ({"gain": "8.9 N"}, "gain"),
+        ({"gain": "-1 N m/rad"}, "positive"),
+        ({"limit": "0 N m"}, "positive"),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, said):
+    with pytest.raises(InputError, match=rf"\[drives.servo\].*{said}"):
+        arm.with_drives(joined(**entries))
