@@ -96,7 +96,10 @@ def test_a_servo_of_unknown_gain_is_told_with_its_delay_and_its_frictions_from_c
 
 
 def test_the_exported_servo_moves_in_mujoco_as_in_the_model(arm):
-    model = true_model(arm)
+    model = true_model(arm).with_effect(find("back_emf")).with_effect(find("torque_offset"))
+    model = model.with_values(
+        {f"{n}[{j}]": 0.3 for j in JOINTS for n in ("back_emf.coefficient", "torque_offset.torque")}
+    )
     run = simulated(mujoco_text(model)[0], 7, 0.0)
     (window,) = windows(run, model.arm.joints, np.inf)
     assert np.sqrt(np.mean((rolled(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
