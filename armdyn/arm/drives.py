@@ -221,7 +221,10 @@ def reads(run: Run, joint: str, servo: Servo) -> bool:
 
 def error(run: Run, joints: tuple[str, ...], joint: str, servo: Servo, delay: float, time: np.ndarray) -> np.ndarray:
     """(n,) what a drive reads at (n,) times before its gain, its share of the torque and its limit."""
-    told = run.channels[f"{TOLD[servo.law]}.{joint}"].held(time - delay)
+    # Between stamps a command steps, at a moment that the delay moves: what is told around each time, not at it.
+    middles = 0.5 * (time[1:] + time[:-1])
+    edges = np.concatenate([[2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]])
+    told = mean_held(run.channels[f"{TOLD[servo.law]}.{joint}"], edges - delay)
     if servo.law == "position":
         q = run.channels[f"q.{joint}"]
         return told - np.interp(time, q.time, q.value)

@@ -86,6 +86,11 @@ class ArmModel(Model):
         """See `Model.reading`: the torques that servos gave, by their own errors."""
         return with_readings(run, self.arm.joints, tuple(self.drives.values()))
 
+    @property
+    def _told(self) -> frozenset[str]:
+        """Joints of the declared drives."""
+        return frozenset(joint for servo in self.drives.values() for joint in servo.joints)
+
     def with_drives(self, table: Mapping[str, Any]) -> Self:
         """The model with drives as ``[drives]`` of a model file declares them; see `read_drives`."""
         slides = dict(zip(self.arm.joints, self.arm.slides, strict=True))
@@ -99,6 +104,8 @@ class ArmModel(Model):
             UnknownNameError: it is meant for a joint that the arm lacks.
         """
         reachable = self.arm.within(effect.reach)
+        if effect.name in OF_DRIVE:
+            reachable = tuple(joint for joint in reachable if joint not in self._told)
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)
@@ -268,6 +275,8 @@ class ArmModel(Model):
 
 DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
+OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
+"""Effects that are what a declared drive's table holds: another gain is another table."""
 ROTOR = "rotor_inertia"
 """The effect that adds to the inertia of a joint by itself."""
 
