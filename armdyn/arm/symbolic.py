@@ -48,6 +48,27 @@ def drive_command_function(model: ArmModel) -> ca.Function:
     return ca.Function("drive_command", [q, v, a], [command], ["q", "v", "a"], ["command"])
 
 
+def servo_torque_function(model: ArmModel) -> ca.Function:
+    """``(q, v, q_cmd, v_cmd) -> tau``, (n,) each: what servos give, on and in time; 0 of joints without one.
+
+    The torque is (clip(k (q_cmd - q) + d (v_cmd - v), +-limit) - offset) / gain, see `Servo`.
+    """
+    joints = model.arm.joints
+    q, v, q_cmd, v_cmd = (ca.SX.sym(name, len(joints)) for name in ("q", "v", "q_cmd", "v_cmd"))
+    tau = [ca.SX(0)] * len(joints)
+    for i, (joint, (gain, offset)) in enumerate(zip(joints, drive_readings(model), strict=True)):
+        servo = next((s for s in model.drives.values() if joint in s.joints), None)
+        if servo is None or servo.gain is None or servo.law not in ("position", "velocity"):
+            continue
+        k, d = (servo.gain.value, servo.damping) if servo.law == "position" else (0.0, servo.gain.value)
+        asked = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
+        if np.isfinite(servo.largest):
+            asked = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked))
+        tau[i] = (asked - offset) / gain
+    names = ["q", "v", "q_cmd", "v_cmd"], ["tau"]
+    return ca.Function("servo_torque", [q, v, q_cmd, v_cmd], [ca.densify(ca.vertcat(*tau))], *names)
+
+
 def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
     """For every joint what its drive is told, or reads, per torque, and without torque, N m or N."""
     present = {effect.name for effect in model.effects if effect.name in DRIVE}

@@ -67,7 +67,12 @@ def functions_of(model: Model) -> tuple[list[Function], list[str]]:
 
 
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
-    from armdyn.arm.symbolic import DRIVE, drive_command_function, inverse_dynamics_function
+    from armdyn.arm.symbolic import (
+        DRIVE,
+        drive_command_function,
+        inverse_dynamics_function,
+        servo_torque_function,
+    )
 
     per = ", ".join(
         f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True)
@@ -95,6 +100,16 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
                 "What the drives are told, or read, while they give these torques: with their gains and offsets.",
                 motion,
                 {"command": f"torques to command, {unit}"},
+            )
+        )
+    if model.drives:
+        told = {"q_cmd": "positions that the joints are told", "v_cmd": "velocities that they are told, per s"}
+        found.append(
+            Function(
+                servo_torque_function(kept),
+                "Torques of the servos; a joint moves so that inverse_dynamics gives the same.",
+                {"q": motion["q"], "v": motion["v"], **told},
+                {"tau": f"torques, {unit}"},
             )
         )
     return found, left_over(model, held - {LATE}, "a function", symmetric=False)

@@ -11,6 +11,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.run import Run
+from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
@@ -103,6 +104,27 @@ def test_the_exported_servo_moves_in_mujoco_as_in_the_model(arm):
     run = simulated(mujoco_text(model)[0], 7, 0.0)
     (window,) = windows(run, model.arm.joints, np.inf)
     assert np.sqrt(np.mean((rolled(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
+
+
+def test_the_exported_python_function_holds_the_servos_law(arm, tmp_path):
+    drives = {
+        "lift": {"joints": ["swing"], "gain": "20 N m/rad", "damping": "0.5 N m s/rad", "limit": "4 N m"},
+        "turn": {"joints": ["elbow"], "law": "velocity", "gain": "3 N m s/rad"},
+    }
+    model = arm.with_drives(drives).with_effect(find("torque_offset:swing"))
+    model = model.with_values({"torque_offset.torque[swing]": 0.7})
+    scope: dict = {}
+    exec(python_text(functions_of(model)[0], ["test"]), scope)
+    q, v, q_cmd, v_cmd = (
+        np.array([[0.1, 0.2], [0.0, 1.0]]),
+        np.array([[0.3, -0.2], [0.0, 0.5]]),
+        np.zeros(2),
+        np.ones(2),
+    )
+    found = scope["servo_torque"](q, v, q_cmd, v_cmd)
+    assert found[:, 0] == pytest.approx([20 * -0.1 + 0.5 * 0.7 - 0.7, 0.5 - 0.7])
+    assert found[:, 1] == pytest.approx([3 * 1.2, 3 * 0.5])
+    assert scope["servo_torque"](q[0], v[0], [9.0, 0.0], v_cmd)[0] == pytest.approx(4.0 - 0.7)
 
 
 def test_a_gain_that_nothing_tells_is_refused_and_not_guessed(tmp_path, runs):
