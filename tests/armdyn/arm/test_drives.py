@@ -106,7 +106,7 @@ def test_the_exported_servo_moves_in_mujoco_as_in_the_model(arm):
     assert np.sqrt(np.mean((rolled(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
 
 
-def test_the_exported_python_function_holds_the_servos_law(arm, tmp_path):
+def test_the_exported_python_function_holds_the_servos_law(arm):
     drives = {
         "lift": {"joints": ["swing"], "gain": "20 N m/rad", "damping": "0.5 N m s/rad", "limit": "4 N m"},
         "turn": {"joints": ["elbow"], "law": "velocity", "gain": "3 N m s/rad"},
