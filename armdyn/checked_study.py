@@ -187,7 +187,11 @@ class CheckedStudy:
         model, after = found.model, self._telling(found.after)
         if isinstance(model, ArmModel) and isinstance(self.declared, ArmModel) and found.verdict is not Verdict.LOST:
             model = polished(model, [run.recording for run in self.study.runs], self.declared.drives)
-            values = {n: replace(p, value=model.value(n)) for n, p in after.parameters.items() if n in model.names}
+            values = {
+                n: replace(p, value=model.value(n), std=model.parameters[n].std)
+                for n, p in after.parameters.items()
+                if n in model.names
+            }
             after = replace(after, parameters={**after.parameters, **values})
         return replace(found, model=model, after=replace(after, rollout=self._rollout(model)))
 

@@ -73,9 +73,12 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
         return model
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
+    spread = np.zeros(len(values))
     for length in LENGTHS:
-        values = _Descent(model, usable, unknowns, length).down(values)
-    return _with(model, unknowns, values)
+        values, spread = _Descent(model, usable, unknowns, length).down(values)
+    moved = _with(model, unknowns, values)
+    told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
+    return moved.with_parameters({n: replace(moved.parameters[n], std=std) for n, std in told.items()})
 
 
 def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
@@ -149,8 +152,12 @@ class _Descent:
             parts = [rolled(model, theta, window, servos) - window.q for window in self._windows]
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
-    def down(self, values: np.ndarray) -> np.ndarray:
-        """(u,) values where the error is least."""
+    def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(u,) values where the error is least, and their standard deviations, 0 on a bound.
+
+        These are the sandwich's, of errors that stay alike over as many samples as they do (White, Econometrica 50,
+        1982).
+        """
         errors, damping = self._errors(values), 1e-3
         size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
         typical = np.array([u.typical for u in self._unknowns])
@@ -181,7 +188,14 @@ class _Descent:
                 damping *= 8.0
             if now > (1.0 - ENOUGH) * before:
                 break
-        return values
+        pulls = slopes * share * errors
+        middle = np.einsum("unj,vnj->uv", pulls, pulls) * len(errors) / max(independent, 1.0)
+        free = (values > lower) & (values < upper)
+        inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
+        spread = np.zeros(len(values))
+        middle = middle[np.ix_(free, free)] * np.outer(typical[free], typical[free])
+        spread[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
+        return values, spread
 
     def _slopes(self, values: np.ndarray, errors: np.ndarray, typical: np.ndarray) -> np.ndarray:
         """(u, N, nj) by differences, several unknowns at once where no joint's motion is seen to follow two of them."""
