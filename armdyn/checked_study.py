@@ -135,10 +135,10 @@ class CheckedStudy:
         declared = known.file.model
         model = declared.following(every)
         known = replace(known, file=replace(known.file, model=model))
+        for run in every:
+            check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
         found = known.inspect(every)  # of what was recorded: a servo's reading is made of it
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
-        for run in (*training, *others, *last):
-            check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
         if not trusted:
             require_usable(found)
         chosen = known.catalogue if effects is None else tuple(effects)
