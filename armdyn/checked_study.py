@@ -74,9 +74,9 @@ class Known:
         file = read_model_file(model, own)
         return cls(file, available(file.model, own, effects), Path(model))
 
-    def inspect(self, runs: Sequence[Run]) -> Inspection:
-        """Ask whether recordings of it are what they say they are."""
-        return inspected(runs, self.file.model, self.catalogue).naming(self.path)
+    def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
+        """Ask whether recordings of it, once it has the effects `adding`, are what they say they are."""
+        return inspected(runs, self.file.model, self.catalogue, adding).naming(self.path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +135,10 @@ class CheckedStudy:
         declared = known.file.model
         model = declared.following(every)
         known = replace(known, file=replace(known.file, model=model))
+        coming = find_several(adding, known.catalogue) if adding else ()
         for run in every:
-            check_run(known.file.model, run, find_several(adding, known.catalogue) if adding else ())
-        found = known.inspect(every)  # of what was recorded: a servo's reading is made of it
+            check_run(known.file.model, run, coming)
+        found = known.inspect(every, coming)  # of what was recorded: a servo's reading is made of it
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
         if not trusted:
             require_usable(found)

@@ -34,7 +34,12 @@ FEWEST = 60
 
 
 @one_thread
-def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable[Effect] | None = None) -> Inspection:
+def inspected(
+    runs: Sequence[Run],
+    model: Model | None = None,
+    effects: Iterable[Effect] | None = None,
+    adding: Sequence[Effect] = (),
+) -> Inspection:
     """Check recordings, by themselves and against a model.
 
     Args:
@@ -42,13 +47,14 @@ def inspected(runs: Sequence[Run], model: Model | None = None, effects: Iterable
         model: that they are of; without one, signals are checked, units against ranges, and rates against positions.
         effects: that may be missing from the model, which are no mistake of a recording; all that it can have when not
             given.
+        adding: effects that the model is about to get, whose values recordings may state.
     """
     if effects is None:
         effects = available(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
         model = model.following(runs)
-    found = [check for run in runs for check in checks_of(run, model, effects)]
+    found = [check for run in runs for check in checks_of(run, model, effects, adding)]
     return Inspection(tuple(runs), by_severity([*found, *_joints_beside(model, runs)]))
 
 
@@ -86,8 +92,10 @@ def require_usable(inspection: Inspection) -> None:
         raise WrongRecordingError(inspection)
 
 
-def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] = ()) -> list[Check]:
-    """All checks of one recording."""
+def checks_of(
+    run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
+) -> list[Check]:
+    """All checks of one recording; see `inspected`."""
     refused = _refused(run, check_stamps)
     if refused:
         return refused
@@ -110,7 +118,7 @@ def checks_of(run: Run, model: Model | None = None, effects: tuple[Effect, ...] 
     return (
         found
         + list(rate_checks(mended))
-        + _refused(mended, check_steps if model is None else partial(check_run, model))
+        + _refused(mended, check_steps if model is None else partial(check_run, model, adding=adding))
     )
 
 

@@ -134,7 +134,7 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch):
     kept = keep(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
-    assert any("is not written" in note and "--force" in note for note in kept.notes)
+    assert any("is not written" in note and "--incomplete" in note for note in kept.notes)
 
 
 def test_panels_escape_what_users_name():
