@@ -24,6 +24,8 @@ STIFF = 0.5
 """Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
 WINDOWS = (0.5, 5.0)
 """s, of what cannot be simulated as a whole."""
+LOST = 2.0 * np.pi
+"""rad or m: a simulated joint that is farther from where it was has left the motion, and how far says nothing."""
 LATE = "torque_delay.time"
 
 
@@ -37,8 +39,8 @@ class RollOut:
         kind: ``"closed_loop"``, or ``"window_0.5"`` and ``"window_5"``.
         joint: which.
         unit: rad or m.
-        rms: root of the mean square.
-        mae: mean absolute error.
+        rms: root of the mean square; None where the simulated joint left the motion by more than `LOST`.
+        mae: mean absolute error, likewise.
         position_is_command: rms and mean absolute error of a joint that is always where it was told to be; None where
             it was told no position.
         resolution: step of the encoder, 0 where none shows.
@@ -49,8 +51,8 @@ class RollOut:
     kind: str
     joint: str
     unit: str
-    rms: float
-    mae: float
+    rms: float | None
+    mae: float | None
     position_is_command: tuple[float, float] | None
     resolution: float
 
@@ -189,15 +191,18 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
         whole = closed(model, run)
         for length in (np.inf,) if whole else WINDOWS:
             parts = windows(run, model.arm.joints, length)
-            errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
+            with np.errstate(all="ignore"):  # what is torn away by a torque that nothing resists ends nowhere
+                errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
             for j, joint in enumerate(model.arm.joints):
                 kind = "closed_loop" if whole else f"window_{length:g}"
                 own, aside = errors[:, j], _aside(run, joint)
+                there = bool(np.all(np.abs(own) < LOST))
                 q = run.channels[f"q.{joint}"]
                 steps = np.unique(np.abs(np.diff(q.value)))
                 found.append(
                     RollOut(
-                        run.name, role, kind, joint, q.unit, _rms(own), float(np.abs(own).mean()), aside,
+                        run.name, role, kind, joint, q.unit,
+                        _rms(own) if there else None, float(np.abs(own).mean()) if there else None, aside,
                         float(steps[steps > 1e-9][0]) if len(steps) < len(q) / 4 and (steps > 1e-9).any() else 0.0,
                     )
                 )  # fmt: skip

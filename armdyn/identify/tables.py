@@ -255,8 +255,11 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
         if r.role == role:
             rows.setdefault((r.joint, r.kind), []).append(r)
 
-    def mean(errors: Sequence[tuple[float, float]]) -> tuple[float, float]:
-        return float(np.sqrt(np.mean([e[0] ** 2 for e in errors]))), float(np.mean([e[1] for e in errors]))
+    def mean(errors: Sequence[tuple[float | None, float | None]]) -> tuple[float | None, float | None]:
+        rms, mae = ([e for e in each if e is not None] for each in zip(*errors, strict=True))
+        if len(rms) < len(errors):
+            return None, None
+        return float(np.sqrt(np.mean(np.square(rms)))), float(np.mean(mae))
 
     errors = [mean([(r.rms, r.mae) for r in of]) for of in rows.values()]
     told = [[r.position_is_command for r in of if r.position_is_command is not None] for of in rows.values()]
@@ -274,6 +277,8 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
         f"The model is simulated by what drove the joints in the {ROLES[role]} runs, not told where they went; "
         "the error of its positions:"
     )
+    if any(rms is None for rms, _ in errors):
+        text = text.removesuffix(":") + "; – where a joint is carried off by more than a turn:"
     return Section("Motion", text, tables=[Table(columns, name="motion")])
 
 
