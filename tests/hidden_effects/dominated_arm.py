@@ -10,39 +10,47 @@ from armdyn.run import Run
 
 from .dominant import Hidden, Lump
 from .imperfect_arm import LEAST_TYPICAL, POSITION_NOISE, ROBOTS
-from .imperfections import Imperfections
+from .imperfections import Imperfections, Links
 from .motions import KINDS as MOTIONS
 from .plant import Plant, World
 from .sound_recordings import gravity_of
 
 KINDS = ("gain", "spring", "payload", "tilt")
 SHARE = (0.95, 0.99)
-"""Of the squared error of the model as described, that is the dominant effects'."""
+"""Of the squared error of the model as described, that is the dominant effects'; the small ones shrink until it is."""
+GAIN, SPRING, PAYLOAD, TILT = (0.2, 0.4), (0.3, 0.6), (0.02, 0.1), (0.05, 0.2)
+"""Of a reading; of the joint's typical torque; of the arm's mass; rad."""
+STEPS = 12
+"""Halvings of what the small effects are multiplied by."""
 SMALL = (0.02, 0.06)
 """Of a joint's typical torque: each friction, and the torque of a rotor."""
 NOISE = (0.0005, 0.002)
 """Of a torque sensor, of the effort limit."""
 
 
-def dominants(rng: np.random.Generator, kind: str, plant: Plant, loads: np.ndarray) -> list[Hidden]:
-    """The dominant effects of unit size, on joints that carry much."""
-    heavy = np.argsort(-np.sqrt(np.mean(loads**2, axis=0)))[:2]
-    first, second = (plant.joints[int(j)] for j in rng.permutation(heavy))
+def dominants(rng: np.random.Generator, kind: str, plant: Plant, typical: np.ndarray) -> list[Hidden]:
+    """The dominant effects, on joints that carry much, given (nj,) `typical` torques; none for a tilted base."""
+    first, second = (int(j) for j in rng.permutation(np.argsort(-typical)[:2]))
     if kind == "gain":
-        return [Hidden("torque_gain", name, gain=1.0 + float(rng.choice([-1.0, 1.0]))) for name in (first, second)]
+        errors = rng.choice([-1.0, 1.0], 2) * rng.uniform(*GAIN, 2)
+        return [
+            Hidden("torque_gain", plant.joints[j], gain=1.0 + float(e))
+            for j, e in zip((first, second), errors, strict=True)
+        ]
     if kind == "spring":
-        angle = rng.uniform(0.0, 2.0 * np.pi)
-        return [Hidden("gravity_spring", first, sine=float(np.cos(angle)), cosine=float(np.sin(angle)))]
-    return [Hidden("payload", plant.joints[-1], lump=Lump(1.0, tuple(rng.uniform(-0.1, 0.1, 3))))]
-
-
-def scaled(hidden: Hidden, size: float) -> Hidden:
-    """An effect so many times as large."""
-    if hidden.lump is not None:
-        return replace(hidden, lump=replace(hidden.lump, mass=size * hidden.lump.mass))
-    if hidden.effect == "torque_gain":
-        return replace(hidden, gain=1.0 + size * (hidden.gain - 1.0))
-    return replace(hidden, sine=size * hidden.sine, cosine=size * hidden.cosine)
+        angle, size = rng.uniform(0.0, 2.0 * np.pi), typical[first] * rng.uniform(*SPRING)
+        return [
+            Hidden(
+                "gravity_spring",
+                plant.joints[first],
+                sine=size * float(np.cos(angle)),
+                cosine=size * float(np.sin(angle)),
+            )
+        ]
+    if kind == "payload":
+        mass = float(plant.described.mass.sum()) * rng.uniform(*PAYLOAD)
+        return [Hidden("payload", plant.joints[-1], lump=Lump(mass, tuple(rng.uniform(-0.1, 0.1, 3))))]
+    return []
 
 
 @dataclass(frozen=True)
@@ -87,9 +95,9 @@ def generate(robot: str, kind: str, seed: int, *, duration: float = 20.0, rate: 
         position_noise=POSITION_NOISE[robot],
     )
     links = plant.described.off(rng)
-    worlds = [World(plant, links, drive, motion, stamps) for motion in motions]
-    loads, moved = worlds[0].bare_load, worlds[0].motion.at(stamps)
-    typical = np.maximum(np.sqrt(np.mean(loads**2, axis=0)), LEAST_TYPICAL * plant.effort)
+    first = World(plant, links, drive, motions[0], stamps)
+    moved = first.motion.at(stamps)
+    typical = np.maximum(np.sqrt(np.mean(first.bare_load**2, axis=0)), LEAST_TYPICAL * plant.effort)
     small = [
         Hidden(
             "", name,
@@ -99,35 +107,50 @@ def generate(robot: str, kind: str, seed: int, *, duration: float = 20.0, rate: 
         )
         for j, name in enumerate(plant.joints)
     ]  # fmt: skip
-    rest = _squared([world.misfit(small) for world in worlds])
-    share = rng.uniform(*SHARE)
-    unit = dominants(rng, kind, plant, loads) if kind != "tilt" else []
-    axis = rng.uniform(0.0, 2.0 * np.pi)
-    low, high = 0.0, 1.0 if kind == "tilt" else 1e3
-    for _ in range(40):  # the more, the larger the share
-        size = 0.5 * (low + high)
-        low, high = (
-            (low, size) if 1.0 - rest / _squared(_misfits(worlds, small, unit, size, axis)) > share else (size, high)
-        )
-    with tilted(plant, size if kind == "tilt" else 0.0, axis):
+    large, wanted = dominants(rng, kind, plant, typical), rng.uniform(*SHARE)
+    angle, axis = (rng.uniform(*TILT), rng.uniform(0.0, 2.0 * np.pi)) if kind == "tilt" else (0.0, 0.0)
+
+    def rest(times: float) -> tuple[list[World], list[Hidden]]:
+        """The robot with small effects so many times as large."""
+        off = Links(*(d + times * (o - d) for d, o in zip(_parts(plant.described), _parts(links), strict=True)))
+        fewer = [replace(h, coulomb=times * h.coulomb, viscous=times * h.viscous, rotor=times * h.rotor) for h in small]
+        return [World(plant, off, drive, motion, stamps) for motion in motions], fewer
+
+    def share(times: float) -> float:
+        worlds, fewer = rest(times)
+        alone = [world.misfit(fewer) for world in worlds]
+        with tilted(plant, angle, axis):
+            worlds, _ = rest(times)
+            whole = [world.misfit([*fewer, *large]) for world in worlds]
+        if kind == "tilt":  # the model as described stands upright
+            whole = [w + t for w, t in zip(whole, _by_tilt(plant, worlds, angle, axis), strict=True)]
+        return 1.0 - _squared(alone) / _squared(whole)
+
+    low, high = 0.0, 1.0
+    for _ in range(STEPS):  # the larger the rest, the smaller the share
+        times = 0.5 * (low + high)
+        low, high = (times, high) if share(times) > wanted else (low, times)
+    found = share(times)
+    with tilted(plant, angle, axis):
+        worlds, fewer = rest(times)
         noise = rng.standard_normal((len(worlds), 3, len(stamps), len(plant.joints)))
-        made = [replace(w) for w in worlds]  # what they remember was not tilted
-        there = [*small, *(scaled(hidden, size) for hidden in unit)]
-        runs = [world.recorded(there, noise[i], f"{kinds[i]} {i}") for i, world in enumerate(made)]
-    large = tuple(scaled(hidden, size) for hidden in unit)
-    return Case(tuple(runs[:-2]), runs[-2], runs[-1], large, share)
+        runs = [world.recorded([*fewer, *large], noise[i], f"{kinds[i]} {i}") for i, world in enumerate(worlds)]
+    return Case(tuple(runs[:-2]), runs[-2], runs[-1], tuple(large), found)
 
 
-def _misfits(
-    worlds: Sequence[World], small: list[Hidden], unit: list[Hidden], size: float, axis: float
-) -> list[np.ndarray]:
-    if unit:
-        return [world.misfit([*small, *(scaled(hidden, size) for hidden in unit)]) for world in worlds]
-    plain = [world.plant.torques(world.motion.at(world.stamps), world.plant.described, {}) for world in worlds]
-    with tilted(worlds[0].plant, size, axis):
-        there = [world.plant.torques(world.motion.at(world.stamps), world.plant.described, {}) for world in worlds]
-    more = [t - p for t, p in zip(there, plain, strict=True)]
-    return [world.misfit(small) + extra[world.inner] for world, extra in zip(worlds, more, strict=True)]
+def _parts(links: Links) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return links.mass, links.centre, links.inertia
+
+
+def _by_tilt(plant: Plant, worlds: Sequence[World], angle: float, axis: float) -> list[np.ndarray]:
+    """What the described links' torques change by where the base is turned."""
+    found = []
+    for world in worlds:
+        motion = world.motion.at(world.stamps)
+        with tilted(plant, angle, axis):
+            there = plant.torques(motion, plant.described, {})
+        found.append((there - plant.torques(motion, plant.described, {}))[world.inner])
+    return found
 
 
 def _squared(misfits: Sequence[np.ndarray]) -> float:
