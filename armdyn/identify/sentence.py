@@ -89,8 +89,8 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
     """
     old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
     return (
-        f" A background of {after.values} small values, which have no name, predicts other runs better: the error "
-        f"{WHOSE[judge]} {_change(old, new)}."
+        f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
+        f"recordings better that it was not fitted to: the error {WHOSE[judge]} {_change(old, new)}."
     )
 
 
