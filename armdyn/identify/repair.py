@@ -11,11 +11,12 @@ from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.faults import outlier_sentence
+from armdyn.identify.appraisal import HARM
 from armdyn.identify.background import find_background
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
-from armdyn.identify.explained import RepairStep, explained
+from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HoldoutKind
@@ -23,7 +24,7 @@ from armdyn.identify.localise import localise
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.search import Search, repair_step, search
-from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences
+from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences, totals
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     curves_of,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 
 BACKGROUND = "background"
 """Name of the step that adds small values without a name."""
+NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
 MUCH = 0.5
 """Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
 
@@ -134,11 +136,14 @@ def with_background(study: Study, told: Repair, say: Progress) -> Repair:
     last = told.steps[-1]
     around = study.appraiser(last.fit, sparse=True)
     small = find_background(study, around.within(last.effects), last.fit, around.sums, say)
+    without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
     if small is None:
-        return told
+        return without
     step = Step((), (), last.effects, small.fit, last.tests)
     study.hold_predictions(small.fit, small.in_turn)
     described = replace(repair_step(study, step), added=(BACKGROUND,), values=len(small.values))
+    if _harms(told.path[-1], described, told.after.scale):
+        return without
     joint = {c.name: float(v) for c, v in zip(study.problem.columns, small.fit.values, strict=True)}
     named = {n: p.with_value(joint[n], p.std) for n, p in told.named.parameters.items() if n in joint}
     model = told.named.with_parameters(named).with_background(small.width, small.values, study.effects.values())
@@ -160,6 +165,12 @@ def with_background(study: Study, told: Repair, say: Progress) -> Repair:
         explained=explained(path[0], path[-1], scale),
         sentence=told.sentence + background_sentence(path[-2], path[-1], study.judges[0], scale),
     )
+
+
+def _harms(before: RepairStep, after: RepairStep, scale: Scale) -> bool:
+    """Whether other runs are predicted worse, all channels of one unit together."""
+    old, new = (totals(step.held_out_rmse, scale.units) for step in (before, after))
+    return any(new[unit] > (1.0 + HARM) * old[unit] for unit in old)
 
 
 @one_thread

@@ -1,5 +1,6 @@
 """Small values beside a story, on arms of MuJoCo in which a little of everything is wrong, and on one that is right."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ from hidden_effects.imperfect_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.background import find_background
 from armdyn.identify.repair import Repair, add, with_background
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
@@ -63,3 +65,22 @@ def test_every_link_stays_a_body_that_can_exist() -> None:
         second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
         pseudo = np.block([[second, moment[:, None]], [moment[None, :], np.array([[mass]])]])
         assert np.linalg.eigvalsh(pseudo).min() > -1e-9
+
+
+def test_where_small_values_make_other_runs_worse_there_are_none_and_the_answer_says_so(monkeypatch) -> None:
+    case = generate("ur5", "coulomb", 3, duration=10.0)
+    study = Study(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS)
+    told = add(study, [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth])
+    small = find_background(
+        study,
+        study.appraiser(told.steps[-1].fit, True).within(told.steps[-1].effects),
+        told.steps[-1].fit,
+        study.appraiser(told.steps[-1].fit, True).sums,
+        lambda _: None,
+    )
+    given = study.first()  # leaves more than the named effects do
+    monkeypatch.setattr("armdyn.identify.repair.find_background", lambda *_: replace(small, fit=given))
+    found = with_background(study, told, lambda _: None)
+    assert found.model.background is None
+    assert found.path == told.path
+    assert found.sentence.endswith("there is no background.")
