@@ -37,7 +37,8 @@ INFORMATIVE = (0.1, 0.9)
 """Quantiles of a reading that differ where it says anything: a joint that stands reads one value, but for a few."""
 
 KNOWN: Mapping[str, Mapping[str, str]] = {
-    # k_p 17.8 N m/rad at P = 32 and 3.35 N m: Open Duck Mini's MJCF, after BAM (Rhoban); LeRobot sets 16.
+    # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
+    # values it has). LeRobot sets P = 16. At 12 V both are larger: the recording says by how much.
     "sts3215": {"law": "position", "gain": "8.9 N m/rad +/- 10 %", "limit": "3.35 N m"},
     # Full duty from an error of 885 x 256 x 2 pi/4096 / P rad at register P; here P = 100: BAM (Rhoban).
     "xl330": {"law": "position", "full_at": "3.47 rad"},
