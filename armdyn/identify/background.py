@@ -33,6 +33,7 @@ from armdyn.identify.summed import HELD
 from armdyn.identify.sums import Sums
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
+from armdyn.run import Run
 
 WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Widths that are tried, in typical sizes."""
@@ -61,7 +62,7 @@ class Background:
         values: by parameter, in its unit.
         fit: of named effects and small values together.
         covariance: (P, P) of all unknowns of the study.
-        in_turn: every training run with the values that the others give, by one linearisation; empty of a lone run.
+        in_turn: every training run with the values that the others give; none where runs are held out, or of one run.
     """
 
     width: float
@@ -98,7 +99,8 @@ def find_background(
     problem, names = study.problem, [name for atom in linear.atoms for name in atom.names]
     own = np.flatnonzero(problem.of(names) & (found.values != problem.null))
     values = {problem.columns[i].name: float(found.values[i]) for i in own}
-    return Background(width, values, found, covariance, tuple(_in_turn(study, linear, widths, found)))
+    in_turn = () if study.held_out else tuple(_in_turn(study, linear, widths))
+    return Background(width, values, found, covariance, in_turn)
 
 
 def sure_effects(
@@ -110,38 +112,43 @@ def sure_effects(
 
 
 def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """Named and small values, of (c,) `widths`, at the minimum of the whole model rather than of its expansion.
-
-    Beside it their (P, P) covariance.
-    """
-    sums, given, moving = linear.sums, study.problem, widths > 0.0
-    columns, change = linear.columns[moving], linear.solution(widths, linear.training)[moving]
-    start = linear.values(change, moving)
-    width = np.zeros(len(start))
-    width[columns] = widths[moving] * linear.typical[moving]
-    width = transferred(width, sums.problem, given, missing=0.0)
-    free = width > 0.0
-    problem = Problem(given.model, study.runs, {**given.noise, **linear.levels})
-    unknown = free & (problem.prior_weight == 0.0)
-    problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
-    found = fit(problem, free, study.own(start, sums.problem), most_steps=STEPS)
+    """Named and small values, of (c,) `widths`, at the minimum of the whole model, and their (P, P) covariance."""
+    found, given = _with_priors(study, linear, widths, study.runs, linear.training), study.problem
+    free = found.free
     at = Fit(given, free, found.values, tuple(given.blocks(found.values, free)), found.outcome)
     covariance, own = np.zeros((len(free), len(free))), np.flatnonzero(free)
-    information = problem.expansion(found.values, free).hessian
+    information = found.problem.expansion(found.values, free).hessian
     scale = np.sqrt(np.diag(information))
     covariance[np.ix_(own, own)] = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     return at, covariance
 
 
-def _in_turn(study: Study, linear: "_Linear", widths: np.ndarray, found: Fit) -> Iterator[Fit]:
+def _in_turn(study: Study, linear: "_Linear", widths: np.ndarray) -> Iterator[Fit]:
     """See `Background.in_turn`."""
     for run, others in linear.without_each():
-        moving = widths > 0.0
-        values = linear.values(linear.solution(widths, others)[moving], moving)
+        rest = _with_priors(study, linear, widths, [r for i, r in enumerate(study.runs) if i != run], others)
         alone = Problem(study.problem.model, [study.runs[run]], study.noise)
         free = np.zeros(len(alone.columns), dtype=bool)
-        values = transferred(values, linear.sums.problem, alone)
-        yield Fit(alone, free, values, tuple(alone.blocks(values, free)), found.outcome)
+        values = transferred(rest.values, rest.problem, alone)
+        yield Fit(alone, free, values, tuple(alone.blocks(values, free)), rest.outcome)
+
+
+def _with_priors(study: Study, linear: "_Linear", widths: np.ndarray, runs: Sequence[Run], units: np.ndarray) -> Fit:
+    """The whole model fitted to runs, whose units in the sums are (u,), with (c,) widths as priors of its values.
+
+    Steps begin at the minimum of the expansion, where links may be no bodies yet.
+    """
+    sums, moving = linear.sums, widths > 0.0
+    columns = linear.columns[moving]
+    start = linear.values(linear.solution(widths, units)[moving], moving)
+    width = np.zeros(len(start))
+    width[columns] = widths[moving] * linear.typical[moving]
+    problem = Problem(study.problem.model, runs, {**study.problem.noise, **linear.levels})
+    width = transferred(width, sums.problem, problem, missing=0.0)
+    free = width > 0.0
+    unknown = free & (problem.prior_weight == 0.0)
+    problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
+    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=STEPS)
 
 
 class _Linear:
