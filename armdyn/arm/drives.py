@@ -199,7 +199,7 @@ def _servo(entry: _Entry, *, slides: bool) -> Servo:
     gain = None
     if entry.gain is not None:
         with at("gain"):
-            gain = parse_quantity(entry.gain, UNITS[entry.law][slides])  # type: ignore[index]
+            gain = parse_quantity(entry.gain, UNITS[law][slides])
             if gain.value <= 0.0:
                 raise InputError(f"'{entry.gain}': write one that is positive")
     return Servo(entry.joints, law, gain, **values)

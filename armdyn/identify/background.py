@@ -54,7 +54,7 @@ Atoms = frozenset[Candidate]
 
 
 @dataclass(frozen=True)
-class Background:
+class SmallValues:
     """Small values beside the named effects.
 
     Attributes:
@@ -74,7 +74,7 @@ class Background:
 
 def find_background(
     study: Study, named: Sequence[Candidate], last: Fit, sums: Sums, say: Callable[[str], None]
-) -> Background | None:
+) -> SmallValues | None:
     """The background beside named effects; None where it does not predict other runs better.
 
     Args:
@@ -100,7 +100,7 @@ def find_background(
     own = np.flatnonzero(problem.of(names) & (found.values != problem.null))
     values = {problem.columns[i].name: float(found.values[i]) for i in own}
     in_turn = () if study.held_out else tuple(_in_turn(study, linear, widths))
-    return Background(width, values, found, covariance, in_turn)
+    return SmallValues(width, values, found, covariance, in_turn)
 
 
 def sure_effects(
@@ -124,7 +124,7 @@ def _fitted(study: Study, linear: "_Linear", widths: np.ndarray) -> tuple[Fit, n
 
 
 def _in_turn(study: Study, linear: "_Linear", widths: np.ndarray) -> Iterator[Fit]:
-    """See `Background.in_turn`."""
+    """See `SmallValues.in_turn`."""
     for run, others in linear.without_each():
         rest = _with_priors(study, linear, widths, [r for i, r in enumerate(study.runs) if i != run], others)
         alone = Problem(study.problem.model, [study.runs[run]], study.noise)
