@@ -1,6 +1,5 @@
 """What the README and the pages for users promise."""
 
-import importlib.util
 import re
 from pathlib import Path
 
@@ -54,49 +53,6 @@ def test_the_mapping_that_is_shown_is_one(tmp_path):
     path = tmp_path / "map.toml"
     path.write_text(re.search(r"```toml\n(time = .*?)```", FORMATS, re.DOTALL)[1])
     assert [entry.channel for entry in read_map(path).entries.values()] == ["q.shoulder", "q.elbow", "tau.elbow"]
-
-
-YOUR_ROBOT = (ROOT / "docs/your_robot.md").read_text()
-COMMANDS = [line.split("#")[0].split() for line in re.findall(r"^\$ armdyn (.*)$", YOUR_ROBOT, re.MULTILINE)]
-
-
-@pytest.fixture
-def page(armdyn, tmp_path):
-    """Runs a command of the page beside the examples; returns what it printed."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-
-    def run(words):
-        expanded = [path for word in words for path in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
-        status, out, _ = armdyn(*expanded)
-        assert status == 0
-        return out
-
-    return run
-
-
-def in_mujoco(model, run, capsys):
-    """Total error that the page's script prints, N m."""
-    specification = importlib.util.spec_from_file_location("in_mujoco", ROOT / "examples/ur5/in_mujoco.py")
-    script = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(script)
-    script.main(model, run)
-    return float(capsys.readouterr().out.split()[-3])
-
-
-def test_a_strangers_recording_becomes_runs_a_model_and_a_mujoco_file(page, capsys):
-    guess, convert, new, _, _, described, *_ = COMMANDS
-    assert "q.wrist_3_joint" in page(guess)
-    assert "runs/pick_and_place.csv: q, tau of 6 joints, 14.0 s, 100 samples per second" in page(convert)
-    page(new)
-    page(described)
-    assert in_mujoco("described.xml", "runs/pick_and_place.csv", capsys) == pytest.approx(22.81, abs=0.005)
-
-
-@pytest.mark.slow
-def test_the_page_for_your_robot_runs_as_it_stands(page, capsys):
-    found = "".join(page(words) for words in COMMANDS)
-    assert "falls from 22.8 to 0.201 N m" in found
-    assert in_mujoco("repaired.xml", "runs/pick_and_place.csv", capsys) == pytest.approx(0.487, abs=0.005)
 
 
 def test_every_file_says_the_same_version():
