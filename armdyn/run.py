@@ -43,6 +43,7 @@ class Run(Shown):
         spread: s^2, by channel whose samples are means over several instants: their variance. Such a mean differs
             from the signal by half of its second derivative times the variance.
         recorded: when it was made, UTC; None where nobody wrote it down.
+        asked: what nobody has answered of how it was read, by channel or for the time: doubts of a mapping.
         extra: further quantities by name, ``"extra.temperature"``, on which a law may depend; nothing is compared with
             them, so that they may be as slow as they are.
 
@@ -62,6 +63,7 @@ class Run(Shown):
     outliers: Mapping[str, int] = field(default_factory=dict, kw_only=True)
     spread: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     recorded: datetime | None = field(default=None, kw_only=True)
+    asked: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     extra: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -71,7 +73,7 @@ class Run(Shown):
         object.__setattr__(self, "extra", {**self.extra, **further})
         object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
-        for attribute in ("channels", "known", "noise", "outliers", "spread", "extra"):
+        for attribute in ("channels", "known", "noise", "outliers", "spread", "asked", "extra"):
             object.__setattr__(self, attribute, MappingProxyType(dict(getattr(self, attribute))))
 
     @classmethod
@@ -287,6 +289,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
         source=path,
         warnings=warnings,
         recorded=sidecar.recorded,
+        asked=sidecar.asked,
     )
 
 
@@ -306,7 +309,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
     }
     noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
-    sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded))
+    sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded, run.asked))
     with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
         for file, text in zip(files, (sidecar, csv_text(run.everything)), strict=True):
             file.write(text.encode("utf-8", errors="replace"))

@@ -7,6 +7,8 @@ recorded = 2026-05-04T14:30:00
 load_force = "3 mN"
 [known]                     # measured by hand: priors, not truth
 mass = "80 g +/- 0.4 g"
+[asked]                     # what nobody has answered of how it was read: a line goes where it is answered
+"q.elbow" = "'J2 pos': or deg?"
 ```
 
 Other keys and tables, such as ``source``, ``licence`` or ``[published]``, are for the reader and are not used; one that
@@ -30,7 +32,8 @@ POSITIVE = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
 
 
-KEYS = ("description", "recorded", "noise", "known", "source", "licence", "license", "published", "urdf", "notes")
+KEYS = ("description", "recorded", "noise", "known", "asked",
+        "source", "licence", "license", "published", "urdf", "notes")  # fmt: skip
 """Keys that are used, and those that recordings have for their readers."""
 ALIKE = 0.75
 """Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
@@ -38,12 +41,13 @@ ALIKE = 0.75
 
 @dataclass(frozen=True)
 class Sidecar:
-    """Description, noise, hand-measured values of one recording, in SI units, and when it was made, UTC."""
+    """Description, noise, hand-measured values, in SI units, of a recording; when it was made, UTC, and what is open."""
 
     description: str = ""
     noise: Mapping[str, Known] = field(default_factory=dict)
     known: Mapping[str, Known] = field(default_factory=dict)
     recorded: datetime | None = None
+    asked: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -83,7 +87,9 @@ def sidecar_of(table: Mapping[str, object]) -> Sidecar:
         raise InputError(f"description: {description!r} is not a text: put it in quotes")
     noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
     known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
-    return Sidecar(description, noise, known, utc(table["recorded"], "recorded") if "recorded" in table else None)
+    asked = {name: str(value) for name, value in _entries(table, "asked").items()}
+    recorded = utc(table["recorded"], "recorded") if "recorded" in table else None
+    return Sidecar(description, noise, known, recorded, asked)
 
 
 def utc(value: object, where: str) -> datetime:
@@ -130,7 +136,7 @@ def sidecar_text(sidecar: Sidecar) -> str:
     lines = [f"description = {toml_string(sidecar.description)}"]
     if sidecar.recorded is not None:
         lines.append(f"recorded = {sidecar.recorded.isoformat()}Z")
-    for title, entries in (("noise", sidecar.noise), ("known", sidecar.known)):
+    for title, entries in (("noise", sidecar.noise), ("known", sidecar.known), ("asked", sidecar.asked)):
         if entries:
             lines += [
                 "",

@@ -1,8 +1,8 @@
 """The commands that the pages show, run as they stand: what they print, and the pictures of what they write.
 
-`python docs/pages.py [PAGE...]` brings numbers and pictures up to date; `tests/docs/test_pages.py` compares them. A block
-```console has commands behind `$`, and of what a command prints the lines that matter, in their order: whole, or parts
-of them between `...`. Where words differ, the page is to be written anew, which no script can do.
+`python docs/pages.py [PAGE...]` brings numbers and pictures up to date; `tests/docs/test_pages.py` compares them. A
+block ```console has commands behind `$`, and of what a command prints the lines that matter, in their order: whole, or
+parts of them between `...`. Where words differ, the page is to be written anew, which no script can do.
 """
 
 import os
@@ -62,10 +62,16 @@ PAGES = {
     "docs/inspect.md": (*UR5, MISTAKEN),
     "docs/batch.md": (LAB,),
     "docs/discover.md": (
-        "cp ROOT/examples/pendulum/* ROOT/examples/*.py .", "cp magnet_1.csv swing_1.csv", "cp magnet_2.csv swing_2.csv",
+        "cp ROOT/examples/pendulum/* ROOT/examples/*.py .",
+        "cp magnet_1.csv swing_1.csv", "cp magnet_2.csv swing_2.csv",
         "armdyn new pendulum model.toml --set mass='80 g' --set length='0.36 m'",
     ),
-    "docs/workbench.md": UR5,
+    "docs/workbench.md": (
+        *UR5, "cp ROOT/examples/pendulum/swing_1.csv swing.csv", "cp ROOT/examples/pendulum/swing_1.toml swing.toml",
+        "armdyn new pendulum repaired.toml", "armdyn trial", "armdyn ik build --out line.npz",
+        """python -c 'import math
+print("time [s],s [m]", *(f"{k / 100},{0.2 * math.sin(k / 12.5)}" for k in range(300)), sep=chr(10))' > motion.csv""",
+    ),
 }  # fmt: skip
 """Pages with console blocks, and what makes the files that they speak of; ROOT is this repository."""
 
@@ -168,7 +174,7 @@ def up_to_date(shown: Shown, said: str) -> list[str]:
         pieces = re.split(r"(\s*\[?\.\.\.\]?\s*)", line)
         for i in range(0, len(pieces), 2):
             words = NUMBER.split(pieces[i])
-            pattern = f"({NUMBER.pattern})".join(r"\s+".join(re.escape(w) for w in re.split(r"\s+", word)) for word in words)
+            pattern = f"({NUMBER.pattern})".join(re.sub(r"(\\ )+", r"\\s+", re.escape(word)) for word in words)
             matches = list(re.compile(pattern.removeprefix(r"\s+").removesuffix(r"\s+")).finditer(said, at))
             assert matches, f"line {shown.start + number + 1}: not printed: {pieces[i]!r}\n{said}"
             kept = NUMBER.findall(pieces[i])

@@ -276,7 +276,7 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
         )  # fmt: skip
     for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
         yield Hypothesis(
-            "gravity_direction", run.channels, "gravity is already taken out of the torques",
+            "without_gravity", run.channels, "gravity is already taken out of the torques",
             "record the whole measured torque (libfranka: tau_J, not tau_J_d)", description=out,
         )  # fmt: skip
 
@@ -292,14 +292,14 @@ def readings(run: ArmRun) -> Iterator[Hypothesis]:
     """Torques that were low-passed or lost their sign: no description explains them, and nothing undoes that."""
     for lag in TIME_CONSTANTS:
         yield Hypothesis(
-            "low_pass", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
+            "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
             description=Description(lag=lag), price=FILTERED,
         )  # fmt: skip
     rows = run.measured
     if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
         yield Hypothesis(
-            "torque_magnitude", run.channels, "torques are magnitudes: their signs are lost",
+            "sign_missing", run.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=Description(magnitudes=True),
         )  # fmt: skip
 

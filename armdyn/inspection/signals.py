@@ -376,11 +376,24 @@ def _round(step: np.ndarray, turn: float) -> np.ndarray:
     return np.asarray(once & beside)
 
 
+def unanswered(run: Run) -> Iterator[Check]:
+    """A mapping was proposed, and nobody has said that it is right."""
+    where = run.source.with_suffix(".toml") if run.source is not None else "the mapping"
+    for name, question in run.asked.items():
+        yield Check(
+            "unanswered_check", Severity.SUSPECT, run.name, (name,) if name in run.everything else (),
+            f"{name} was made of {question}: nobody has answered that",
+            f"if it is right, take the line away below [asked] in {where}; else mend its line in the mapping and "
+            "import again: armdyn import FILE --output DIR --map map.toml --force",
+        )  # fmt: skip
+
+
 TURNS = (2.0 * np.pi, 360.0)
 """In rad, and in degrees that are called rad."""
 NEARLY, SELDOM = 0.2, 0.05
 """Of a turn: what a joint moves at most between two samples; and share of the samples at which it is counted anew."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
+    unanswered,
 )  # fmt: skip
 """Who sees another fault of a signal adds a function here."""

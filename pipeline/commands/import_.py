@@ -153,7 +153,10 @@ def _propose(
     found, target = guess_map(recordings, joints, rate), output / "map.toml"
     free_to_write(target, force)
     atomic.make_directory(output)
-    comment = f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with CHECK."
+    comment = (
+        f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with 'check', and\n"
+        "take 'check' away where you have answered it: until then 'armdyn inspect' asks."
+    )
     atomic.write_text(target, map_text(found, comment))
     if write_answer(json_file, lambda: _guess_answer(found, target)):
         _say_guess(found, recordings, target)
@@ -166,14 +169,16 @@ def _propose(
 
 def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
     columns = {name: column for foreign in recordings for name, column in foreign.columns.items()}
+    from pipeline.imports.mapping import reason
+
     table = plain_table("column", "channel", "unit", "why")
     if found.time:
-        table.add_row(found.time, "time", found.time_unit, found.why)
+        table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
     for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or columns[column].unit, entry.why)
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, entry.reason)
     to_screen().print(table)
-    asked = [column for column, entry in found.entries.items() if "CHECK" in entry.why]
-    asked += [found.time] if "CHECK" in found.why else []
+    asked = [column for column, entry in found.entries.items() if entry.check]
+    asked += [found.time] if found.check else []
     for what, names in (
         ("left out", [name for name in columns if name not in found.entries and name != found.time]),
         ("to be looked at", asked),
@@ -238,6 +243,6 @@ def _guess_answer(found: "ColumnMap", target: Path) -> dict[str, object]:
     return {
         "schema": "armdyn.map/1",
         "file": str(target),
-        "time": {"column": found.time, "unit": found.time_unit} if found.time else None,
-        "columns": {name: fields(entry, "channel unit why") for name, entry in found.entries.items()},
+        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
+        "columns": {name: fields(entry, "channel unit why check") for name, entry in found.entries.items()},
     }

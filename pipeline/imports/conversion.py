@@ -106,6 +106,7 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     run = Run(
         foreign.name, channels, mapping.sidecar.known, {n: k.value for n, k in mapping.sidecar.noise.items()},
         mapping.sidecar.description, warnings=tuple(notes), recorded=mapping.sidecar.recorded or _date(first),
+        asked={channel: doubt for channel, doubt in mapping.asked.items() if channel in {"time", *channels}},
     )  # fmt: skip
     return Imported(run, tuple(accounts))
 

@@ -19,7 +19,7 @@ from pipeline.imports.foreign import Column, Foreign
 from pipeline.imports.joints import Joints, contains, match_joints, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.pendulum import PARTS, pendulum_claims
-from pipeline.imports.units import judged_entries, reason
+from pipeline.imports.units import in_one, judged_entries
 from pipeline.imports.words import IDLE, Label, fits, label_of, words_in, words_of
 from urdf.infer import is_gripper
 
@@ -54,7 +54,7 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
     if joints is not None and missing and not set(own) <= set(joints.names):
         mapping = guess_map([foreign], joints)
         found = {name: mapping.entries[name] for name in entries if name in mapping.entries}
-        asked = [name for name, entry in found.items() if "CHECK" in entry.why]
+        asked = [name for name, entry in found.items() if entry.check]
         if asked or not set(missing) - set(_missing(found, joints)):
             raise InputError(
                 f"{foreign.name}: its joints ({_some(own)}) are not called as the robot's ({_some(joints.arm)}): let "
@@ -121,7 +121,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     for foreign in recordings:
         for name, column in foreign.columns.items():
             columns.setdefault(name, []).append(column)
-    time, unit, why = _time(first) if first.is_table and not rate else ("", "", "")
+    time, unit, why, check = _time(first) if first.is_table and not rate else ("", "", "", "")
     declared = _declared({name: found[0] for name, found in columns.items() if found[0].unit}, known)
     whole = not _missing(declared, known)
     entries: dict[str, Entry] = {}
@@ -156,7 +156,8 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
             else "write a mapping, --map"
         )
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
-    return ColumnMap({name: entries[name] for name in columns if name in entries}, time, unit, why=why, rate=rate)
+    kept = {name: entries[name] for name in columns if name in entries}
+    return ColumnMap(kept, time, unit, why=why, check=check, rate=rate)
 
 
 def _by_place(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
@@ -288,8 +289,8 @@ def _stamps(value: FloatArray, share: float) -> int:
     return len(np.unique(known))
 
 
-def _time(foreign: Foreign) -> tuple[str, str, str]:
-    """Column, unit and reason."""
+def _time(foreign: Foreign) -> tuple[str, str, str, str]:
+    """Column, unit, reason and what is open of it."""
     called = [n for n in foreign.columns if TIME_WORDS & set(words_of(n)) or label_of(n).unit in dict(STEPS)]
     named, rising = (
         {name: n for name in names if (n := _stamps(foreign.columns[name].value, share))}
@@ -309,8 +310,8 @@ def _time(foreign: Foreign) -> tuple[str, str, str]:
     written = column.unit or label_of(name).unit
     step = float(np.median(np.diff(np.unique(column.value[np.isfinite(column.value)]))))
     if fits(written, "s"):
-        return name, written, reason("as written", doubts)
+        return name, written, "as written", in_one(doubts)
     for unit, factor in STEPS:
         if FASTEST <= step * factor <= SLOWEST:
-            return name, unit, reason(f"a sample every {step:.4g} {unit}", doubts)
-    return name, "s", reason(f"a sample every {step:.4g}", [*doubts, "of no unit that a recording has"])
+            return name, unit, f"a sample every {step:.4g} {unit}", in_one(doubts)
+    return name, "s", f"a sample every {step:.4g}", in_one([*doubts, "of no unit that a recording has"])

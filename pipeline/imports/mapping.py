@@ -49,6 +49,7 @@ class Entry:
         late: by which its stamps are too large, with its unit; empty for 0.
         fast: share of the time by which their clock runs fast.
         turn: after which it counts from the other end again, with its unit; empty for never.
+        check: what is open of a guess; whoever has answered it takes it away.
         why: how it was guessed; for a person.
     """
 
@@ -66,7 +67,18 @@ class Entry:
     late: str = ""
     fast: Annotated[float, Check(lambda fast: -0.5 < fast < 0.5, "write a share, such as 0.015 for 1.5 %")] = 0.0
     turn: str = ""
+    check: str = ""
     why: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Why, and what is open; for a person."""
+        return reason(self.why, self.check)
+
+
+def reason(why: str, check: str) -> str:
+    """A guess's reason, and what is open of it behind the word CHECK."""
+    return f"{why}; CHECK: {check}" if check else why
 
 
 @dataclass(frozen=True)
@@ -79,6 +91,7 @@ class ColumnMap:
         time_unit: that it is in.
         sidecar: what goes beside the run.
         why: how the time was guessed.
+        check: what is open of that.
         rate: of the rows of a table without stamps, with its unit; empty where there are stamps.
         notes: sentences on what was understood without a person.
     """
@@ -88,8 +101,15 @@ class ColumnMap:
     time_unit: str = ""
     sidecar: Sidecar = field(default_factory=Sidecar)
     why: str = ""
+    check: str = ""
     rate: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """What nobody answered yet, by channel; of the time under its name."""
+        of_columns = {e.channel: f"'{name}': {e.check}" for name, e in self.entries.items() if e.check}
+        return ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
 
 
 def read_map(path: Path) -> ColumnMap:
@@ -106,7 +126,7 @@ def read_map(path: Path) -> ColumnMap:
     ]
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
-    if not isinstance(time, dict) or not (set(time) <= {"column", "unit"} or set(time) == {"rate"}):
+    if not isinstance(time, dict) or not (set(time) <= {"column", "unit", "check"} or set(time) == {"rate"}):
         problems.append(f"time: {TIME_LINE}")
         time = {}
     with collect(problems, "time"):
@@ -131,9 +151,8 @@ def read_map(path: Path) -> ColumnMap:
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
         raise InputError(f"{path}: {join_problems(problems)}")
-    return ColumnMap(
-        entries, str(time.get("column", "")), str(time.get("unit", "")), sidecar, rate=str(time.get("rate", ""))
-    )
+    column, unit, check, rate = (str(time.get(key, "")) for key in ("column", "unit", "check", "rate"))
+    return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate)
 
 
 def check_rate(rate: str) -> None:
@@ -153,17 +172,19 @@ def map_text(mapping: ColumnMap, comment: str = "") -> str:
         lines += [f"time = {{ rate = {toml_string(mapping.rate)} }}", ""]
     if mapping.time:
         why = f"  # {one_line(mapping.why)}" if mapping.why else ""
-        lines += [
-            f"time = {{ column = {toml_string(mapping.time)}, unit = {toml_string(mapping.time_unit)} }}{why}",
-            "",
-        ]
+        check = f", check = {toml_string(mapping.check)}" if mapping.check else ""
+        column, unit = toml_string(mapping.time), toml_string(mapping.time_unit)
+        lines += [f"time = {{ column = {column}, unit = {unit}{check} }}{why}", ""]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
-        values = {each.name: getattr(entry, each.name) for each in fields(entry) if each.name != "why"}
+        values = {
+            each.name: value
+            for each in fields(entry)
+            if each.name != "why" and (value := getattr(entry, each.name)) != each.default
+        }
         parts = [
             f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}"
             for key, value in values.items()
-            if value not in ("", 1.0)
         ]
         why = f"  # {one_line(entry.why)}" if entry.why else ""
         lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")

@@ -85,13 +85,13 @@ def judged_entries(
                 unit, why = _force_unit(c, known), ASSUMED
                 doubts.append("" if c.label.quantity == "tau" else f"up to {size:.4g}: in N?")
                 doubts.append(IN_AMPERE if "effort" in c.label.words and AMPERE & set(known.arm) else "")
-        entries[c.column] = Entry(c.channel, unit, torque_constant=constant, why=reason(why, doubts))
+        entries[c.column] = Entry(c.channel, unit, torque_constant=constant, check=in_one(doubts), why=why)
     return entries
 
 
-def reason(why: str, doubts: Sequence[str]) -> str:
-    """What is told to a person who reads a guess."""
-    return "; ".join([why, *(f"CHECK: {doubt}" for doubt in dict.fromkeys(doubts) if doubt)])
+def in_one(doubts: Sequence[str]) -> str:
+    """What a person is asked who reads a guess."""
+    return "; ".join(dict.fromkeys(filter(None, doubts)))
 
 
 def _largest(columns: Sequence[Column]) -> float:

@@ -220,7 +220,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
     write_run_csv(run, target)
     columns = ", ".join(f"{column} as {entry.channel}" for column, entry in list(mapping.entries.items())[:4])
     more = f" and {len(mapping.entries) - 4} more" if len(mapping.entries) > 4 else ""
-    doubts = [f"{column}: {entry.why}" for column, entry in mapping.entries.items() if "CHECK" in entry.why]
+    doubts = list(mapping.asked.values())
     asked = f"; not sure of {len(doubts)}, such as {doubts[0]}" if doubts else ""
     return Dropped("run", target, f"{path.name}: taken as {_contents(run)}, with {columns}{more}{asked}")
 

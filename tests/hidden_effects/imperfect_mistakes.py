@@ -93,13 +93,13 @@ def of_arm(run: Run, plant: Plant, rng: np.random.Generator) -> Iterator[Mistake
     yield mistake("all torques negated", made.scaled(run, tau, -1.0), "torque_sign")
     yield mistake("one torque negated", made.scaled(run, [one], -1.0), "torque_sign")
     sizes = made.changed(run, tau, lambda c: Channel(c.time, np.abs(c.value), c.unit))
-    yield mistake("magnitudes", sizes, "torque_magnitude", undone=False)
+    yield mistake("magnitudes", sizes, "sign_missing", undone=False)
     yield mistake("torques late", made.late(run, tau, float(rng.uniform(0.12, 0.4))), "clock_shift")
     yield mistake("torques' clock drifts", _paced(run, tau, float(rng.uniform(0.01, 0.03))), "clock_shift")
     weightless = without_gravity(run, plant, dict(zip(tau, joints, strict=True)))
-    yield mistake("without gravity", weightless, "gravity_direction", undone=False)
+    yield mistake("without gravity", weightless, "without_gravity", undone=False)
     smooth = made.changed(run, tau, lambda c: _low_passed(c, 0.25))
-    yield mistake("low-passed", smooth, "low_pass", "clock_shift", undone=False)
+    yield mistake("low-passed", smooth, "filtered", "clock_shift", undone=False)
     for name, size in (("a quarter turn", np.pi / 2), ("half a turn", np.pi)):
         wrong = made.moved(run, moving, size)
         if made._tells(plant, run, wrong):

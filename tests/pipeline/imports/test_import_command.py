@@ -1,5 +1,7 @@
 """`armdyn import` as a user meets it."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +64,21 @@ def test_columns_left_out_are_named_up_to_a_number(armdyn, table, spare, last):
     code, said, _ = armdyn("import", table, "--output", "runs", "--guess")
     assert code == 0
     assert f"left out: odd_0, odd_1, odd_2, odd_3, odd_4, odd_5, odd_6, {last}\n" in said
+
+
+def test_what_nobody_answered_is_asked_until_somebody_has(armdyn, table, tmp_path):
+    guess = ("import", table, "--output", "runs", "--guess")
+    table.write_text(table.read_text().replace("joint_1_torque", "joint_1_current", 1))
+    armdyn(*guess)
+    mapping = tmp_path / "runs/map.toml"
+    again = ("import", table, "--output", "runs", "--map", mapping, "--force")
+    assert mapping.read_text().count("check = ") == 1
+    said = "tau.joint_1 was made of 'joint_1_current': the torque constant and the gear"
+    assert said in " ".join(armdyn(*again)[1].split())
+    assert armdyn("inspect", "runs/log.csv", "--json", "j.json")[0] == 0
+    (check,) = json.loads(Path("j.json").read_text())["recording_checks"]
+    assert (check["kind"], check["severity"]) == ("unanswered_check", "suspect")
+    assert "[asked] in runs/log.toml" in check["remedy"]
+    mapping.write_text(re.sub(r", check = .*? }", " }", mapping.read_text()))
+    assert armdyn(*again)[0] == 0
+    assert read_run("runs/log.csv").asked == {}

@@ -317,7 +317,7 @@ def test_joints_of_a_bag_are_held_against_the_robots(kind, tmp_path):
         except InputError:
             return
         of_arm = [e for e in guessed.entries.values() if e.channel.partition(".")[2] in robot.arm]
-        assert all("CHECK" in entry.why for entry in of_arm)
+        assert all(entry.check for entry in of_arm)
         return
     found = imported(foreign, known_columns(foreign, robot))
     digits = {"".join(filter(str.isdigit, n))[-1:]: i for i, n in enumerate(names) if n not in robot.grippers}
@@ -386,7 +386,7 @@ def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path):
             guess_map([foreign], ALONE, rate)
         return
     mapping = guess_map([foreign], ALONE, rate)
-    assert all(("CHECK" in entry.why) == (outcome == ASK) for entry in mapping.entries.values())
+    assert all((bool(entry.check)) == (outcome == ASK) for entry in mapping.entries.values())
     found = imported(foreign, mapping)
     (account,) = found.accounts
     assert account.came == account.kept + sum(account.left_out.values())
@@ -446,7 +446,7 @@ def test_a_pendulum_by_video_or_phone(tmp_path):
         (tmp_path / "a.txt").write_text(text, encoding="utf-8")
         mapping = guess_map(read_foreign(tmp_path / "a.txt"))
         assert {entry.channel for entry in mapping.entries.values()} == channels
-        assert all("CHECK" in entry.why for entry in mapping.entries.values())
+        assert all(entry.check for entry in mapping.entries.values())
     (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, np.sin(swing), -np.cos(swing)))
     with pytest.raises(InputError, match="x and y of a load are no channels"):
         guess_map(read_foreign(tmp_path / "a.txt"))
