@@ -41,7 +41,7 @@ ALIKE = 0.75
 
 @dataclass(frozen=True)
 class Sidecar:
-    """Description, noise, hand-measured values, in SI units, of a recording; when it was made, UTC, and what is open."""
+    """What is known of a recording, in SI units; when it was made, UTC, and what is open of how it was read."""
 
     description: str = ""
     noise: Mapping[str, Known] = field(default_factory=dict)

@@ -69,7 +69,7 @@ class Answer:
 def judged(mistake: object, sound: Run, answer: Inspection) -> Answer:
     """Whether an inspection names a mistake and undoes it."""
     hits = [c for c in answer.checks if _right(c, mistake)]
-    others = [c for c in answer.wrong if c.kind != mistake.kind]
+    others = [c for c in answer.wrong if c.kind not in mistake.kinds]
     said = "; ".join(f"{c.severity.key} {c.kind}: {c.sentence}" for c in answer.checks[:3])
     correction = answer.corrected().get(mistake.run.name)
     undone = None
@@ -80,7 +80,7 @@ def judged(mistake: object, sound: Run, answer: Inspection) -> Answer:
 
 def _right(check: Check, mistake: object) -> bool:
     named = not mistake.channels or bool(set(check.channels) & set(mistake.channels))
-    return check.kind == mistake.kind and named
+    return check.kind in mistake.kinds and named
 
 
 def _same(run: Run, sound: Run) -> bool:

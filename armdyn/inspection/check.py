@@ -16,7 +16,7 @@ Kind: TypeAlias = Literal[
     "angle_unit", "torque_unit", "torque_sign", "position_sign", "joints_swapped", "position_offset", "clock_shift",
     "gravity_direction", "scale", "gap", "glitch", "counts_lost", "saturated", "frozen", "repeated_samples", "rate",
     "noise_misstated", "no_motion", "implausible_model", "samples_dropped", "second_publisher", "joint_left_out",
-    "unusable", "wrapped", "filtered", "sign_missing", "without_gravity", "unanswered_check",
+    "unusable", "wrapped", "filtered", "sign_missing", "without_gravity", "unanswered_check", "sticking",
 ]  # fmt: skip
 
 

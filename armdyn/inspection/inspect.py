@@ -19,6 +19,7 @@ from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
 from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount, by_severity
 from armdyn.inspection.correction import Correction
+from armdyn.inspection.holds import held
 from armdyn.inspection.kinematics import consistent, rate_checks
 from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of, wraps
 from armdyn.inspection.swing import SwingRun
@@ -155,10 +156,10 @@ def _too_few(channels: Iterable[Channel]) -> bool:
 
 
 def longest_piece(run: Run, seconds: float) -> Run:
-    """The longest stretch without a gap or a step, of at most so many seconds, from its middle."""
+    """The longest stretch without a gap, a step or a joint that sticks, of at most so many seconds, from its middle."""
     begin = min(float(c.time[0]) for c in run.channels.values())
     end = max(float(c.time[-1]) for c in run.channels.values())
-    spans = sorted([*gaps_of(run), *((t, t) for t in steps_of(run))])
+    spans = sorted([*gaps_of(run), *((t, t) for t in steps_of(run)), *held(run)])
     if not spans and end - begin <= seconds:
         return run
     edges = [begin, *(t for span in spans for t in span), end]

@@ -10,17 +10,11 @@ from armdyn.faults import FEW, at_the_end, spikes_of
 from armdyn.gaps import GAP, gaps_of, shortest_gap
 from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 from armdyn.tracks import second_track
 
-STUCK = 0.02
-"""Of the samples, at least `FEWEST_STUCK`, with one and the same value while the rest of the signal changes."""
-FEWEST_STUCK = 12
-JUMP = 6.0
-"""Times the usual step that a signal makes when it comes loose: one that really stood still starts gently."""
-JUMP_SHARE = 0.03
-"""Of the signal's range, that such a jump is at least."""
 FINE = 3.0
 """Steps of the resolution that a signal usually makes where its repetitions are no coarse encoder."""
 CLIPPED = 0.01
@@ -39,9 +33,6 @@ MISSTATED = 5.0
 """Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them
 too small, so that only noise
 that is stated too small is told."""
-NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
-QUIET_THIRD = 0.3853
-"""Quantile 0.3 of |x| over the standard deviation, for normal x."""
 STILL = 20.0
 """Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
 STILL_SIZE = 2e-3
@@ -115,50 +106,6 @@ def glitches(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def stuck(run: Run) -> Iterator[Check]:
-    """A channel keeps one value and then jumps, or shows no noise for a while."""
-    for name, channel in run.channels.items():
-        found = longest_hold(channel)
-        if (
-            found is not None
-            and channel.unit.endswith("/s")
-            and abs(channel.value[found[0]]) <= resolution(channel.value)
-        ):
-            continue  # what stands has a speed of 0
-        if found is not None:
-            begin, end = channel.time[found[0]], channel.time[found[1]]
-            yield Check(
-                "frozen", Severity.SUSPECT, run.name, (name,),
-                f"{name} holds {amount(channel.value[found[0]])} {channel.unit} from {begin:.4g} to {end:.4g} s, then "
-                "jumps",
-                f"empty the cells of {name} there, or look for a lost connection", float(begin), float(end),
-            )  # fmt: skip
-
-
-def longest_hold(channel: Channel) -> tuple[int, int] | None:
-    """First and last sample of the longest stretch in which a sensor was stuck; None where it never was."""
-    value = channel.value
-    change = np.flatnonzero(np.diff(value) != 0.0)
-    if len(change) < 2:
-        return None
-    edges = np.concatenate([[-1], change, [len(value) - 1]])
-    lengths = np.diff(edges)
-    usual = float(np.median(lengths))
-    steps = np.abs(np.diff(value)[change])
-    step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
-    longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
-    shown = 2.0 * resolution(value)
-    noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
-    for k in longest:
-        first, last = int(edges[k]) + 1, int(edges[k + 1])
-        beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
-        around = np.abs(np.diff(value[max(first - FEWEST_STUCK, 0) : last + 1 + FEWEST_STUCK]))
-        rests = np.median(around[around > 0.0]) <= shown  # an encoder of what rests shows no noise either
-        if (noisy and not rests) or any(jump > step for jump in beside):
-            return first, last
-    return None
-
-
 def repetitions(run: Run) -> Iterator[Check]:
     """A slower signal whose samples were written down again and again."""
     for name, channel in run.channels.items():
@@ -221,11 +168,6 @@ def steps_of(run: Run) -> list[float]:
     """Times, s, at which an encoder's zero steps."""
     found = ((channel, step_of(channel)) for _, channel in encoders(run))
     return [float(channel.time[step[0]]) for channel, step in found if step is not None]
-
-
-def encoders(run: Run) -> Iterator[tuple[str, Channel]]:
-    """Channels that count."""
-    return ((n, c) for n, c in run.channels.items() if n.startswith("q.") or n in ("swing_angle", "gripper_x"))
 
 
 def step_of(channel: Channel) -> tuple[int, float] | None:
@@ -301,17 +243,6 @@ def noises(run: Run) -> Iterator[Check]:
                 f"the noise of {name} is stated as {stated:.3g} {channel.unit}, and its samples show {shown:.3g}",
                 f'write {name} = "{shown:.3g} {channel.unit}" under [noise], or leave the line out',
             )  # fmt: skip
-
-
-def least_noise(channel: Channel) -> float:
-    """Standard deviation of white noise that is seen where a signal is quietest, by the order that shows least."""
-    found = []
-    for order in NOISE_ORDERS:
-        if len(channel) > 4 * order:
-            size = np.abs(normalised_differences(channel.time, channel.value, order))
-            size = size[np.isfinite(size)]
-            found.append(float(np.quantile(size, 0.3)) / QUIET_THIRD if len(size) else 0.0)
-    return min(found, default=0.0)
 
 
 def motions(run: Run) -> Iterator[Check]:
@@ -393,7 +324,7 @@ TURNS = (2.0 * np.pi, 360.0)
 NEARLY, SELDOM = 0.2, 0.05
 """Of a turn: what a joint moves at most between two samples; and share of the samples at which it is counted anew."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
-    second_publishers, motions, gaps, dropped, stuck, repetitions, ends_of_range, lost_counts, glitches, rates, noises,
-    unanswered,
+    second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
+    rates, noises, unanswered,
 )  # fmt: skip
 """Who sees another fault of a signal adds a function here."""

@@ -7,13 +7,14 @@ it; that a gripper counts the other way cannot be seen by a force alone.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from armdyn.run import Channel, Run
 
 from . import mistakes as made
+from .mistakes import Mistake
 from .plant import Plant
 
 DEGREES = 180.0 / np.pi
@@ -21,21 +22,8 @@ POUND_CENTIMETRE = 0.0980665
 """N m; of a kgf cm."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mistake:
-    """A recording with a mistake.
-
-    Attributes:
-        name: of the mistake.
-        run: as a user has it.
-        kinds: of the contract, any of which is right.
-        undone: whether a correction can undo it.
-    """
-
-    name: str
-    run: Run
-    kinds: frozenset[str]
-    undone: bool = True
+STRETCHED = 0.15
+"""Of the range of a joint that sticks, by which its drive is away when it comes loose."""
 
 
 def of_pendulum(run: Run, rng: np.random.Generator) -> Iterator[Mistake]:
@@ -43,7 +31,7 @@ def of_pendulum(run: Run, rng: np.random.Generator) -> Iterator[Mistake]:
     angular = [name for name in ("swing_angle", "swing_rate") if name in run.channels]
 
     def mistake(name: str, wrong: Run, *kinds: str) -> Mistake:
-        return Mistake(name, wrong, frozenset(kinds))
+        return Mistake(name, wrong, " ".join(kinds))
 
     if angular:
         yield mistake("angle in degrees", made.scaled(run, angular, DEGREES), "angle_unit")
@@ -77,7 +65,7 @@ def of_arm(run: Run, plant: Plant, rng: np.random.Generator) -> Iterator[Mistake
     beside = [moving, *(name for name in v if name[2:] == moving[2:])]
 
     def mistake(name: str, wrong: Run, *kinds: str, undone: bool = True) -> Mistake:
-        return Mistake(name, wrong, frozenset(kinds), undone)
+        return Mistake(name, wrong, " ".join(kinds), undone=undone)
 
     yield mistake("all in degrees", made.scaled(run, q + v, DEGREES), "angle_unit")
     yield mistake("one joint in degrees", made.scaled(run, beside, DEGREES), "angle_unit")
@@ -100,6 +88,8 @@ def of_arm(run: Run, plant: Plant, rng: np.random.Generator) -> Iterator[Mistake
     yield mistake("without gravity", weightless, "without_gravity", undone=False)
     smooth = made.changed(run, tau, lambda c: _low_passed(c, 0.25))
     yield mistake("low-passed", smooth, "filtered", "clock_shift", undone=False)
+    farthest = max(q, key=lambda name: float(np.ptp(run.channels[name].value)))
+    yield mistake("sticks at one place", _pulled(run, farthest, plant), "sticking", undone=False)
     for name, size in (("a quarter turn", np.pi / 2), ("half a turn", np.pi)):
         wrong = made.moved(run, moving, size)
         if made._tells(plant, run, wrong):
@@ -119,6 +109,22 @@ def without_gravity(run: Run, plant: Plant, joint_of: Mapping[str, str]) -> Run:
         still = np.zeros_like(q)
         channels[name] = Channel(c.time, c.value - plant.torques((q, still, still), plant.described, {})[:, i], c.unit)
     return replace(run, channels=channels)
+
+
+def _pulled(run: Run, name: str, plant: Plant) -> Run:
+    """A joint that sticks in the middle of its motion, whose drive pulls with up to half of its effort."""
+    right, joint = run.channels[name], name[2:]
+    width = STRETCHED * float(np.ptp(right.value))
+    held = made.sticky(run, name, float(np.median(right.value)), width)
+    found = dict(held.channels)
+    tau, behind = run.channels[f"tau.{joint}"], right.value - found[name].value
+    pull = 0.5 * plant.effort[list(plant.joints).index(joint)] / width * np.interp(tau.time, right.time, behind)
+    found[f"tau.{joint}"] = Channel(tau.time, tau.value + pull, tau.unit)
+    if f"v.{joint}" in found:
+        v = found[f"v.{joint}"]
+        rate = np.gradient(found[name].value, right.time)
+        found[f"v.{joint}"] = Channel(v.time, np.interp(v.time, right.time, rate), v.unit)
+    return replace(run, channels=found)
 
 
 def _paced(run: Run, names: list[str], pace: float) -> Run:

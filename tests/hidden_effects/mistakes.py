@@ -21,15 +21,16 @@ LOADED = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Mistaken:
+class Mistake:
     """A recording with a mistake, and what is to be said of it.
 
     Attributes:
         name: of the mistake.
         run: as a user has it.
-        kind: of the contract.
+        kind: of the contract; of several that are right all, with a space between.
         channels: one of which the answer must name; empty where any will do.
         urdf: factors of masses and lengths of the description.
+        undone: whether a correction can undo it.
     """
 
     name: str
@@ -37,6 +38,12 @@ class Mistaken:
     kind: str
     channels: tuple[str, ...] = ()
     urdf: tuple[float, float] = (1.0, 1.0)
+    undone: bool = True
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Any of which is right."""
+        return frozenset(self.kind.split())
 
 
 def changed(run: Run, names: Sequence[str], to: Callable[[Channel], Channel]) -> Run:
@@ -74,6 +81,21 @@ def without(run: Run, begin: float, end: float) -> Run:
     return changed(run, tuple(run.channels), cut)
 
 
+def sticky(run: Run, name: str, place: float, width: float, caught_up: float = 0.03) -> Run:
+    """A position that is held at a place until its drive is `width` away, and then catches up in `caught_up` s."""
+    c = run.channels[name]
+    value, behind, holds = c.value.copy(), 0.0, False
+    for k in range(1, len(value)):
+        holds = holds or (behind == 0.0 and (c.value[k - 1] - place) * (c.value[k] - place) < 0.0)
+        if holds and abs(c.value[k] - place) < width:
+            value[k] = place
+            continue
+        behind = place - c.value[k] if holds else behind * np.exp(-(c.time[k] - c.time[k - 1]) / caught_up)
+        behind, holds = (behind if abs(behind) > 1e-3 * width else 0.0), False
+        value[k] = c.value[k] + behind
+    return valued(run, name, value)
+
+
 def renamed(run: Run, order: Mapping[str, str], kinds: Sequence[str]) -> Run:
     """Channels of the joints `order` under the names that it gives."""
     new = {
@@ -85,7 +107,7 @@ def renamed(run: Run, order: Mapping[str, str], kinds: Sequence[str]) -> Run:
     return replace(run, channels={**run.channels, **new})
 
 
-def of_signals(sound: Sound, rng: np.random.Generator) -> list[Mistaken]:
+def of_signals(sound: Sound, rng: np.random.Generator) -> list[Mistake]:
     """Mistakes that show in a channel alone."""
     run = sound.run
     names = [n for n in run.channels if n.startswith(("tau.", "swing_", "load_")) and sound.told[n] > LOADED / 2]
@@ -102,29 +124,29 @@ def of_signals(sound: Sound, rng: np.random.Generator) -> list[Mistaken]:
     span = c.time[-1] - c.time[0]
     q = next((x for x in run.channels if x.startswith("q.")), "swing_angle" if "swing_angle" in run.channels else "")
     found = [
-        Mistaken("gap", without(run, c.time[0] + 0.4 * span, c.time[0] + 0.4 * span + 1.2), "gap"),
-        Mistaken("frozen", valued(run, name, stuck), "frozen", (name,)),
-        Mistaken("repeated", valued(run, name, held), "repeated_samples", (name,)),
-        Mistaken("glitches", valued(run, name, spiky), "glitch", (name,)),
-        Mistaken("saturated", valued(run, name, np.minimum(c.value, top)), "saturated", (name,)),
-        Mistaken("noise", replace(run, noise={name: 1e-3 * float(np.std(c.value)) / 300}), "noise_misstated", (name,)),
+        Mistake("gap", without(run, c.time[0] + 0.4 * span, c.time[0] + 0.4 * span + 1.2), "gap"),
+        Mistake("frozen", valued(run, name, stuck), "frozen", (name,)),
+        Mistake("repeated", valued(run, name, held), "repeated_samples", (name,)),
+        Mistake("glitches", valued(run, name, spiky), "glitch", (name,)),
+        Mistake("saturated", valued(run, name, np.minimum(c.value, top)), "saturated", (name,)),
+        Mistake("noise", replace(run, noise={name: 1e-3 * float(np.std(c.value)) / 300}), "noise_misstated", (name,)),
     ]
     jitter = np.sort(c.time + 0.8 * np.median(np.diff(c.time)) * rng.uniform(-0.5, 0.5, n))
     shaken = {k: Channel(jitter, x.value, x.unit) for k, x in run.channels.items() if len(x.time) == n}
-    found.append(Mistaken("jitter", replace(run, channels={**run.channels, **shaken}), "rate"))
+    found.append(Mistake("jitter", replace(run, channels={**run.channels, **shaken}), "rate"))
     if q:
         lost = run.channels[q].value.copy()
         lost[begin:] += 0.06
-        found.append(Mistaken("counts lost", valued(run, q, lost), "counts_lost", (q,)))
+        found.append(Mistake("counts lost", valued(run, q, lost), "counts_lost", (q,)))
         still = {
             k: Channel(x.time, np.full(n, x.value[0]) + 1e-5 * rng.standard_normal(n), x.unit)
             for k, x in run.channels.items() if k[:2] in ("q.", "v.") or k in ("swing_angle", "swing_rate", "gripper_x")
         }  # fmt: skip
-        found.append(Mistaken("no motion", replace(run, channels={**run.channels, **still}), "no_motion"))
+        found.append(Mistake("no motion", replace(run, channels={**run.channels, **still}), "no_motion"))
     return found
 
 
-def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
+def of_arms(sound: Sound, seed: int) -> list[Mistake]:
     """Mistakes that the physics of an arm shows."""
     rng = np.random.default_rng([seed, 3])
     run, plant = sound.run, Plant(sound.model)
@@ -133,28 +155,28 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
     loaded = [j for j in joints if sound.told[f"tau.{j}"] > LOADED]
     one = str(rng.choice(loaded))
     found = [
-        Mistaken("all in degrees", scaled(run, q + v, 180 / np.pi), "angle_unit", tuple(q)),
-        Mistaken("rates in degrees", scaled(run, v, 180 / np.pi), "angle_unit", tuple(v)),
-        Mistaken("rates in rpm", scaled(run, v, 30 / np.pi), "angle_unit", tuple(v)),
-        Mistaken("mN m", scaled(run, tau, 1e3), "torque_unit", tuple(tau)),
-        Mistaken("N cm", scaled(run, tau, 1e2), "torque_unit", tuple(tau)),
-        Mistaken("ft lb", scaled(run, tau, 1 / 1.3558179483), "torque_unit", tuple(tau)),
-        Mistaken("one in mN m", scaled(run, [f"tau.{one}"], 1e3), "torque_unit", (f"tau.{one}",)),
-        Mistaken("all torques negated", scaled(run, tau, -1.0), "torque_sign", tuple(tau)),
-        Mistaken("one torque negated", scaled(run, [f"tau.{one}"], -1.0), "torque_sign", (f"tau.{one}",)),
-        Mistaken("rate negated", scaled(run, [f"v.{one}"], -1.0), "position_sign", (f"v.{one}",)),
-        Mistaken("torques late", late(run, tau, 0.2), "clock_shift", tuple(tau)),
-        Mistaken("torques early", late(run, tau, -0.15), "clock_shift", tuple(tau)),
-        Mistaken("rates late", late(run, v, 0.1), "clock_shift", tuple(v)),
-        Mistaken("description in g", run, "scale", (), (1e3, 1.0)),
-        Mistaken("description in mm", run, "scale", (), (1.0, 1e3)),
+        Mistake("all in degrees", scaled(run, q + v, 180 / np.pi), "angle_unit", tuple(q)),
+        Mistake("rates in degrees", scaled(run, v, 180 / np.pi), "angle_unit", tuple(v)),
+        Mistake("rates in rpm", scaled(run, v, 30 / np.pi), "angle_unit", tuple(v)),
+        Mistake("mN m", scaled(run, tau, 1e3), "torque_unit", tuple(tau)),
+        Mistake("N cm", scaled(run, tau, 1e2), "torque_unit", tuple(tau)),
+        Mistake("ft lb", scaled(run, tau, 1 / 1.3558179483), "torque_unit", tuple(tau)),
+        Mistake("one in mN m", scaled(run, [f"tau.{one}"], 1e3), "torque_unit", (f"tau.{one}",)),
+        Mistake("all torques negated", scaled(run, tau, -1.0), "torque_sign", tuple(tau)),
+        Mistake("one torque negated", scaled(run, [f"tau.{one}"], -1.0), "torque_sign", (f"tau.{one}",)),
+        Mistake("rate negated", scaled(run, [f"v.{one}"], -1.0), "position_sign", (f"v.{one}",)),
+        Mistake("torques late", late(run, tau, 0.2), "clock_shift", tuple(tau)),
+        Mistake("torques early", late(run, tau, -0.15), "clock_shift", tuple(tau)),
+        Mistake("rates late", late(run, v, 0.1), "clock_shift", tuple(v)),
+        Mistake("description in g", run, "scale", (), (1e3, 1.0)),
+        Mistake("description in mm", run, "scale", (), (1.0, 1e3)),
     ]
     currents = run
     for name, k in zip(tau, rng.uniform(5.0, 60.0, len(tau)), strict=True):
         currents = scaled(currents, [name], 1.0 / k)
-    found.append(Mistaken("ampere", currents, "torque_unit", tuple(tau)))
+    found.append(Mistake("ampere", currents, "torque_unit", tuple(tau)))
     found.append(
-        Mistaken(
+        Mistake(
             "rates of other joints",
             renamed(run, {joints[0]: joints[1], joints[1]: joints[0]}, ["v"]),
             "joints_swapped",
@@ -162,12 +184,12 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
         )
     )
     weak = scaled(run, v, 0.6)
-    found.append(Mistaken("rates too slow", weak, "rate", tuple(v)))
+    found.append(Mistake("rates too slow", weak, "rate", tuple(v)))
 
     def fair(kind: str, name: str, wrong: Run, channels: Sequence[str]) -> bool:
         tells = _tells(plant, run, wrong)
         if tells:
-            found.append(Mistaken(name, wrong, kind, tuple(channels)))
+            found.append(Mistake(name, wrong, kind, tuple(channels)))
         return tells
 
     for _ in range(8):
@@ -205,7 +227,7 @@ def of_arms(sound: Sound, seed: int) -> list[Mistaken]:
     return found
 
 
-def mounted(robot: str, real: str, seed: int) -> list[Mistaken]:
+def mounted(robot: str, real: str, seed: int) -> list[Mistake]:
     """Arms that hang elsewhere than described, and torques without gravity."""
     tau = tuple(f"tau.{j}" for j in Plant(robot).joints)
     slope = (0.0, G * float(np.sin(0.8)), -G * float(np.cos(0.8)))
@@ -213,55 +235,56 @@ def mounted(robot: str, real: str, seed: int) -> list[Mistaken]:
         "ceiling": (0.0, 0.0, G), "wall": (-G, 0.0, 0.0), "other wall": (0.0, G, 0.0), "slope": slope,
         "gravity taken out": (0.0, 0.0, 0.0),
     }  # fmt: skip
-    return [
-        Mistaken(name, arm(robot, real, seed, gravity=gravity).run, "gravity_direction", tau)
-        for name, gravity in places.items()
-    ]
+    found = []
+    for name, gravity in places.items():
+        kind = "gravity_direction" if any(gravity) else "without_gravity"
+        found.append(Mistake(name, arm(robot, real, seed, gravity=gravity).run, kind, tau))
+    return found
 
 
-def of_pendulums(sound: Sound, seed: int) -> list[Mistaken]:
+def of_pendulums(sound: Sound, seed: int) -> list[Mistake]:
     """Mistakes that the physics of a pendulum shows."""
     del seed
-    run, found = sound.run, list[Mistaken]()
+    run, found = sound.run, list[Mistake]()
     has = set(run.channels)
     if "swing_angle" in has:
         a = ("swing_angle",)
         found += [
-            Mistaken("angle in degrees", scaled(run, a, 180 / np.pi), "angle_unit", a),
-            Mistaken("zero half a turn off", moved(run, a[0], np.pi), "position_offset", a),
-            Mistaken("zero a quarter turn off", moved(run, a[0], np.pi / 2), "position_offset", a),
+            Mistake("angle in degrees", scaled(run, a, 180 / np.pi), "angle_unit", a),
+            Mistake("zero half a turn off", moved(run, a[0], np.pi), "position_offset", a),
+            Mistake("zero a quarter turn off", moved(run, a[0], np.pi / 2), "position_offset", a),
         ]
         if "gripper_x" in has:
             both = [*a, *(["swing_rate"] if "swing_rate" in has else [])]
             found += [
-                Mistaken("angle's sign", scaled(run, both, -1.0), "position_sign", (*a, "gripper_x")),
-                Mistaken(
+                Mistake("angle's sign", scaled(run, both, -1.0), "position_sign", (*a, "gripper_x")),
+                Mistake(
                     "angle late",
                     late(run, [*both, *(["load_force"] if "load_force" in has else [])], 0.15),
                     "clock_shift",
                     (),
                 ),
-                Mistaken("gripper in mm", scaled(run, ["gripper_x"], 1e3), "scale", ("gripper_x",)),
-                Mistaken("gripper in cm", scaled(run, ["gripper_x"], 1e2), "scale", ("gripper_x",)),
+                Mistake("gripper in mm", scaled(run, ["gripper_x"], 1e3), "scale", ("gripper_x",)),
+                Mistake("gripper in cm", scaled(run, ["gripper_x"], 1e2), "scale", ("gripper_x",)),
             ]
     if "swing_rate" in has:
         r = ("swing_rate",)
-        found.append(Mistaken("rate in degrees", scaled(run, r, 180 / np.pi), "angle_unit", r))
+        found.append(Mistake("rate in degrees", scaled(run, r, 180 / np.pi), "angle_unit", r))
         if "swing_angle" in has:
             found += [
-                Mistaken("rate's sign", scaled(run, r, -1.0), "position_sign", r),
-                Mistaken("rate late", late(run, r, 0.1), "clock_shift", r),
-                Mistaken("rate too slow", scaled(run, r, 0.6), "rate", r),
+                Mistake("rate's sign", scaled(run, r, -1.0), "position_sign", r),
+                Mistake("rate late", late(run, r, 0.1), "clock_shift", r),
+                Mistake("rate too slow", scaled(run, r, 0.6), "rate", r),
             ]
     if "load_force" in has:
         f = ("load_force",)
         found += [
-            Mistaken("force in mN", scaled(run, f, 1e3), "torque_unit", f),
-            Mistaken("force in gram-force", scaled(run, f, 1e3 / 9.80665), "torque_unit", f),
-            Mistaken("force's sign", scaled(run, f, -1.0), "torque_sign", f),
+            Mistake("force in mN", scaled(run, f, 1e3), "torque_unit", f),
+            Mistake("force in gram-force", scaled(run, f, 1e3 / 9.80665), "torque_unit", f),
+            Mistake("force's sign", scaled(run, f, -1.0), "torque_sign", f),
         ]
         if "swing_angle" in has:
-            found.append(Mistaken("force late", late(run, f, 0.15), "clock_shift", f))
+            found.append(Mistake("force late", late(run, f, 0.15), "clock_shift", f))
     return found
 
 

@@ -14,10 +14,11 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.inspection.check import Inspection, Severity, WrongRecordingError
 from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.holds import longest_hold
 from armdyn.inspection.hypotheses import rolled
 from armdyn.inspection.inspect import inspected
 from armdyn.inspection.plausible import implausible, require_plausible
-from armdyn.inspection.signals import longest_hold, step_of
+from armdyn.inspection.signals import step_of
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run, read_run
 
@@ -53,10 +54,10 @@ def made(sound):
     return {m.name: m for m in (*every, *mistakes.mounted("panda", "as described", 0))}
 
 
-def assert_named(mistake: mistakes.Mistaken, found: Inspection) -> None:
-    right = [c for c in found.checks if c.kind == mistake.kind and _on(c.channels, mistake.channels)]
+def assert_named(mistake: mistakes.Mistake, found: Inspection) -> None:
+    right = [c for c in found.checks if c.kind in mistake.kinds and _on(c.channels, mistake.channels)]
     assert right, f"{mistake.name}: {[(c.kind, c.sentence) for c in found.checks]}"
-    assert {c.kind for c in found.wrong} <= {mistake.kind}
+    assert {c.kind for c in found.wrong} <= mistake.kinds
     assert all(c.remedy for c in right)
 
 
