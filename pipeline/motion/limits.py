@@ -15,10 +15,14 @@ from urdf.robot import Array, read_only
 
 if TYPE_CHECKING:
     from ik import PathTable
+    from ik.torque import JointTorque
 
 
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
+
+SPEEDS = np.linspace(-1.0, 1.0, 17)
+"""Of the largest speed, at which torques are asked; they are parabolas of it, and pass the limit by 3e-4 in between."""
 
 HEADROOM = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
@@ -67,9 +71,23 @@ class LineLimits:
             object.__setattr__(self, largest, float(values.max()))
 
     @classmethod
-    def from_table(cls, table: PathTable) -> LineLimits:
-        """Limits along the path of a table."""
-        return cls(table.s, table.speed_limit, table.acceleration_limit)
+    def from_table(cls, table: PathTable, torque: JointTorque | None = None) -> LineLimits:
+        """Limits along the path of a table.
+
+        Args:
+            table: of the path, which says what the joints can follow.
+            torque: of the arm with its load; then no acceleration takes more than the motors have, at whatever speed
+                is allowed there. Where they cannot even hold the arm, it is for the check of a motion to say so.
+        """
+        acceleration = table.acceleration_limit
+        for share in SPEEDS if torque is not None else ():
+            speed = share * table.speed_limit[:, None]
+            rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
+            even = torque(table.q, rate, bend)
+            each = torque(table.q, rate, bend + table.dq_ds) - even
+            most = np.min((table.limits.effort - np.abs(even)) / np.maximum(np.abs(each), 1e-12), axis=1)
+            acceleration = np.where(most > 0.0, np.minimum(acceleration, most), acceleration)
+        return cls(table.s, table.speed_limit, acceleration)
 
     def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
         """The same line with shares of its speed and acceleration [1], and no acceleration above one [m/s^2]."""

@@ -20,6 +20,7 @@ from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Channel
+from ik.torque import JointTorque
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
@@ -121,7 +122,8 @@ class Experiment:
         self._progress = progress or (lambda _what, _share: None)
         self.phases: list[PhaseSpan] = []
         self.interrupted: int | None = None
-        limits, model = LineLimits.from_table(table), settings.starting_model()
+        limits = LineLimits.from_table(table, JointTorque(description, settings.mass))
+        model = settings.starting_model()
         # A motion begins where the arm stands, not where its file says: so it is checked, and so it is run.
         given, check = settings.motion, CheckSettings(load_mass=settings.mass)
         self._motion = None if given is None else replace(given, s=given.s + (begin - given.s[0]))
