@@ -41,7 +41,7 @@ def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
     return data
 
 
-_PIECE = 2**20
+PIECE = 2**20
 """Bytes that are expanded at a time."""
 
 
@@ -92,7 +92,7 @@ def _expands_beyond(chunk: "Chunk") -> bool:
         else:
             return False
         found = 0
-        while piece := opened.read(_PIECE):
+        while piece := opened.read(PIECE):
             found += len(piece)
             if found > chunk.uncompressed_size:
                 return True

@@ -5,9 +5,7 @@ The metadata of each topic says which channel a field is and in which unit: ``{"
 text is the metadata record ``armdyn.sidecar``. Topics without such metadata are left alone: a file may hold more.
 """
 
-import io
 import json
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +14,7 @@ import numpy as np
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
 from armdyn.errors import InputError, at
+from armdyn.mcap_records import sound_records
 from armdyn.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -83,6 +82,8 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
             )
         last = max((samples.time[-1] for samples in recorded.values()), default=0.0)
         warnings = (f"{path.name} {content.problem}; recovered up to {last:.3f} s",)
+    if not recorded and content.problem is not None:
+        raise InputError(f"{path}: {content.problem}, before the first sample could be read: copy it again")
     if not recorded:
         raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
     channels = {}
@@ -102,32 +103,28 @@ def _bytes(path: Path) -> bytes:
 
 
 def _scan(data: bytes) -> _Content:
-    from mcap.exceptions import EndOfFile
     from mcap.records import Channel as Topic
     from mcap.records import Message, Metadata
-    from mcap.stream_reader import StreamReader
 
-    content = _Content()
+    content, problems = _Content(), list[str]()
     labels: dict[int, dict[str, tuple[str, str]]] = {}
-    # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, json and mcap; a user can do the same for all.
     try:
-        for record in StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data)).records:
+        for record in sound_records(data, problems):
             if isinstance(record, Topic):
                 labels[record.id] = {
                     key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
                 }
                 for name, unit in labels[record.id].values():
                     content.samples.setdefault(name, _Samples(unit))
-            elif isinstance(record, Message) and labels[record.channel_id]:
+            elif isinstance(record, Message) and labels.get(record.channel_id):
                 _take(json.loads(record.data), labels[record.channel_id], content.samples)
             elif isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
                 content.sidecar = parse_sidecar(record.metadata["toml"])
-    except (EndOfFile, struct.error):
-        content.problem = "is cut off, its recording did not end properly"
     except InputError:
         raise
-    except Exception as error:
-        content.problem = f"is damaged ({type(error).__name__})"
+    except Exception as error:  # what is in a record is damaged
+        problems.append(f"is damaged ({type(error).__name__})")
+    content.problem = ", and ".join(dict.fromkeys(problems)) or None
     return content
 
 

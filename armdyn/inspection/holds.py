@@ -58,8 +58,9 @@ class Stand:
 
 def stuck(run: Run) -> Iterator[Check]:
     """A channel keeps one value and then jumps, or shows no noise for a while."""
+    sticks = [name for name, channel in _joints(run) if held_at(channel)]
     for name, channel in run.channels.items():
-        found = None if held_at(channel) else longest_hold(channel)
+        found = None if name in sticks else longest_hold(channel)
         if (
             found is not None
             and channel.unit.endswith("/s")
@@ -102,7 +103,7 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
 
 def sticking(run: Run) -> Iterator[Check]:
     """A joint is held at one place whenever it passes there."""
-    for name, channel in encoders(run):
+    for name, channel in _joints(run):
         for stands in held_at(channel):
             begin, end = channel.time[stands[0].first], channel.time[stands[-1].last]
             place = float(np.mean([stand.place for stand in stands]))
@@ -118,9 +119,13 @@ def sticking(run: Run) -> Iterator[Check]:
 
 
 def held_at(channel: Channel) -> list[list[Stand]]:
-    """Stops by their place, where so many are so near to each other as those at random places are not."""
-    found = stops(channel)
-    whole = float(np.ptp(channel.value))
+    """Stops by their place, where so many are so near to each other as those at random places are not.
+
+    At the ends of its range a joint turns round.
+    """
+    low, high = float(channel.value.min()), float(channel.value.max())
+    whole = high - low
+    found = [s for s in stops(channel) if min(s.place - low, high - s.place) > ONE_PLACE * whole]
     places: list[list[Stand]] = []
     for stand in sorted(found, key=lambda stand: stand.place):
         if places and stand.place - places[-1][0].place < ONE_PLACE * whole:
@@ -174,13 +179,18 @@ def held(run: Run) -> list[tuple[float, float]]:
     Each is twice as long as the joint stands there at most, of which it catches up in the second half.
     """
     found = []
-    for _, channel in encoders(run):
+    for _, channel in _joints(run):
         for stands in held_at(channel):
             time, beyond = channel.time, channel.value > stands[0].place
             longest = max(float(time[s.last] - time[s.first]) for s in stands)
             passes = [time[s.first] for s in stands] + list(time[1:][np.diff(beyond)])
             found += [(float(t), float(t) + 2.0 * longest) for t in passes]
     return found
+
+
+def _joints(run: Run) -> Iterator[tuple[str, Channel]]:
+    """Positions but the gripper's, which stops as whoever moves it pleases."""
+    return ((name, channel) for name, channel in encoders(run) if name != "gripper_x")
 
 
 def encoders(run: Run) -> Iterator[tuple[str, Channel]]:

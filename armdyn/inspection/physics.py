@@ -36,7 +36,7 @@ HOPELESS = 10.0
 SHIFT, DRIFT = 0.03, 5e-3
 """s, and share of the time that passes: first steps of the search for how a clock runs."""
 AROUND = 4.0
-"""First steps to either side of a clock's shift, as far as the next that was tried."""
+"""First steps to either side of a clock's shift and drift, as far as the next that were tried."""
 MOST_TRIED = 80
 """Clocks that such a search tries."""
 Modelled = ArmRun | SwingRun
@@ -166,13 +166,14 @@ def _fitted(run: Modelled, chosen: tuple[Hypothesis, ...], which: int) -> Hypoth
         return -run.sure(correction, AS_DESCRIBED).value
 
     start = np.array([reading.late / SHIFT, reading.pace / DRIFT])
+    bounds = [(x - AROUND, x + AROUND) for x in start]
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     both = minimize(
-        worth, start, method="Nelder-Mead",
+        worth, start, method="Nelder-Mead", bounds=bounds,
         options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.05, "maxfev": MOST_TRIED},
     )  # fmt: skip
     alone = minimize_scalar(
-        lambda late: worth(np.array([late, 0.0])), bounds=(start[0] - AROUND, start[0] + AROUND), method="bounded",
+        lambda late: worth(np.array([late, 0.0])), bounds=bounds[0], method="bounded",
         options={"xatol": 1e-3, "maxiter": MOST_TRIED // 2},
     )  # fmt: skip
     if alone.fun <= both.fun + SURPRISE:

@@ -50,7 +50,7 @@ def read_bag(path: Path) -> Foreign:
     if reading.ending.problem:
         if not publishers.count:
             raise InputError(f"{path}: cannot be read as a bag: {reading.ending.problem}")
-        notes.append(f"read until {reading.ending.problem}: what came after is lost")
+        notes.append(f"not all of it can be read: {reading.ending.problem}")
     if crowded:
         notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {', '.join(sorted(crowded))} left out")
     columns, accounts, told = publishers.columns(reading.unread)

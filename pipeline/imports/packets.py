@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 
 from armdyn.bytes_in import check_chunk_sizes, read_bytes
 from armdyn.errors import InputError
+from armdyn.mcap_records import expanded, sound_records
 from armdyn.mcap_run import SIDECAR_RECORD
 from armdyn.read_files import reading
-from urdf.bounds import LARGEST_BAG, LARGEST_CHUNK, LARGEST_CONTENT, MIB
+from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
 
 
 class Connection(NamedTuple):
@@ -111,19 +112,6 @@ _COMPRESSED = b"\x28\xb5\x2f\xfd"
 """How compressed bytes begin; no message does: the first byte of CDR is 0."""
 
 
-def _expanded(data: bytes, most: int = LARGEST_CONTENT) -> bytes:
-    """What compressed bytes hold, as far as they go."""
-    import zstandard
-
-    found, stream = bytearray(), zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(data)
-    with suppress(zstandard.ZstdError):
-        while piece := stream.read(MIB):
-            found += piece
-            if len(found) > most:
-                raise InputError(f"expands to more than {most / MIB:.0f} MiB: cut the recording")
-    return bytes(found)
-
-
 _MAGIC = re.compile(rb"#ROSBAG V2\.0\n")
 _CONNECTION, _MESSAGE, _CHUNK = b"\x07", b"\x02", b"\x05"
 
@@ -212,7 +200,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
             raise ValueError("it is empty")
     if file.name.endswith(ZSTD):
         database = sqlite3.connect(":memory:")
-        database.deserialize(_expanded(read_bytes(file, LARGEST_BAG)))
+        database.deserialize(expanded(read_bytes(file, LARGEST_BAG)))
     else:
         reading(file)
         database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
@@ -237,23 +225,21 @@ def _sqlite(file: Path) -> Iterator[Packet]:
 
 
 def _message(data: bytes) -> bytes:
-    return _expanded(data) if data.startswith(_COMPRESSED) else data
+    return expanded(data) if data.startswith(_COMPRESSED) else data
 
 
 def _mcap(file: Path) -> Iterator[Packet]:
-    """Of an MCAP file: https://mcap.dev/spec."""
-    from mcap.exceptions import EndOfFile, McapError
-    from mcap.records import Channel, Chunk, Message, Metadata, Schema
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    """Of an MCAP file."""
+    from mcap.records import Channel, Message, Metadata, Schema
 
     data = read_bytes(file, LARGEST_BAG)
     if file.name.endswith(ZSTD):
-        data = _expanded(data)
+        data = expanded(data)
     check_chunk_sizes(data)
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
-
-    def of(record: Any) -> Iterator[Packet]:
+    problems: list[str] = []
+    for record in sound_records(data, problems):
         if isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
             raise InputError(f"{file}: is a recording of armdyn, which is a run already: give it to armdyn compare")
         if isinstance(record, Schema):
@@ -262,52 +248,8 @@ def _mcap(file: Path) -> Iterator[Packet]:
             connections[record.id] = _mcap_connection(record, schemas.get(record.schema_id))
         elif isinstance(record, Message) and record.channel_id in connections:
             yield Packet(connections[record.channel_id], record.log_time, _message(record.data))
-
-    source = io.BytesIO(data)
-    whole = source.tell()
-    try:
-        for record in StreamReader(source, emit_chunks=True, record_size_limit=len(data)).records:
-            for inner in breakup_chunk(record) if isinstance(record, Chunk) else [record]:
-                yield from of(inner)
-            whole = source.tell()
-    except (EndOfFile, McapError, struct.error) as error:
-        for inner in _of_cut_chunk(data[whole:]):
-            yield from of(inner)
-        raise EOFError("it is cut off, its recording did not end properly") from error
-
-
-def _of_cut_chunk(data: bytes) -> Iterator[Any]:
-    """The whole records at the beginning of a chunk that was cut off."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.opcode import Opcode
-    from mcap.records import Channel, Message, Schema
-
-    head = 1 + 8 + 28  # opcode, length, times, size and checksum
-    if len(data) < head + 4 or data[0] != Opcode.CHUNK:
-        return
-    size = int.from_bytes(data[head : head + 4], "little")
-    start = head + 4 + size + 8
-    compression, content = data[head + 4 : head + 4 + size], data[start:]
-    if compression == b"zstd":
-        content = _expanded(content, LARGEST_CHUNK)
-    elif compression == b"lz4":
-        import lz4.frame
-
-        content = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=LARGEST_CHUNK)
-    at = 0
-    while at + 9 <= len(content):
-        length = int.from_bytes(content[at + 1 : at + 9], "little")
-        if at + 9 + length > len(content):
-            return
-        stream = ReadDataStream(io.BytesIO(content[at + 9 : at + 9 + length]))
-        match content[at]:
-            case Opcode.SCHEMA:
-                yield Schema.read(stream)
-            case Opcode.CHANNEL:
-                yield Channel.read(stream)
-            case Opcode.MESSAGE:
-                yield Message.read(stream, length)
-        at += 9 + length
+    if problems:
+        raise EOFError(f"it {', and '.join(dict.fromkeys(problems))}")
 
 
 def _mcap_connection(channel: Any, schema: Any) -> Connection:

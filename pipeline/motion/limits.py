@@ -80,7 +80,9 @@ class LineLimits:
                 is allowed there. Where they cannot even hold the arm, it is for the check of a motion to say so.
         """
         acceleration = table.acceleration_limit
-        for share in SPEEDS if torque is not None else ():
+        for share in SPEEDS:
+            if torque is None:
+                break
             speed = share * table.speed_limit[:, None]
             rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
             even = torque(table.q, rate, bend)

@@ -130,7 +130,7 @@ def test_of_a_bag_that_was_cut_off_all_that_came_before_is_read(bag, share, join
     assert len(q) > 0.5 * share * len(TIME)
     rows = np.round(q.time / 0.01).astype(int)  # a database loses pages in between
     np.testing.assert_allclose(q.value, joints[0][rows, 1], atol=1e-12)
-    assert any("what came after is lost" in note for note in found.run.warnings) or share == 0.99
+    assert any("not all of it can be read" in note for note in found.run.warnings) or share == 0.99
 
 
 @pytest.mark.parametrize("definition", ["float32 grams\nnosuch/Type x", "???", "float32 grams"])
@@ -245,3 +245,28 @@ def test_a_recording_of_armdyn_needs_no_import(tmp_path):
     recorder.close()
     with pytest.raises(InputError, match="which is a run already"):
         read_foreign(tmp_path / "a.mcap")
+
+
+def test_a_chunk_that_is_damaged_is_left_out_and_named(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, chunk_size=200_000)
+        writer.start("json")
+        channel = writer.register_channel("/joint_states", "json", writer.register_schema("x", "jsonschema", b"{}"))
+        rng = np.random.default_rng(0)
+        for k in range(6000):
+            text = json.dumps({"name": ["a"], "position": [rng.normal()], "effort": [rng.normal()]})
+            writer.add_message(channel, int(1e7 * k), text.encode(), int(1e7 * k))
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    second = data.find(b"zstd", data.find(b"zstd") + 4)
+    data[second + 5000 : second + 5100] = bytes(100)
+    path.write_bytes(data)
+    (foreign,) = read_foreign(path)
+    (account,) = foreign.accounts.values()
+    assert 3000 < account.came < 6000
+    assert np.nanmax(foreign.columns["/joint_states/position/a"].time) > 59.0
+    assert any("chunk that is damaged" in note for note in foreign.notes)
+    path.write_bytes(data[: second // 2])  # of the first chunk that was not finished, whole blocks are there
+    (foreign,) = read_foreign(path)
+    assert any("cut off" in note for note in foreign.notes)

@@ -1,0 +1,115 @@
+"""The records of an MCAP file from its beginning, as far as they are sound: https://mcap.dev/spec.
+
+Its index stands at the end, which a recorder that was killed never wrote, and a chunk is one compressed piece. So
+chunks are expanded here, block by block: of one that is cut off what came before is read. One that is damaged is left
+out, as a byte that is wrong may be a digit.
+"""
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+from armdyn.bytes_in import PIECE
+from armdyn.errors import InputError
+from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
+
+CUT = "is cut off, its recording did not end properly"
+HEAD = 1 + 8 + 28
+"""Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
+
+
+def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
+    """Every whole record, those within chunks too, of which the file is made.
+
+    Args:
+        data: of the file.
+        problems: gets a sentence for everything that is lost.
+    """
+    from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+
+    source, whole = io.BytesIO(data), 0
+    reader = StreamReader(source, emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
+    # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, lz4 and mcap; a user can do the same for all.
+    try:
+        for record in reader.records:
+            if isinstance(record, Chunk):
+                content = expanded(record.data, record.compression)
+                if len(content) == record.uncompressed_size and record.uncompressed_crc in (0, zlib.crc32(content)):
+                    yield from _records(content)
+                else:  # which of its messages are sound nobody knows
+                    problems.append("has a chunk that is damaged, which is left out")
+            else:
+                yield record
+            whole = source.tell()
+    except (EndOfFile, RecordLengthLimitExceeded, struct.error):
+        problems.append(CUT)
+        yield from _of_cut_chunk(data[whole:])
+    except InputError:
+        raise
+    except Exception as error:
+        problems.append(f"is damaged ({type(error).__name__})")
+
+
+def expanded(data: bytes, compression: str = "zstd", most: int = LARGEST_CONTENT) -> bytes:
+    """What compressed bytes hold, as far as they go.
+
+    Raises:
+        InputError: that is too much.
+    """
+    if compression == "zstd":
+        import zstandard
+
+        opened: Any = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).decompressobj()
+    elif compression == "lz4":
+        import lz4.frame
+
+        opened = lz4.frame.LZ4FrameDecompressor()
+    else:
+        return data if not compression else b""
+    found = bytearray()
+    with suppress(Exception):  # each library has errors of its own
+        for at in range(0, len(data), PIECE):
+            found += opened.decompress(data[at : at + PIECE])
+            if len(found) > most:
+                break
+    if len(found) > most:
+        raise InputError(f"expands to more than {most / MIB:.0f} MiB: cut the recording")
+    return bytes(found)
+
+
+def _of_cut_chunk(data: bytes) -> Iterator[Any]:
+    """The whole records at the beginning of a chunk that was cut off."""
+    from mcap.opcode import Opcode
+
+    if len(data) < HEAD + 4 or data[0] != Opcode.CHUNK:
+        return
+    size = int.from_bytes(data[HEAD : HEAD + 4], "little")
+    start = HEAD + 4 + size
+    yield from _records(expanded(data[start + 8 :], data[HEAD + 4 : start].decode(errors="replace"), LARGEST_CHUNK))
+
+
+def _records(content: bytes) -> Iterator[Any]:
+    """Records in a chunk, the last of which may be cut off."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Message, Schema
+
+    at = 0
+    while at + 9 <= len(content):
+        length = int.from_bytes(content[at + 1 : at + 9], "little")
+        if at + 9 + length > len(content):
+            return
+        stream = ReadDataStream(io.BytesIO(content[at + 9 : at + 9 + length]))
+        match content[at]:
+            case Opcode.SCHEMA:
+                yield Schema.read(stream)
+            case Opcode.CHANNEL:
+                yield Channel.read(stream)
+            case Opcode.MESSAGE:
+                yield Message.read(stream, length)
+        at += 9 + length
