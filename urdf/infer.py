@@ -58,7 +58,9 @@ def infer(
             said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
     for name in joints:
         if name not in moving:
-            raise UrdfError(f"{path}: there is no moving joint '{name}'; choose among {', '.join(moving)}")
+            leader = copied(root).get(name)
+            what = f"joint '{name}' copies '{leader}'" if leader else f"there is no moving joint '{name}'"
+            raise UrdfError(f"{path}: {what}; choose among {', '.join(moving)}")
     if tool is None:
         tool = _tool(root, chains, joints)
         said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
@@ -70,6 +72,15 @@ def infer(
         limits=AssumedLimits((), (), SOURCE),
     )
     return settings, tuple(said)
+
+
+def copied(root: ET.Element) -> dict[str, str]:
+    """By joints that follow another one, as fingers do: that one."""
+    return {
+        str(joint.get("name")): str(mimic.get("joint"))
+        for joint in root.findall("joint")
+        for mimic in joint.findall("mimic")
+    }
 
 
 def is_gripper(name: str) -> bool:

@@ -272,15 +272,11 @@ def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) 
 
 def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[str]:
     """Sentences on joints that an arm carries and that do not move in its model."""
-    leaders = {
-        str(joint.get("name")): str(mimic.get("joint"))
-        for joint in root.findall("joint")
-        for mimic in joint.findall("mimic")
-    }
+    leaders = infer.copied(root)
     said = [
-        f"{name} copies {leaders[name]} and is held at 0 all the same: no joint of an arm follows another"
-        for name in carried
-        if leaders.get(name) in arm
+        f"{name} copies {leader} and is held at 0 all the same: no joint of an arm follows another"
+        for name, leader in leaders.items()
+        if leader in arm
     ]
     others = [name for name in carried if leaders.get(name) not in arm]
     return said + (
