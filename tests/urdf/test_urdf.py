@@ -150,7 +150,7 @@ def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy) -> None:
     copy = joint("k", "l3", "x", limit=f'{LIMIT}<mimic joint="j1"/>')
     notes = urdf.load(toy(arm(link("x"), copy))).notes
     assert "k copies j1 and is held at 0 all the same: no joint of an arm follows another" in notes
-    with pytest.raises(UrdfError, match="joint 'k' copies 'j1'; choose among j0, j1"):
+    with pytest.raises(urdf.UrdfError, match="joint 'k' copies 'j1'; choose among j0, j1"):
         urdf.load(toy(arm(link("x"), copy)), joints=("j0", "k"))
 
 
