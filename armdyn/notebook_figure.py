@@ -6,12 +6,13 @@ import plotly.graph_objects as go
 
 
 class KeptFigure(go.Figure):  # type: ignore[misc]
-    """A figure whose output holds HTML beside plotly's own form, which `nbconvert` and GitHub's viewers cannot draw."""
+    """A figure whose output holds HTML and text beside plotly's own form, which `nbconvert` cannot draw."""
 
     def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:
         return {
             "application/vnd.plotly.v1+json": self.to_plotly_json(),
             "text/html": self.to_html(full_html=False, include_plotlyjs="cdn"),
+            "text/plain": f"figure: {', '.join(dict.fromkeys(str(trace.name) for trace in self.data))}",
         }
 
     def _ipython_display_(self) -> None:

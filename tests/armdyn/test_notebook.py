@@ -1,5 +1,6 @@
 """Results in a notebook: small, without scripts, and the same numbers as in the result."""
 
+import json
 import re
 import subprocess
 import sys
@@ -78,7 +79,20 @@ def test_a_plot_shows_what_was_measured_and_predicted(results, runs):
     assert rms["as given"] > 1.5 * rms["repaired"]
     assert [button.label for button in figure.layout.updatemenus[0].buttons] == ["a.csv", "b.csv"]
     assert figure.layout.yaxis.title.text == "load_force [N]"
-    assert "measured" in figure._repr_mimebundle_()["text/html"]  # what 'nbconvert' keeps of it
+
+
+def test_a_figure_is_still_there_when_its_notebook_became_a_page(results):
+    bundle = json.loads(json.dumps(results["repair"].plot()._repr_mimebundle_()))  # as a notebook is saved
+    assert "as given" in bundle["text/html"]
+    assert bundle["text/plain"] == "figure: measured, as given, repaired"
+    nbformat = pytest.importorskip("nbformat", reason="pages are made by nbconvert: pip install nbconvert")
+    exporters = pytest.importorskip("nbconvert.exporters", reason="pages are made by nbconvert: pip install nbconvert")
+    shown = nbformat.v4.new_output("display_data", bundle)
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("results.plot()", outputs=[shown])])
+    page, _ = exporters.HTMLExporter().from_notebook_node(notebook)
+    assert "Plotly.newPlot" in page
+    text, _ = exporters.MarkdownExporter().from_notebook_node(notebook)
+    assert "as given" in text
 
 
 def test_a_fitted_model_is_plotted_against_recordings(results, runs):
