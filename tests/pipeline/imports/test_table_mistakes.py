@@ -1,0 +1,155 @@
+"""Tables, MATLAB's arrays and sheets with mistakes of every kind: the run, or a question, or one line."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from armdyn.errors import InputError
+from pipeline.imports import read_foreign
+from pipeline.imports.conversion import imported
+from pipeline.imports.guess import guess_map
+
+from .said import ALONE, ASK, NAMES, RIGHT, TRUE, N, at, check_against_truth, truth
+
+
+def rows(*columns, separator=",", digits="%.6f"):
+    return "\n".join(separator.join(digits % x for x in row) for row in zip(*columns, strict=True))
+
+
+Q, V, TAU = truth(TRUE)
+ALL = (TRUE, *Q.T, *TAU.T)
+HEAD = "t,q1,q2,q3,tau1,tau2,tau3"
+BLANKS = HEAD.replace(",", " ")
+UNITS_BELOW = "s,deg,deg,deg,Nm,Nm,Nm"
+IN_DEGREES = (TRUE, *np.rad2deg(Q).T, *TAU.T)
+TABLES = {
+    "as usual": (f"{HEAD}\n{rows(*ALL)}\n", "", RIGHT),
+    "without a last newline": (f"{HEAD}\n{rows(*ALL)}", "", RIGHT),
+    "cut in a number": (f"{HEAD}\n{rows(*ALL)}"[:-4], "", RIGHT),
+    "cut in a row": (f"{HEAD}\n{rows(*ALL)}"[:-24], "", RIGHT),
+    "comments above": (f"# by a logger\n# on Monday\n{HEAD}\n{rows(*ALL)}\n", "", RIGHT),
+    "comments in between": (f"{HEAD}\n{rows(*(c[:100] for c in ALL))}\n# paused\n{rows(*(c[100:] for c in ALL))}\n", "", RIGHT),  # noqa: E501
+    "numpy's header": (f"# {BLANKS}\n{rows(*ALL, separator=' ', digits='%.18e')}\n", "", RIGHT),
+    "numpy's header with commas over blanks": (f"# {HEAD}\n{rows(*ALL, separator=' ')}\n", "", RIGHT),
+    "Octave's header": (f"% made by Octave 8\n% {BLANKS}\n{rows(*ALL, separator=' ')}\n", "", RIGHT),
+    "lines above": (f"Robot: A\nDate: Monday\n\n{HEAD}\n{rows(*ALL)}\n", "", RIGHT),
+    "a line above with as many commas": (f"Robot,A,,,,,\n{HEAD}\n{rows(*ALL)}\n", "", RIGHT),
+    "units below": (f"{HEAD}\n{UNITS_BELOW}\n{rows(*IN_DEGREES)}\n", "", RIGHT),
+    "units in brackets below": (f"{HEAD}\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n{rows(*IN_DEGREES)}\n", "", RIGHT),
+    "tabs": (HEAD.replace(",", "\t") + f"\n{rows(*ALL, separator=chr(9))}\n", "", RIGHT),
+    "decimal commas": (HEAD.replace(",", ";") + f"\n{rows(*ALL, separator=';')}\n".replace(".", ","), "", RIGHT),
+    "decimal commas under a comment": ("# x\n" + HEAD.replace(",", ";") + f"\n{rows(*ALL, separator=';')}\n".replace(".", ","), "", RIGHT),  # noqa: E501
+    "no stamps": (f"{HEAD[2:]}\n{rows(*ALL[1:])}\n", "100 Hz", RIGHT),
+    "no stamps and no rate": (f"{HEAD[2:]}\n{rows(-ALL[1], *ALL[2:4], -ALL[4], *ALL[5:])}\n", "", "rate"),
+    "no header": (f"{rows(*ALL)}\n", "", ASK),
+    "no header, as MATLAB saves": ("\n".join("   " + line.replace(" ", "   ") for line in rows(*ALL, separator=" ", digits="%.7e").split("\n")) + "\n", "", ASK),  # noqa: E501
+    "no header under a comment": (f"# by a logger\n{rows(*ALL)}\n", "", ASK),
+    "neither header nor stamps": (f"{rows(*ALL[1:])}\n", "100 Hz", ASK),
+    "no header and too many columns": (f"{rows(*ALL, TRUE)}\n", "", "has no header"),
+    "energies": (f"t,q1,q2,q3,energy1 [J],energy2 [J],energy3 [J]\n{rows(*ALL)}\n", "", "none"),
+    "energies by their unit": (f"t,q1,q2,q3,tau1 (J),tau2 (J),tau3 (J)\n{rows(*ALL)}\n", "", "none"),
+    "energies by their name": (f"t,q1,q2,q3,E_kin,E_pot,kinetic_energy\n{rows(*ALL)}\n", "", "none"),
+    "a stamp that goes back once": (f"{HEAD}\n{rows(at([50], -1.0)(TRUE.copy()), *ALL[1:])}\n", "", RIGHT),
+    "a stamp ahead once": (f"{HEAD}\n{rows(at([50], 9e5)(TRUE.copy()), *ALL[1:])}\n", "", RIGHT),
+    "a row twice": (f"{HEAD}\n{rows(*(np.insert(c, 50, c[50]) for c in ALL))}\n", "", RIGHT),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path):
+    """`none`: what is no torque becomes none; other words: what the one line says."""
+    text, rate, outcome = TABLES[kind]
+    (tmp_path / "a.csv").write_text(text)
+    (foreign,) = read_foreign(tmp_path / "a.csv")
+    if outcome not in (RIGHT, ASK, "none"):
+        with pytest.raises(InputError, match=outcome):
+            guess_map([foreign], ALONE, rate)
+        return
+    mapping = guess_map([foreign], ALONE, rate)
+    assert all((bool(entry.check)) == (outcome == ASK) for entry in mapping.entries.values())
+    found = imported(foreign, mapping)
+    (account,) = found.accounts
+    assert account.came == account.kept + sum(account.left_out.values())
+    assert N - 1 <= account.kept <= N
+    assert {name.partition(".")[0] for name in found.run.channels} == {"q"} if outcome == "none" else {"q", "tau"}
+    check_against_truth(found.run, 1e-3)
+
+
+def matlab(path, **content):
+    from scipy.io import savemat
+
+    savemat(path, content)
+
+
+MATLAB = {
+    "vectors and matrices": ({"t": TRUE, "q": Q, "tau": TAU, "name": "x", "gain": 3.0}, ""),
+    "columns": ({"t": TRUE[:, None], "q": Q, "tau": TAU}, ""),
+    "matrices that lie": ({"t": TRUE, "q": Q.T, "tau": TAU.T}, ""),
+    "a structure": ({"out": {"time": TRUE, "q": Q, "tau": TAU}}, ""),
+    "structures in structures": ({"log": {"t": TRUE, "arm": {"q": Q, "tau": TAU}}}, ""),
+    "other lengths": ({"t": TRUE, "q": Q, "tau": TAU, "spectrum": np.ones(77)}, ""),
+    "no stamps": ({"q": Q, "tau": TAU, "fs": 100.0}, "100 Hz"),
+}
+
+
+@pytest.mark.parametrize("kind", MATLAB)
+def test_matlabs_arrays_are_columns(kind, tmp_path):
+    content, rate = MATLAB[kind]
+    matlab(tmp_path / "a.mat", **content)
+    (foreign,) = read_foreign(tmp_path / "a.mat")
+    found = imported(foreign, guess_map([foreign], ALONE, rate))
+    assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
+    check_against_truth(found.run)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400), "-v7"),
+        (b"not MATLAB's" * 50, "no MATLAB file that can be read"),
+        (b"", "no MATLAB file that can be read"),
+    ],
+)
+def test_what_is_no_matlab_file_is_one_line(content, says, tmp_path):
+    (tmp_path / "a.mat").write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        read_foreign(tmp_path / "a.mat")
+
+
+def test_a_pendulum_by_video_or_phone(tmp_path):
+    """Tracker and phyphox: the angle is the angle, a rate is a rate, x and y in a picture are no gripper."""
+    swing = 0.4 * np.sin(4 * TRUE)
+    rate = 1.6 * np.cos(4 * TRUE)
+    tracker = "mass A\nt\tx\ty\tθ\n" + rows(TRUE, np.sin(swing), -np.cos(swing), swing, separator="\t")
+    phone = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)"\n' + rows(TRUE, 0.01 * rate, rate, digits="%.9E")
+    for text, channels in ((tracker, {"swing_angle"}), (phone, {"swing_rate"})):
+        (tmp_path / "a.txt").write_text(text, encoding="utf-8")
+        mapping = guess_map(read_foreign(tmp_path / "a.txt"))
+        assert {entry.channel for entry in mapping.entries.values()} == channels
+        assert all(entry.check for entry in mapping.entries.values())
+    (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, np.sin(swing), -np.cos(swing)))
+    with pytest.raises(InputError, match="x and y of a load are no channels"):
+        guess_map(read_foreign(tmp_path / "a.txt"))
+
+
+SHEET = """<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>"""
+STRINGS = """<sst xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">{}</sst>"""
+
+
+def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path):
+    names = HEAD.split(",")
+    head = "".join(f'<c r="{chr(65 + i)}1" t="s"><v>{i}</v></c>' for i in range(len(names)))
+    lines = [
+        "".join(f'<c r="{chr(65 + i)}{k}"><v>{x:.9f}</v></c>' for i, x in enumerate(row))
+        for k, row in enumerate(zip(*ALL, strict=True), start=2)
+    ]
+    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
+        body = "".join(f"<row>{line}</row>" for line in (head, *lines))
+        archive.writestr("xl/worksheets/sheet1.xml", SHEET.format(body))
+        archive.writestr("xl/sharedStrings.xml", STRINGS.format("".join(f"<si><t>{n}</t></si>" for n in names)))
+    (foreign,) = read_foreign(tmp_path / "a.xlsx")
+    check_against_truth(imported(foreign, guess_map([foreign], ALONE)).run)
+    (tmp_path / "a.xlsx").write_bytes(b"?")
+    with pytest.raises(InputError, match="save it as CSV"):
+        read_foreign(tmp_path / "a.xlsx")
