@@ -38,7 +38,7 @@ def change_section(history: History) -> Section:
                 Column("robot", [event.robot for event, _ in steps]),
                 Column("when", [between(event) for event, _ in steps]),
                 Column("parameter", [_plain(step.parameter) for _, step in steps]),
-                *columns_of([step for _, step in steps], before="", after=""),
+                *columns_of([step for _, step in steps], before=".4g", after=".4g"),
                 Column("unit", [history.units[step.parameter] for _, step in steps]),
                 Column("chance", [f"≤ {step.chance:.2g}" for _, step in steps]),
             ],
