@@ -6,7 +6,7 @@ efforts. A line that names or numbers leave open says CHECK.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -88,11 +88,16 @@ def _declared(columns: Mapping[str, Column], known: Joints) -> dict[str, Entry]:
     found = {}
     for name, column in columns.items():
         channel = column.channel or name
-        if in_contract(channel):
+        if in_contract(channel) and not _again(name, columns):
             quantity, _, joint = channel.partition(".")
             sliding = SLIDING.get(quantity, "") if column.channel and joint in known.sliding else ""
             found[name] = Entry(channel, sliding or column.unit)
     return found
+
+
+def _again(name: str, columns: Collection[str]) -> bool:
+    """Whether a column is a second one under a header, which nobody knows what it is."""
+    return name.rpartition("#")[0] in columns
 
 
 SLIDING = {"q": "m", "v": "m/s", "a": "m/s^2", "tau": "N"}
@@ -128,7 +133,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
     labels: dict[str, Label] = {}
     of_joints: dict[str, Label] = {}
     for name, found in columns.items():
-        if name == time:
+        if name == time or _again(name, columns):
             continue
         quantity, _, joint = declared[name].channel.partition(".") if name in declared else ("", "", "")
         if name in declared and (whole or not joint or joint in known.beside):

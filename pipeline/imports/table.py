@@ -5,6 +5,9 @@ A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run 
 
 import json
 import re
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime, time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
+MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
 _WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
 """What a device writes in place of a number, such as ``overflow`` or ``no signal``: it is missing, and told."""
 SHOWN = 3
@@ -70,10 +73,16 @@ def of_text(name: str, text: str) -> Foreign:
     texts = {}
     for i, label in enumerate(table.labels):
         name, unit = split_label(label)
+        if name in columns:
+            notes.append(f"'{name}' stands in the header again: that column is called '{name}#{i + 1}'")
         name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
             said = dict.fromkeys(strange.values())
+            moments = _moments(list(strange.values())) if len(strange) == len(value) else None
+            if moments is not None:
+                columns[name] = Column(moments, "s")
+                continue
             if len(strange) == len(value) and len(said) == 1:
                 texts[name] = next(iter(said))
             notes.append(f"'{name}' holds text, such as {next(iter(said))!r}: left out")
@@ -93,6 +102,24 @@ def of_text(name: str, text: str) -> Foreign:
     if not columns:
         raise InputError("no column holds numbers: give a recording")
     return Foreign(called, columns, tuple(notes), texts, headed=headed)
+
+
+def _moments(cells: Sequence[str]) -> np.ndarray | None:
+    """(n,) s of dates, since 1970, UTC where they name no zone, or of times of the day; None where they are neither."""
+    for read in (_since_1970, _since_midnight):
+        with suppress(ValueError):
+            return np.array([read(cell.strip()) for cell in cells])
+    return None
+
+
+def _since_1970(cell: str) -> float:
+    when = datetime.fromisoformat(cell)
+    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _since_midnight(cell: str) -> float:
+    when = time.fromisoformat(cell)
+    return 3600.0 * when.hour + 60.0 * when.minute + when.second + 1e-6 * when.microsecond
 
 
 def read_parquet(path: Path) -> Foreign:

@@ -54,7 +54,7 @@ _SPELLINGS = {
     "ms": "ms msec msecs millis milliseconds", "us": "us usec usecs micros microseconds",
     "ns": "ns nsec nsecs nanos nanosec nanoseconds nanosecond", "s": "s sec secs seconds", "N": "N", "mN": "mN",
     "rpm": "rpm RPM", "mm": "mm", "cm": "cm", "m": "m", "rad": "rad radian radians Rad RAD", "mrad": "mrad",
-    "deg": "deg degree degrees Deg DEG °",
+    "deg": "deg degree degrees Deg DEG °", "turn": "rev revs revolution revolutions turns",
 }  # fmt: skip
 _UNIT_OF = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 for _length in ("rad", "deg", "mm", "m", "degrees", "radians"):

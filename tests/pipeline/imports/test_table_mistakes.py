@@ -1,6 +1,7 @@
 """Tables, MATLAB's arrays and sheets with mistakes of every kind: the run, or a question, or one line."""
 
 import zipfile
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -23,7 +24,17 @@ HEAD = "t,q1,q2,q3,tau1,tau2,tau3"
 BLANKS = HEAD.replace(",", " ")
 UNITS_BELOW = "s,deg,deg,deg,Nm,Nm,Nm"
 IN_DEGREES = (TRUE, *np.rad2deg(Q).T, *TAU.T)
+HEAD_OF_A_RUN = ",".join(["time [s]", *(f"q.{n} [rad]" for n in NAMES), *(f"tau.{n} [N m]" for n in NAMES)])
+MONDAY = datetime(2026, 5, 4, 10, 59, 59)
+DATED = "\n".join(
+    f"{(MONDAY + timedelta(seconds=float(t))).isoformat()},{row}"
+    for t, row in zip(TRUE, rows(*ALL[1:]).splitlines(), strict=True)
+)
 TABLES = {
+    "dates": (f"{HEAD}\n{DATED}\n", "", RIGHT),
+    "times of the day": (f"{HEAD}\n{DATED}\n".replace("2026-05-04T", ""), "", RIGHT),
+    "turns": (f"t,q1 [rev],q2 [rev],q3 [rev],tau1,tau2,tau3\n{rows(TRUE, *(Q.T / (2 * np.pi)), *TAU.T)}\n", "", RIGHT),
+    "a spreadsheet's missing cells": (f"{HEAD}\n{rows(*ALL)}\n".replace("\n0.500000", "\n#N/A"), "", RIGHT),
     "as usual": (f"{HEAD}\n{rows(*ALL)}\n", "", RIGHT),
     "without a last newline": (f"{HEAD}\n{rows(*ALL)}", "", RIGHT),
     "cut in a number": (f"{HEAD}\n{rows(*ALL)}"[:-4], "", RIGHT),
@@ -74,6 +85,15 @@ def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path):
     assert N - 1 <= account.kept <= N
     assert {name.partition(".")[0] for name in found.run.channels} == {"q"} if outcome == "none" else {"q", "tau"}
     check_against_truth(found.run, 1e-3)
+
+
+def test_a_header_that_stands_there_again_is_no_other_joint(tmp_path):
+    for head in (f"{HEAD},tau3", f"{HEAD_OF_A_RUN},tau.j3 [N m]"):
+        (tmp_path / "a.csv").write_text(f"{head}\n{rows(*ALL, TRUE)}\n")
+        (foreign,) = read_foreign(tmp_path / "a.csv")
+        mapping = guess_map([foreign], ALONE)
+        assert {e.channel.partition(".")[2] for e in mapping.entries.values()} == set(NAMES)
+        assert any("stands in the header again" in note for note in foreign.notes)
 
 
 def matlab(path, **content):
