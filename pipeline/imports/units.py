@@ -34,6 +34,7 @@ STRONGEST, WEAKEST = 1.5, 0.01
 UPSIDE_DOWN = 0.5
 """rad; within it of half a turn, the mean of a swing's angle shows that it is not counted from hanging."""
 ASSUMED = "unit assumed"
+COUNTS = "whole numbers: counts of an encoder, which need a scale?"
 
 
 def judged_entries(
@@ -65,7 +66,7 @@ def judged_entries(
         if c.label.quantity == "q":
             if not unit:
                 unit, why, doubt = _length_unit(size, limits) if limits is not None and limits.slides else angle
-                doubts.append(doubt)
+                doubts += [doubt, COUNTS if _whole(columns[c.column]) else ""]
             doubts.append(_position_doubt(size, unit, limits))
             if c.body == "swing":
                 doubts.append(_hanging_doubt(columns[c.column], unit))
@@ -87,6 +88,13 @@ def judged_entries(
                 doubts.append(IN_AMPERE if "effort" in c.label.words and AMPERE & set(known.arm) else "")
         entries[c.column] = Entry(c.channel, unit, torque_constant=constant, check=in_one(doubts), why=why)
     return entries
+
+
+def _whole(columns: Sequence[Column]) -> bool:
+    """Whether all values are whole numbers, of which several are large."""
+    return (
+        all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns) and _largest(columns) > TURNS
+    )
 
 
 def in_one(doubts: Sequence[str]) -> str:
