@@ -138,7 +138,7 @@ def _read(path: Path) -> _Description:
     check_plain(root, path)
     if mjcf is None:
         changed = validate.check_schema(path)
-    return _Description(path, root, mjcf.sentences if mjcf else (), (*changed, *tell_apart(root)), mjcf)
+    return _Description(path, root, mjcf.sentences if mjcf else validate.odd(root), (*changed, *tell_apart(root)), mjcf)
 
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:

@@ -19,6 +19,8 @@ LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
+TURN = 2.0 * math.pi + 1e-3
+"""rad beyond which nobody writes an angle, give or take a rounding."""
 RESERVED = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
 NUMBERS = {
@@ -67,6 +69,19 @@ def check_plain(root: ET.Element, path: Path) -> None:
             _check_joint(part, where, joints)
         else:
             _check_shapes(part, where)
+
+
+def odd(root: ET.Element) -> tuple[str, ...]:
+    """Sentences on what is allowed and hardly meant: angles beyond a turn, joints that no arm has."""
+    said = []
+    for part in (*root.findall("joint"), *root.findall("link")):
+        where = f"{part.tag} '{part.get('name')}'"
+        if part.get("type") in ("planar", "floating"):
+            said.append(f"{where} is {part.get('type')}, which no joint of an arm is: it is held where it stands")
+        for origin in part.iter("origin"):
+            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > TURN:
+                said.append(f'{where} is turned by rpy="{origin.get("rpy")}" in rad: if that is in degrees, correct it')
+    return tuple(said)
 
 
 def _check_name(part: ET.Element, where: str) -> None:

@@ -154,6 +154,14 @@ def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy) -> None:
         urdf.load(toy(arm(link("x"), copy)), joints=("j0", "k"))
 
 
+def test_what_is_hardly_meant_is_named(toy) -> None:
+    text = arm().replace('type="revolute"', 'type="planar"', 1)
+    assert "is planar, which no joint of an arm is: it is held where it stands" in " ".join(urdf.load(toy(text)).notes)
+    text = arm().replace('0.3" rpy="0 0 0"', '0.3" rpy="0 90 0"', 1)
+    said = "joint 'j0' is turned by rpy=\"0 90 0\" in rad: if that is in degrees, correct it"
+    assert said in urdf.load(toy(text)).notes
+
+
 def test_friction_of_a_urdf_is_no_part_of_the_model_and_named(toy) -> None:
     dynamics = '<dynamics damping="0.7" friction="0"/>'
     (note,) = (note for note in urdf.load(toy(third(LIMIT + dynamics))).notes if "<dynamics>" in note)

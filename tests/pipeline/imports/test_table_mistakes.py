@@ -143,7 +143,8 @@ def test_a_pendulum_by_video_or_phone(tmp_path):
     rate = 1.6 * np.cos(4 * TRUE)
     tracker = "mass A\nt\tx\ty\tθ\n" + rows(TRUE, np.sin(swing), -np.cos(swing), swing, separator="\t")
     phone = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)"\n' + rows(TRUE, 0.01 * rate, rate, digits="%.9E")
-    for text, channels in ((tracker, {"swing_angle"}), (phone, {"swing_rate"})):
+    counts = "time_ms,encoder_counts\n" + rows(1e3 * TRUE, 4096 / (2 * np.pi) * swing, digits="%.0f")
+    for text, channels in ((tracker, {"swing_angle"}), (phone, {"swing_rate"}), (counts, {"swing_angle"})):
         (tmp_path / "a.txt").write_text(text, encoding="utf-8")
         mapping = guess_map(read_foreign(tmp_path / "a.txt"))
         assert {entry.channel for entry in mapping.entries.values()} == channels
