@@ -2,7 +2,8 @@
 
 Its index stands at the end, which a recorder that was killed never wrote, and a chunk is one compressed piece. So
 chunks are expanded here, block by block: of one that is cut off what came before is read. One that is damaged is left
-out, as a byte that is wrong may be a digit.
+out, as a byte that is wrong may be a digit. A chunk of 60 kB can hold gigabytes of zeros: none is expanded beyond what
+it states, nor beyond what fits.
 """
 
 import io
@@ -12,11 +13,12 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
-from armdyn.bytes_in import PIECE
 from armdyn.errors import InputError
 from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
 
 CUT = "is cut off, its recording did not end properly"
+BLOCK = 2**17
+"""Bytes that zstd compresses at a time."""
 HEAD = 1 + 8 + 28
 """Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
 
@@ -27,18 +29,26 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
     Args:
         data: of the file.
         problems: gets a sentence for everything that is lost.
+
+    Raises:
+        InputError: a chunk, or all of them, are too large, or a chunk holds more than it states.
     """
     from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
 
-    source, whole = io.BytesIO(data), 0
+    source, whole, number, total = io.BytesIO(data), 0, 0, 0
     reader = StreamReader(source, emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
     # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, lz4 and mcap; a user can do the same for all.
     try:
         for record in reader.records:
             if isinstance(record, Chunk):
-                content = expanded(record.data, record.compression)
+                number, total = number + 1, total + max(record.uncompressed_size, len(record.data))
+                _check_size(record, number, total)
+                content = _expanded(record.data, record.compression, record.uncompressed_size)
+                if len(content) > record.uncompressed_size:
+                    stated = record.uncompressed_size
+                    raise InputError(f"chunk {number} holds more than the {stated} bytes that it states: record again")
                 if len(content) == record.uncompressed_size and record.uncompressed_crc in (0, zlib.crc32(content)):
                     yield from _records(content)
                 else:  # which of its messages are sound nobody knows
@@ -55,31 +65,44 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
         problems.append(f"is damaged ({type(error).__name__})")
 
 
-def expanded(data: bytes, compression: str = "zstd", most: int = LARGEST_CONTENT) -> bytes:
-    """What compressed bytes hold, as far as they go.
+def _check_size(chunk: Any, number: int, total: int) -> None:
+    size = max(chunk.uncompressed_size, len(chunk.data))
+    if size > LARGEST_CHUNK:
+        raise InputError(
+            f"chunk {number} expands to {size / MIB:.0f} MiB where {LARGEST_CHUNK / MIB:.0f} MiB is the most: write it "
+            "again with smaller chunks"
+        )
+    if total > LARGEST_CONTENT:
+        raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
+
+
+def expanded(data: bytes) -> bytes:
+    """What bytes that zstd compressed hold, as far as they go.
 
     Raises:
         InputError: that is too much.
     """
-    if compression == "zstd":
-        import zstandard
+    found = _expanded(data, "zstd", LARGEST_CONTENT)
+    if len(found) > LARGEST_CONTENT:
+        raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
+    return found
 
-        opened: Any = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).decompressobj()
-    elif compression == "lz4":
-        import lz4.frame
 
-        opened = lz4.frame.LZ4FrameDecompressor()
-    else:
-        return data if not compression else b""
+def _expanded(data: bytes, compression: str, most: int) -> bytes:
+    """What bytes hold, as far as they go, of more than `most` little more."""
     found = bytearray()
     with suppress(Exception):  # each library has errors of its own
-        for at in range(0, len(data), PIECE):
-            found += opened.decompress(data[at : at + PIECE])
-            if len(found) > most:
-                break
-    if len(found) > most:
-        raise InputError(f"expands to more than {most / MIB:.0f} MiB: cut the recording")
-    return bytes(found)
+        if compression == "zstd":
+            import zstandard
+
+            opened = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(data)
+            while len(found) <= most and (piece := opened.read(BLOCK)):
+                found += piece
+        elif compression == "lz4":
+            import lz4.frame
+
+            found += lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+    return bytes(found) if compression else data
 
 
 def _of_cut_chunk(data: bytes) -> Iterator[Any]:
@@ -90,7 +113,8 @@ def _of_cut_chunk(data: bytes) -> Iterator[Any]:
         return
     size = int.from_bytes(data[HEAD : HEAD + 4], "little")
     start = HEAD + 4 + size
-    yield from _records(expanded(data[start + 8 :], data[HEAD + 4 : start].decode(errors="replace"), LARGEST_CHUNK))
+    compression = data[HEAD + 4 : start].decode(errors="replace")
+    yield from _records(_expanded(data[start + 8 :], compression, LARGEST_CHUNK))
 
 
 def _records(content: bytes) -> Iterator[Any]:

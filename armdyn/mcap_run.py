@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armdyn.bytes_in import check_chunk_sizes, read_bytes
+from armdyn.bytes_in import read_bytes
 from armdyn.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
 from armdyn.errors import InputError, at
 from armdyn.mcap_records import sound_records
@@ -71,7 +71,6 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     """
     data = _bytes(path)
     with at(path):
-        check_chunk_sizes(data)
         content = _scan(data)
     recorded = {name: samples for name, samples in content.samples.items() if samples.time}
     warnings: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from armdyn.bytes_in import check_chunk_sizes, read_bytes
+from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
 from armdyn.mcap_records import expanded, sound_records
 from armdyn.mcap_run import SIDECAR_RECORD
@@ -235,7 +235,6 @@ def _mcap(file: Path) -> Iterator[Packet]:
     data = read_bytes(file, LARGEST_BAG)
     if file.name.endswith(ZSTD):
         data = expanded(data)
-    check_chunk_sizes(data)
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
     problems: list[str] = []
