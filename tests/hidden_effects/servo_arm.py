@@ -39,6 +39,8 @@ TURN = (4096, 16384, 65536)
 """Steps of an encoder in a turn."""
 SECONDS, RUNS = 20.0, 3
 """Of a run; runs, the last held out."""
+BEFORE = 2.0
+"""s that an arm moves before it records."""
 SLOW = 0.6
 """Of the speed of arms with torque sensors."""
 DROOP = {"position": (0.04, 0.12), "velocity": (0.1, 0.3), "torque": (0.8, 1.25)}
@@ -101,13 +103,13 @@ def generate(seed: int) -> ServoArm:
     rooms = [replace(r, speed=SLOW * r.speed, acceleration=SLOW**2 * r.acceleration) for r in plant.rooms(rng)]
     kinds = [list(KINDS)[k] for k in rng.permutation(len(KINDS))]
     paths = [KINDS[kind](rng, rooms[k % len(rooms)], SECONDS) for k, kind in enumerate(kinds[:RUNS])]
-    time = np.arange(round(SECONDS * rate)) / rate
+    time = np.arange(-round(BEFORE * rate), round(SECONDS * rate)) / rate
     ways = [tuple(part[:, :JOINTS] for part in path.at(time)) for path in paths]
     load = np.max([np.abs(inverse_dynamics(arm.arm.model, q, 0 * v, 0 * a)).max(axis=0) for q, v, a in ways], axis=0)
     strong = load > 0.3 * load.max()
     tables, true_tables, largest = {}, {}, np.zeros(JOINTS)
     sags, limited = bool(rng.random() < 0.4), bool(rng.random() < 0.4)
-    delay, saturation = rng.uniform(*DELAY), rng.uniform(*LIMIT)
+    delay, saturation = STEP * round(rng.uniform(*DELAY) / STEP), rng.uniform(*LIMIT)
     for kind, members in (("shoulder", strong), ("wrist", ~strong)):
         joints = [joint for joint, own in zip(arm.joints, members, strict=True) if own]
         peak = float(load[members].max())
@@ -206,7 +208,9 @@ def _recorded(
         states.append((q, v))
         found_q, found_v = simulate(truth, theta, (q, v), drives, h)
         q, v = found_q[-1], found_v[-1]
-    exact = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+    rows = time >= -1e-9
+    exact, told, time = np.array(states)[rows].transpose(1, 0, 2), told[rows], time[rows]
+    volts = None if volts is None else volts[rows]
     columns: dict[str, np.ndarray] = {}
     channel = {"position": "q_cmd", "velocity": "v_cmd", "torque": "tau_ff"}[law]
     for j, joint in enumerate(truth.joints):
