@@ -208,11 +208,11 @@ class Channel:
         return self.time.size
 
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
-        return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
+        return type(self), (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
         """The samples of which (n,) is true."""
-        return Channel(self.time[which], self.value[which], self.unit)
+        return type(self)(self.time[which], self.value[which], self.unit)
 
     def held(self, time: FloatArray) -> FloatArray:
         """(n,) values at (n,) times of what holds from its stamp to the next one, as a command does."""
@@ -226,6 +226,14 @@ class Channel:
         n = len(self) // group * group
         time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (self.time, self.value))
         return Channel(time, value, self.unit)
+
+
+class Reading(Channel):
+    """A torque that a drive gave by its own error: unlike a torque sensor's, it holds what smoothed positions lost.
+
+    So it is compared within the positions' band only, and not where the joint turns round: there friction steps, the
+    true motion bends sharply and the smoothed one does not.
+    """
 
 
 def check_clock(time: FloatArray) -> None:

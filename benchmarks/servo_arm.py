@@ -40,7 +40,9 @@ def off(model: ArmModel, run: Run) -> dict[str, float]:
     found = roll_outs(model, [(run, "held_out")])
     kinds = {one.kind for one in found} - {"window_5"}  # a torque pulls nothing back
     return {
-        kind: float(np.sqrt(np.mean([one.rms**2 if one.rms is not None else np.inf for one in found if one.kind == kind])))
+        kind: float(
+            np.sqrt(np.mean([one.rms**2 if one.rms is not None else np.inf for one in found if one.kind == kind]))
+        )
         for kind in kinds
     }
 
@@ -55,7 +57,14 @@ def examine(seed: int) -> hidden_table.Row:
     try:
         found = CheckedStudy.of(arm.known, training, [held_out]).repair()
     except InputError as error:
-        return row | {"refused": str(error), "missed": sorted(truth), "false": [], "pulls": {}, "roll-out": np.inf, "cpu": 0.0}
+        return row | {
+            "refused": str(error),
+            "missed": sorted(truth),
+            "false": [],
+            "pulls": {},
+            "roll-out": np.inf,
+            "cpu": 0.0,
+        }
     missed, false = judged(found, truth)
     named = found.model.named_only()
     pulls = {

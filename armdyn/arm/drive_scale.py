@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 
 from armdyn.arm.arm import Arm
@@ -35,8 +36,9 @@ THINNED = 4
 """Of these, of which one is kept: at this rate the low-pass leaves independent samples."""
 CERTAIN = 0.9
 """Expected sign of a velocity from which its friction is known; below, samples are left out."""
-DELAYS = np.arange(-0.0025, 0.0651, 0.0025)
-"""s that are tried, the first no delay but its neighbour; what is left is quadratic around the best of them."""
+DELAYS, NEXT, SHARP = np.arange(0.0, 0.0651, 0.0025), 0.0025, 5e-5
+"""s that are tried, how far apart they are, and how closely the best of them is looked at: a millisecond of delay looks like as much inertia of
+a rotor, times the gain, where a drive is told a velocity, and as much friction where it is told a position."""
 DETERMINED = 0.1
 """Relative standard deviation of 1/k below which recordings say it. On recordings of an SO-101 joints that gravity loads
 have 1 to 4 %, those that it does not 30 % and more."""
@@ -67,8 +69,8 @@ class _Rows:
         X: (n, 11) columns of the physics: load, v, a, sign, load friction, offset, friction near standstill, carried.
         y: (n,) errors.
         part: (n,) int, the stretch of the recordings that each sample is of.
-        noise: standard deviation of what its own values leave, gain and carried mass among them, as if samples were
-            independent.
+        left: mean square that its own values leave, gain and carried mass among them; 0 where it says nothing.
+        noise: its root, as if samples were independent.
         alone: 1/k and its variance by the joint alone, whatever is carried.
     """
 
@@ -76,6 +78,7 @@ class _Rows:
     X: np.ndarray
     y: np.ndarray
     part: np.ndarray
+    left: float
     noise: float
     alone: tuple[float, float]
 
@@ -111,9 +114,7 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
     return found
 
 
-def _timed(
-    name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]
-) -> tuple[float, list[_Rows]]:
+def _timed(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> tuple[float, list[_Rows]]:
     """A kind's delay, and what its joints say at it."""
 
     def at(delay: float) -> list[_Rows]:
@@ -121,15 +122,17 @@ def _timed(
 
     if servo.delay is not None:
         return servo.delay, [row for row in at(servo.delay) if row.noise > 0.0]
-    each = np.array([[row.noise**2 for row in at(float(delay))] for delay in DELAYS])
-    each = each[:, np.all(each > 0.0, axis=0)]
-    best, delay = int(np.argmin(np.log(each).sum(axis=1))), 0.0
-    delay = float(DELAYS[best])
-    if 0 < best < len(DELAYS) - 1:
-        before, after = (each[best + i] / each[best] - 1.0 for i in (-1, 1))
-        bend = float(np.sum(before + after))
-        delay += 0.5 * float(np.sum(before - after)) / max(bend, 1e-12) * float(DELAYS[1] - DELAYS[0])
-    delay = max(delay, 0.0)
+
+    def worth(delay: float) -> float:
+        return float(sum(np.log(row.left) for row in at(delay) if row.left > 0.0))
+
+    best = float(DELAYS[int(np.argmin([worth(float(delay)) for delay in DELAYS]))])
+    # Frictions and inertias that may not be negative give it a kink: no parabola.
+    delay = float(
+        minimize_scalar(
+            worth, bounds=(max(best - NEXT, 0.0), best + NEXT), method="bounded", options={"xatol": SHARP}
+        ).x
+    )
     return delay, [row for row in at(delay) if row.noise > 0.0]
 
 
@@ -137,15 +140,16 @@ NOT_NEGATIVE = (True, True, True, True, True, False, True, False, False, False, 
 """Columns whose factors are not."""
 
 
-def _alone(X: np.ndarray, y: np.ndarray) -> tuple[float, tuple[float, float]]:
-    """Noise that a joint's own values leave, and its 1/k with the variance; no noise where it says nothing."""
+def _alone(X: np.ndarray, y: np.ndarray) -> tuple[float, float, tuple[float, float]]:
+    """What a joint's own values leave, its noise, and its 1/k with the variance; see `_Rows`."""
     if len(y) <= X.shape[1] or not np.any(y):
-        return 0.0, (0.0, np.inf)
+        return 0.0, 0.0, (0.0, np.inf)
     A = X.T @ X
     solution = _least(A, X.T @ y, NOT_NEGATIVE)
     left = y - X @ solution.x
+    square = float(np.mean(np.abs(left)) ** 2)
     noise = float(np.sqrt(np.mean(left**2) * _correlated(left)))
-    return noise, (float(solution.x[0]), float(_variance(A, solution.held == 0)[0]) * noise**2)
+    return square, noise, (float(solution.x[0]), float(_variance(A, solution.held == 0)[0]) * noise**2)
 
 
 def _least(A: np.ndarray, b: np.ndarray, positive: Sequence[bool]) -> BoundedSolution:
@@ -176,7 +180,9 @@ def _weighed(rows: Sequence[_Rows], asked: Mapping[str, Known | None]) -> dict[s
     carried = told[0][0] > WORTH * told[1][0]
     whole, values = _Weighing(rows, asked, carried=carried, left_out=None), np.array([w.c for w in told[carried][1]])
     differ = (len(parts) - 1) * np.var(values, axis=0)
-    return {k: (c, float(np.hypot(std, np.sqrt(d)))) for k, c, std, d in zip(asked, whole.c, whole.std, differ, strict=True)}
+    return {
+        k: (c, float(np.hypot(std, np.sqrt(d)))) for k, c, std, d in zip(asked, whole.c, whole.std, differ, strict=True)
+    }
 
 
 class _Weighing:
@@ -263,7 +269,7 @@ def _read(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, de
             continue
         time, columns, known = _columns(run, arm, joint)
         share, scale = servo.gate(run, joint, time)
-        reading = share * scale * error(run, arm.joints, joint, servo, delay, time)
+        reading = share * scale * error(run, arm.joints, joint, servo, delay, time, smooth=True)
         within = (share > 0.0) & (np.abs(reading) < SATURATED * share * servo.saturating)
         used = known & (_low(within.astype(float)) > 0.95)
         X.append(columns[used][::THINNED])

@@ -245,7 +245,9 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
                 servo = next(s for s in truth.drives.values() if joint in s.joints)
                 assert servo.gain is not None
                 angular = 2.0 * np.pi * BAND
-                own = {"position": 1.0, "velocity": angular, "torque": 0.0}[law] * (servo.gain.value if law != "torque" else 0.0)
+                own = {"position": 1.0, "velocity": angular, "torque": 0.0}[law] * (
+                    servo.gain.value if law != "torque" else 0.0
+                )
                 noise = encoder / np.sqrt(12.0) * float(np.hypot(own, inertia[j] * angular**2))
                 use = moving[:, j]
                 column = {n: slopes[use, j, whole.names.index(n)] / noise for n in whole.names}
@@ -261,7 +263,8 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
                 ]  # fmt: skip
                 places = [rest] + [rest + r for r in rivals if 0 < len(r) <= len(names)]
                 nats[effect.name, joint] = min(
-                    0.5 * _left_by([np.column_stack([column[n] for n in place])] if place else [], missing) for place in places
+                    0.5 * _left_by([np.column_stack([column[n] for n in place])] if place else [], missing)
+                    for place in places
                 )
         if not nats:
             return kept
