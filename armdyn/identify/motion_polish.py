@@ -20,11 +20,11 @@ from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 from armdyn.units import Known
 
-LENGTHS = (2.0, np.inf)
-"""s of the windows, in turn."""
-ROUNDS = 8
+LENGTHS, OPEN = (2.0, np.inf), (0.5,)
+"""s of the windows, in turn; of drives that are told no position, whose motion nothing pulls back."""
+ROUNDS = 20
 """Steps with windows of one length, at most."""
-ENOUGH = 0.01
+ENOUGH = 1e-4
 """Share of the squared error that a step must gain for another one."""
 DIFFERENCE = 0.02
 """Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
@@ -32,6 +32,10 @@ TYPICAL = {"gain": 0.1, "delay": 0.005}
 """Log of a gain's ratio, and s."""
 LATEST = 0.2
 """s; delays of drives that are told of are well below."""
+FORGETS = 1.0
+"""s after which a servo has forgotten the state in which a window began, which is known as well as a velocity is."""
+STRETCH = 2.0
+"""s of a recording that are taken to know nothing of the next: far longer than a servo takes to forget."""
 ROBUST = 0.5
 """Errors beyond so many times the median count as their size, not their square: after a hit or a wrong turn of
 friction a whole recording goes another way."""
@@ -68,13 +72,14 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
         runs: for training.
         given: the drives as the user declared them, whose stated gains are priors; the model's if None.
     """
-    usable = [run for run in runs if can_roll_out(model, run) and closed(model, run)]
+    usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
         return model
+    lengths = LENGTHS if all(closed(model, run) for run in usable) else OPEN
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
-    for length in LENGTHS:
+    for length in lengths:
         values, spread = _Descent(model, usable, unknowns, length).down(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
@@ -142,6 +147,13 @@ class _Descent:
         self._model, self._unknowns = model, unknowns
         self._windows = [w for run in runs for w in windows(run, model.arm.joints, length)]
         self._groups = _apart(unknowns)
+        self._used = [w.time >= w.begin + (FORGETS if length >= 2.0 * FORGETS else 0.0) for w in self._windows]
+        times = [w.time[used] - w.begin for w, used in zip(self._windows, self._used, strict=True)]
+        begun = np.cumsum([0, *(len(t) for t in times)])
+        parts = [
+            np.flatnonzero(np.diff(t // STRETCH, prepend=-1.0)) + i for t, i in zip(times, begun[:-1], strict=True)
+        ]
+        self._stretches = np.concatenate(parts)
 
     def _errors(self, values: np.ndarray) -> np.ndarray:
         """(N, nj)."""
@@ -149,34 +161,39 @@ class _Descent:
         servos = [servo_of(model, joint) for joint in model.arm.joints]
         theta = model.theta()
         with np.errstate(all="ignore"):
-            parts = [rolled(model, theta, window, servos) - window.q for window in self._windows]
+            parts = [
+                (rolled(model, theta, window, servos) - window.q)[used]
+                for window, used in zip(self._windows, self._used, strict=True)
+            ]
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(u,) values where the error is least, and their standard deviations, 0 on a bound.
 
-        These are the sandwich's, of errors that stay alike over as many samples as they do (White, Econometrica 50,
-        1982).
+        How large errors are is known where they end: each step is weighed by what the last one left. Deviations are the
+        sandwich's, of stretches of the recordings that know nothing of each other (Liang & Zeger, Biometrika 73, 1986).
         """
         errors, damping = self._errors(values), 1e-3
-        size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
         typical = np.array([u.typical for u in self._unknowns])
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        independent = len(errors) / max(np.sum(_correlation(errors / size)), 1.0)
-        weight = 1.0 / spread**2 / max(independent, 1.0)
-
-        def cost(e: np.ndarray, at: np.ndarray) -> float:
-            scaled = e / size
-            return float(np.mean(2.0 * (np.sqrt(1.0 + scaled**2) - 1.0), axis=0).sum() + weight @ (at - mean) ** 2)
-
-        now = cost(errors, values)
         for _ in range(ROUNDS):
+            size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
+            independent = len(errors) / max(np.sum(_correlation(errors / size)), 1.0)
+            weight = 1.0 / spread**2 / max(independent, 1.0)
+
+            def cost(
+                e: np.ndarray, at: np.ndarray, size: np.ndarray = size, weight: np.ndarray = weight
+            ) -> float:
+                scaled = e / size
+                return float(np.mean(2.0 * (np.sqrt(1.0 + scaled**2) - 1.0), axis=0).sum() + weight @ (at - mean) ** 2)
+
+            now = before = cost(errors, values)
             slopes = self._slopes(values, errors, typical)
             share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
             H = np.einsum("unj,nj,vnj->uv", slopes, share, slopes) + np.diag(weight)
             g = -np.einsum("unj,nj->u", slopes, share * errors) - weight * (values - mean)
-            before = now
+            pulls = np.einsum("unj,nj->un", slopes, share * errors)
             for _ in range(6):
                 A = H + np.diag(damping * np.diag(H) + 1e-12 / typical**2)
                 step = solve_bounded(A, g, lower - values, upper - values).x
@@ -188,13 +205,12 @@ class _Descent:
                 damping *= 8.0
             if now > (1.0 - ENOUGH) * before:
                 break
-        pulls = slopes * share * errors
-        middle = np.einsum("unj,vnj->uv", pulls, pulls) * len(errors) / max(independent, 1.0)
         free = (values > lower) & (values < upper)
+        sums = np.add.reduceat(pulls, self._stretches, axis=1)[free] * typical[free, None]
+        count = sums.shape[1]
         inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
         spread = np.zeros(len(values))
-        middle = middle[np.ix_(free, free)] * np.outer(typical[free], typical[free])
-        spread[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
+        spread[free] = np.sqrt(np.diag(inverse @ (sums @ sums.T) @ inverse) * count / max(count - 1, 1)) * typical[free]
         return values, spread
 
     def _slopes(self, values: np.ndarray, errors: np.ndarray, typical: np.ndarray) -> np.ndarray:

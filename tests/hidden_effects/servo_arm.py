@@ -196,7 +196,9 @@ def _recorded(
             told[k] = pin.rnea(model, data, q, v, wanted) / gain
         act = np.clip(np.floor((k * each + np.arange(each)) / each - delay / (h * each) + 1e-9).astype(int), 0, k)
         command = told[act]
-        share = np.full((each, JOINTS), 1.0 if volts is None else volts[k] / 12.0)
+        share = np.ones((each, JOINTS))
+        if volts is not None:
+            share *= np.interp(time[k] + h * (np.arange(each) + 0.5), time, volts)[:, None] / 12.0
         most = np.tile(limit, (each, 1))
         if law == "torque":
             given = share * np.clip(gain * command, -most, most)
