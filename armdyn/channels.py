@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -208,11 +208,11 @@ class Channel:
         return self.time.size
 
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
-        return type(self), (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
+        return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
         """The samples of which (n,) is true."""
-        return type(self)(self.time[which], self.value[which], self.unit)
+        return Channel(self.time[which], self.value[which], self.unit)
 
     def held(self, time: FloatArray) -> FloatArray:
         """(n,) values at (n,) times of what holds from its stamp to the next one, as a command does."""
@@ -228,12 +228,24 @@ class Channel:
         return Channel(time, value, self.unit)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Reading(Channel):
     """A torque that a drive gave by its own error: unlike a torque sensor's, it holds what smoothed positions lost.
 
-    So it is compared within the positions' band only, and not where the joint turns round: there friction steps, the
-    true motion bends sharply and the smoothed one does not.
+    So it is compared within the positions' band only, with the noise that differentiated positions bring.
+
+    Attributes:
+        off: standard deviation by which the whole of it may be off, as the drive's gain and delay are known, in `unit`.
     """
+
+    off: float = 0.0
+
+    def __reduce__(self) -> tuple[type["Reading"], tuple[FloatArray, FloatArray, str, float]]:
+        return Reading, (self.time, self.value, self.unit, self.off)
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
+        """See `Channel.kept`."""
+        return replace(self, time=self.time[which], value=self.value[which])
 
 
 def check_clock(time: FloatArray) -> None:

@@ -192,7 +192,8 @@ def prepare(
         sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in)))
         if isinstance(raw, Reading):
-            noise[name] = max(noise[name], _unexplained(low.curve(physics[known])(time), channels[name].value))
+            left = _unexplained(low.curve(physics[known])(time), channels[name].value)
+            noise[name] = float(np.hypot(max(noise[name], left), raw.off))
         preparations[name] = Preparation(
             cutoff=cutoff,
             position_cutoff=motion.joints[j].choice.cutoff,
