@@ -23,9 +23,9 @@ from armdyn.units import Known
 
 LENGTHS, OPEN = (2.0, np.inf), (0.5,)
 """s of the windows, in turn; of drives that are told no position, whose motion nothing pulls back."""
-ROUNDS = 20
+ROUNDS = 12
 """Steps with windows of one length, at most."""
-ENOUGH = 1e-4
+ENOUGH = 5e-4
 """Share of the squared error that a step must gain for another one."""
 DIFFERENCE = 0.02
 """Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
@@ -99,7 +99,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
         mean, spread = (0.0, np.inf) if p.prior is None else (p.prior.mean, p.prior.std)
         if name in held and model.background is not None:
-            mean, spread = p.null, max(model.background.width, 1e-6) * p.typical
+            mean, spread = p.value, max(model.background.width, 1e-6) * p.typical
         found.append(_Unknown(name, "parameter", joints, p.typical, p.lower, p.upper, (mean, spread)))
     for name, servo in model.drives.items():
         joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
