@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -240,7 +240,7 @@ class Reading(Channel):
 
     off: float = 0.0
 
-    def __reduce__(self) -> tuple[type["Reading"], tuple[FloatArray, FloatArray, str, float]]:
+    def __reduce__(self) -> Any:
         return Reading, (self.time, self.value, self.unit, self.off)
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":

@@ -3,8 +3,8 @@
     python benchmarks/servo_arm.py --first-seed 0 --robots 40
 
 Recordings come from `tests/hidden_effects/servo_arm.py`: five joints of four robots of example-robot-data, drives that
-are told positions (half), velocities or torques, with a delay that nobody knows, a gain that nobody knows for those that
-carry most, encoders of 4096 to 65536 steps, supplies that sag and drives that saturate; one to five effects on all
+are told positions (half), velocities or torques, with a delay that nobody knows, a gain that nobody knows for those
+that carry most, encoders of 4096 to 65536 steps, supplies that sag and drives that saturate; one to five effects on all
 joints. Two runs of 20 s are fitted, one of another kind of motion is held out. The whole catalogue is tried. Nothing is
 hidden that the motion does not show. What is counted:
 
@@ -79,8 +79,6 @@ def examine(seed: int) -> hidden_table.Row:
     own, best = off(found.model, held_out), off(arm.truth, held_out)
     return row | {
         "missed": sorted(missed), "false": sorted(false), "pulls": pulls,
-        "values": {n: [named.value(n), p.value, named.parameters[n].std] for n, p in arm.truth.parameters.items() if n in named.names},
-        "drives": {k: [(s.gain.value, s.gain.std, s.delay) for s in (found.model.drives[k], arm.truth.drives[k])] for k in arm.truth.drives},
         "own": own, "best": best, "roll-out": max(own[kind] / best[kind] for kind in best),
         "path": [(s.added, s.joints, s.tied_with) for s in found.path], "verdict": found.verdict.key,
         "cpu": time.process_time() - begun,

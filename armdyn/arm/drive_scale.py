@@ -4,10 +4,10 @@ A servo's error e stands on the left and the physics on the right, both low-pass
 
     e(t - d) = c [T(q, v, a) + P(q, v, a) m] + D v + I a + (F + mu |T| + S exp(-(v/v_s)^2)) sign(v) + b,      c = 1/k,
 
-with mass and first moments m of what the last link may carry, that every joint feels through its regressor P; linear but
-for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a kind of drives
-is the one that leaves least of all its joints together, whatever each alone says of c and m. The error is what is noisy:
-on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how large c is:
+with mass and first moments m of what the last link may carry, that every joint feels through its regressor P; linear
+but for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a kind of
+drives is the one that leaves least of all its joints together, whatever each alone says of c and m. The error is what
+is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how large c is:
 where the motion of a joint does not show it, joints with the same drive say it.
 """
 
@@ -37,16 +37,17 @@ THINNED = 4
 CERTAIN = 0.9
 """Expected sign of a velocity from which its friction is known; below, samples are left out."""
 DELAYS, NEXT, SHARP = np.arange(0.0, 0.0651, 0.0025), 0.0025, 5e-5
-"""s that are tried, how far apart they are, and how closely the best of them is looked at: a millisecond of delay looks like as much inertia of
-a rotor, times the gain, where a drive is told a velocity, and as much friction where it is told a position."""
+"""s that are tried, how far apart they are, and how closely the best of them is looked at: a millisecond of delay
+looks like as much inertia of a rotor, times the gain, where a drive is told a velocity, and as much friction where it
+is told a position."""
 DETERMINED = 0.1
-"""Relative standard deviation of 1/k below which recordings say it. On recordings of an SO-101 joints that gravity loads
-have 1 to 4 %, those that it does not 30 % and more."""
+"""Relative standard deviation of 1/k below which recordings say it. On recordings of an SO-101 joints that gravity
+loads have 1 to 4 %, those that it does not 30 % and more."""
 SATURATED = 0.95
 """Of the limit; beyond it a reading says nothing of the gain."""
 WORSE = 3.0
-"""Factor by which frictions that no column holds make deviations worse than what is left says: thighs of a Go2 were 28 %
-off at a stated 2 to 3 %, and with it an SO-101 keeps the gain that its registers say, unless other joints tell more."""
+"""Factor by which frictions that no column holds make deviations worse than what is left says: thighs of a Go2 were
+28 % off at a stated 2 to 3 %, and with it an SO-101 keeps the gain that its registers say, unless other joints tell more."""
 LOAD, CARRIED = 4, slice(7, 11)
 """Columns of the friction that grows with the load, and of what the last link carries."""
 USUAL_LOSS = 0.1

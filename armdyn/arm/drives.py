@@ -246,12 +246,12 @@ def error(
         at = [np.interp(t, q.time, q.value) for t in (edges[:-1], time, edges[1:])]
         return told - 0.25 * (at[0] + 2.0 * at[1] + at[2])
     if servo.law in ("position", "velocity"):
-        path, inside = measured_motion(run, joints), lambda t: np.clip(t, path.start, path.end)
-        curve = path.joints[joints.index(joint)].curve
+        motion = measured_motion(run, joints)
+        curve = motion.joints[joints.index(joint)].curve
+        ends, inner = (curve(np.clip(t, motion.start, motion.end), 0)[:, 0] for t in (edges, time))
         if servo.law == "velocity":
-            return told - np.diff(curve(inside(edges), 0)[:, 0]) / np.diff(edges)
-        at = [curve(inside(t), 0)[:, 0] for t in (edges[:-1], time, edges[1:])]
-        return told - (at[0] + 4.0 * at[1] + at[2]) / 6.0  # Simpson's rule
+            return told - np.diff(ends) / np.diff(edges)
+        return told - (ends[:-1] + 4.0 * inner + ends[1:]) / 6.0  # Simpson's rule
     return told
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erf
 
-from armdyn.channels import Channel, Reading
+from armdyn.channels import Channel
 from armdyn.errors import InputError
 from armdyn.kept import kept_alongside
 from armdyn.run import Run
@@ -16,8 +16,6 @@ SHARPEST = 1e-3
 """Of a joint's speed: the least noise that its velocity is taken to have."""
 CERTAIN = 0.99
 """Expected sign of a velocity from which its sign is known."""
-TURNING = 0.0
-"""Periods of the positions' cut-off before and after a joint turns round, in which what a drive read is left out."""
 STANDING = 0.5
 """Share of the time during which a joint must surely move for its rests to be left out."""
 CREEP = 1e-3
@@ -59,7 +57,6 @@ class JointCurve:
         stands: whether it hardly does anything but rest, so that rests are all that it shows.
         turns: (k,) s, where its smoothed velocity changes sign.
         moves: (k + 1,) bool, whether between two turns it is seen to move: smoothed positions swing after a quick stop.
-        blunt: s before and after each of them, in which its direction counts as unknown.
     """
 
     curve: Curve
@@ -70,19 +67,13 @@ class JointCurve:
     stands: bool
     turns: np.ndarray
     moves: np.ndarray
-    blunt: float = 0.0
 
     def direction(self, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(n,) expected sign of (n,) velocities at (n,) times; if unknown, none where the joint mostly stands.
 
         What a joint at rest is held by is no friction that a motion shows.
         """
-        after = np.searchsorted(self.turns, time)
-        expected = expected_sign(velocity, self.speed_noise) * self.moves[after]
-        if self.blunt:
-            turns = np.concatenate([[-np.inf], self.turns, [np.inf]])
-            beside = np.minimum(time - turns[after], turns[after + 1] - time) < self.blunt
-            expected = np.where(beside, np.clip(expected, -0.5, 0.5), expected)
+        expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
         return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
 
 
@@ -146,9 +137,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
                 "record longer"
             )
         start, end = max(start, float(q.time[0])), min(end, float(q.time[-1]))
-        curve = _joint_curve(q, run.channels.get(f"v.{name}"), run.channels.get(f"a.{name}"))
-        reads = isinstance(run.channels.get(f"tau.{name}"), Reading)
-        curves.append(replace(curve, blunt=TURNING / curve.choice.cutoff) if reads else curve)
+        curves.append(_joint_curve(q, run.channels.get(f"v.{name}"), run.channels.get(f"a.{name}")))
     if not start < end:
         raise InputError(
             f"{run.source or run.name}: the joints' positions were recorded at different times: record again"

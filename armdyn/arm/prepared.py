@@ -243,8 +243,10 @@ FADING = (0.05, 0.15)
 
 
 def _physics(model: pin.Model, motion: MeasuredMotion, joint: int, stamps: np.ndarray) -> np.ndarray:
-    """(n, 15) what any physics may make a joint read: its load, what the last link carries, its own inertia, springs and
-    frictions of every kind."""
+    """(n, 15) what any physics may make a joint read.
+
+    These are its load, what the last link carries, its own inertia, springs and frictions of every kind.
+    """
     at = motion.at(stamps)
     load = inverse_dynamics(model, at.q, at.v, at.a)[:, joint]
     carried = torque_regressor(model, at)[:, joint, -1, :4]

@@ -20,6 +20,7 @@ from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.arm.simulator import Drives, simulate
 from armdyn.effects.catalogue import CATALOGUE
+from armdyn.errors import InputError
 from armdyn.run import Run
 from urdf import known_robots
 from urdf.find import distribution_file
@@ -95,7 +96,10 @@ def _described(robot: str) -> tuple[Plant, ArmModel]:
 
 
 def generate(seed: int) -> ServoArm:
-    """One arm; kinds of robots and laws follow the seed in turn."""
+    """One arm; kinds of robots and laws follow the seed in turn.
+
+    Where nothing shows what is hidden, or a loop does not keep its arm on its path, another one is drawn.
+    """
     rng = np.random.default_rng([seed, 43])
     robot, law = ROBOTS[seed % len(ROBOTS)], LAWS[seed // len(ROBOTS) % len(LAWS)]
     plant, arm = _described(robot)
@@ -129,12 +133,16 @@ def generate(seed: int) -> ServoArm:
     records = []
     for k, way in enumerate(ways):
         volts = 12.0 * (1.0 - SAG * np.abs(np.sin(2 * np.pi * time / rng.uniform(3.0, 9.0)))) if sags else None
-        named = dict(law=law, time=time, way=way, delay=delay, volts=volts, encoder=encoder, name=f"run {k}")
-        records.append(partial(_recorded, **named))
-    truth = _showing(truth, [record(truth)[1] for record in records[:-1]], law, encoder)
-    if len(truth.effects) == 0:
+        records.append(
+            partial(_recorded, law=law, time=time, way=way, delay=delay, volts=volts, encoder=encoder, name=f"run {k}")
+        )
+    try:
+        truth = _showing(truth, [record(truth)[1] for record in records[:-1]], law, encoder)
+        runs = [record(truth)[0] for record in records]
+    except InputError:  # carried off
+        truth = truth.with_only(())
+    if not truth.effects:
         return generate(seed + 1_000_000)
-    runs = [record(truth)[0] for record in records]
     return ServoArm(seed, robot, law, arm.with_drives(tables), truth, tuple(runs))
 
 
@@ -235,7 +243,7 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
     thin = max(1, round(1.0 / (THINNED * (motion.time[1] - motion.time[0]))))
     motion = Motion(*(getattr(motion, k)[::thin] for k in ("time", "q", "v", "a", "direction")))
     whole = truth.with_candidates(CATALOGUE[name] for name in (*EFFECTS, "joint_asymmetric_friction"))
-    reading, slopes = whole.at_states(Stretch(truth.arm.model, motion, motion.time))
+    _, slopes = whole.at_states(Stretch(truth.arm.model, motion, motion.time))
     inertia = np.diag(pin.crba(truth.arm.model, truth.arm.model.createData(), motion.q.mean(axis=0)))
     moving = np.abs(motion.v) > STILL
     kept = truth
@@ -259,10 +267,9 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
                     missing = column[first] * kept.value(first)
                 else:
                     missing = sum(column[n] * kept.value(n) for n in names)
-                rivals = [
-                    [n for n in whole.names if n.startswith(f"{other}.") and joint in n]
-                    for other in EFFECTS if other not in {e.name for e in kept.effects if joint in kept.joints_with(e.name)}
-                ]  # fmt: skip
+                there = {e.name for e in kept.effects if joint in kept.joints_with(e.name)}
+                others = [other for other in EFFECTS if other not in there]
+                rivals = [[n for n in whole.names if n.startswith(f"{o}.") and joint in n] for o in others]
                 places = [rest] + [rest + r for r in rivals if 0 < len(r) <= len(names)]
                 nats[effect.name, joint] = min(
                     0.5 * _left_by([np.column_stack([column[n] for n in place])] if place else [], missing)
