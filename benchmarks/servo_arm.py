@@ -28,6 +28,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import roll_outs
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
+from armdyn.inspection.check import WrongRecordingError
 from armdyn.run import Run
 
 generated = hidden_table.generator("servo_arm")
@@ -56,7 +57,7 @@ def examine(seed: int) -> hidden_table.Row:
     row = {"seed": seed, "robot": Path(arm.robot).stem, "law": arm.law, "hidden": len(truth)}
     try:
         found = CheckedStudy.of(arm.known, training, [held_out]).repair()
-    except InputError as error:
+    except (InputError, WrongRecordingError) as error:
         return row | {
             "refused": str(error),
             "missed": sorted(truth),

@@ -7,8 +7,8 @@ A servo's error e stands on the left and the physics on the right, both low-pass
 with mass and first moments m of what the last link may carry, that every joint feels through its regressor P; linear
 but for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a kind of
 drives is the one that leaves least of all its joints together, whatever each alone says of c and m. The error is what
-is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how large c is:
-where the motion of a joint does not show it, joints with the same drive say it.
+is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how
+large c is: where the motion of a joint does not show it, joints with the same drive say it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ SATURATED = 0.95
 """Of the limit; beyond it a reading says nothing of the gain."""
 WORSE = 3.0
 """Factor by which frictions that no column holds make deviations worse than what is left says: thighs of a Go2 were
-28 % off at a stated 2 to 3 %, and with it an SO-101 keeps the gain that its registers say, unless other joints tell more."""
+28 % off at a stated 2 to 3 %, and with it the gain that is stated of an SO-101 hardly moves."""
 LOAD, CARRIED = 4, slice(7, 11)
 """Columns of the friction that grows with the load, and of what the last link carries."""
 USUAL_LOSS = 0.1
