@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -226,6 +226,26 @@ class Channel:
         n = len(self) // group * group
         time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (self.time, self.value))
         return Channel(time, value, self.unit)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(Channel):
+    """A torque that a drive gave by its own error: unlike a torque sensor's, it holds what smoothed positions lost.
+
+    So it is compared within the positions' band only, with the noise that differentiated positions bring.
+
+    Attributes:
+        off: standard deviation by which the whole of it may be off, as the drive's gain and delay are known, in `unit`.
+    """
+
+    off: float = 0.0
+
+    def __reduce__(self) -> Any:
+        return Reading, (self.time, self.value, self.unit, self.off)
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
+        """See `Channel.kept`."""
+        return replace(self, time=self.time[which], value=self.value[which])
 
 
 def check_clock(time: FloatArray) -> None:

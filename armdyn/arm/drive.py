@@ -77,12 +77,14 @@ class Torque(NamedTuple):
         stamps: (n,) s.
         values: (n,) N m or N.
         spectrum: (f,) S_q at frequencies.
+        physics: (n, k) what any physics may make of it; (0, 0) of a measured torque.
     """
 
     joint: int
     stamps: np.ndarray
     values: np.ndarray
     spectrum: np.ndarray
+    physics: np.ndarray
 
 
 class Recorded(NamedTuple):

@@ -77,7 +77,7 @@ class ArmModel(Model):
     def following(self, runs: Sequence[Run]) -> Self:
         """See `Model.following`: joints of the URDF that it leaves out and that move, and drives not known yet."""
         arm = following(self.arm, runs)
-        drives = {name: settled(servo, arm, runs, name) for name, servo in self.drives.items()}
+        drives = settled(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
             return self
         return replace(self, arm=arm, drives=MappingProxyType(drives))

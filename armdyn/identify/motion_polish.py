@@ -15,16 +15,17 @@ import numpy as np
 
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
+from armdyn.arm.motion import measured_motion
 from armdyn.arm.rollout import can_roll_out, closed, rolled, servo_of, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 from armdyn.units import Known
 
-LENGTHS = (2.0, np.inf)
-"""s of the windows, in turn."""
-ROUNDS = 8
+LENGTHS, OPEN = (2.0, np.inf), (0.5,)
+"""s of the windows, in turn; of drives that are told no position, whose motion nothing pulls back."""
+ROUNDS = 12
 """Steps with windows of one length, at most."""
-ENOUGH = 0.01
+ENOUGH = 5e-4
 """Share of the squared error that a step must gain for another one."""
 DIFFERENCE = 0.02
 """Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
@@ -32,6 +33,12 @@ TYPICAL = {"gain": 0.1, "delay": 0.005}
 """Log of a gain's ratio, and s."""
 LATEST = 0.2
 """s; delays of drives that are told of are well below."""
+STARTS = 3.0
+"""Times the noise of smoothed positions and velocities, by which a window may begin elsewhere."""
+BEGUN = (1e-3, 1e-2)
+"""rad or m and per s, by which a window's start is changed to see its slope."""
+STRETCH = 2.0
+"""s of a recording that are taken to know nothing of the next: far longer than a servo takes to forget."""
 ROBUST = 0.5
 """Errors beyond so many times the median count as their size, not their square: after a hit or a wrong turn of
 friction a whole recording goes another way."""
@@ -68,13 +75,14 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
         runs: for training.
         given: the drives as the user declared them, whose stated gains are priors; the model's if None.
     """
-    usable = [run for run in runs if can_roll_out(model, run) and closed(model, run)]
+    usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
         return model
+    lengths = LENGTHS if all(closed(model, run) for run in usable) else OPEN
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
-    for length in LENGTHS:
+    for length in lengths:
         values, spread = _Descent(model, usable, unknowns, length).down(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
@@ -91,7 +99,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
         mean, spread = (0.0, np.inf) if p.prior is None else (p.prior.mean, p.prior.std)
         if name in held and model.background is not None:
-            mean, spread = p.null, max(model.background.width, 1e-6) * p.typical
+            mean, spread = p.value, max(model.background.width, 1e-6) * p.typical
         found.append(_Unknown(name, "parameter", joints, p.typical, p.lower, p.upper, (mean, spread)))
     for name, servo in model.drives.items():
         joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
@@ -136,80 +144,137 @@ def _agreed(read: Known, moved: float) -> Known:
 
 
 class _Descent:
-    """Levenberg's damped steps with windows of one length; errors of joints are weighed by what is left at first."""
+    """Levenberg's damped steps with windows of one length, each begun in a state that is fitted as well.
+
+    Args:
+        model: the arm.
+        runs: for training.
+        unknowns: what moves.
+        length: s, of the windows.
+    """
 
     def __init__(self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float) -> None:
         self._model, self._unknowns = model, unknowns
-        self._windows = [w for run in runs for w in windows(run, model.arm.joints, length)]
+        joints = model.arm.joints
+        self._windows = [w for run in runs for w in windows(run, joints, length)]
         self._groups = _apart(unknowns)
+        ends = np.cumsum([len(w.time) for w in self._windows]).tolist()
+        self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
+        curves = [measured_motion(w.run, joints).joints for w in self._windows]
+        noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
+        self._known = np.maximum(STARTS * np.array(noise), 1e-9)
 
-    def _errors(self, values: np.ndarray) -> np.ndarray:
-        """(N, nj)."""
+    def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """(N, nj) at (u,) values and (w, 2 nj) states, beside the measured ones, in which windows begin."""
         model = _with(self._model, self._unknowns, values)
         servos = [servo_of(model, joint) for joint in model.arm.joints]
-        theta = model.theta()
+        theta, n = model.theta(), len(servos)
+        begun = [
+            replace(w, start=(w.start[0] + s[:n], w.start[1] + s[n:]))
+            for w, s in zip(self._windows, starts, strict=True)
+        ]
         with np.errstate(all="ignore"):
-            parts = [rolled(model, theta, window, servos) - window.q for window in self._windows]
+            parts = [rolled(model, theta, window, servos) - window.q for window in begun]
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(u,) values where the error is least, and their standard deviations, 0 on a bound.
 
-        These are the sandwich's, of errors that stay alike over as many samples as they do (White, Econometrica 50,
-        1982).
+        How large errors are is known where they end: each step is weighed by what the last one left. Deviations are the
+        sandwich's, of stretches of the recordings that know nothing of each other (Liang & Zeger, Biometrika 73, 1986).
         """
-        errors, damping = self._errors(values), 1e-3
-        size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
-        typical = np.array([u.typical for u in self._unknowns])
+        starts = np.zeros_like(self._known)
+        errors, damping = self._errors(values, starts), 1e-6
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
+        typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        independent = len(errors) / max(np.sum(_correlation(errors / size)), 1.0)
-        weight = 1.0 / spread**2 / max(independent, 1.0)
-
-        def cost(e: np.ndarray, at: np.ndarray) -> float:
-            scaled = e / size
-            return float(np.mean(2.0 * (np.sqrt(1.0 + scaled**2) - 1.0), axis=0).sum() + weight @ (at - mean) ** 2)
-
-        now = cost(errors, values)
         for _ in range(ROUNDS):
-            slopes = self._slopes(values, errors, typical)
+            size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
+            independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
+            weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
+
+            def cost(e: np.ndarray, at: np.ndarray, from_: np.ndarray) -> float:
+                away = np.sqrt(1.0 + (e / size) ** 2) - 1.0  # noqa: B023
+                prior = weight @ (at - mean) ** 2 + np.sum(held * from_**2)  # noqa: B023
+                return float(2.0 * np.mean(away, axis=0).sum() + prior)
+
+            now = before = cost(errors, values, starts)
+            slopes, of_starts = self._slopes(values, starts, errors, typical)
             share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
-            H = np.einsum("unj,nj,vnj->uv", slopes, share, slopes) + np.diag(weight)
-            g = -np.einsum("unj,nj->u", slopes, share * errors) - weight * (values - mean)
-            before = now
+            H, own, inner = self._eliminated(slopes, of_starts, share, held)
+            of_priors = [-np.einsum("snj,nj->s", of_starts[:, rows], (share * errors)[rows]) - held[w] * starts[w]
+                         for w, rows in enumerate(self._rows)]  # fmt: skip
+            g = weight * (mean - values) - np.einsum("unj,nj->u", slopes, share * errors)
+            g = g - sum(B @ inverse @ g_s for (inverse, B), g_s in zip(inner, of_priors, strict=True))
+            H = H + np.diag(weight)
             for _ in range(6):
                 A = H + np.diag(damping * np.diag(H) + 1e-12 / typical**2)
                 step = solve_bounded(A, g, lower - values, upper - values).x
                 tried = np.clip(values + step, lower, upper)
-                there = self._errors(tried)
-                if cost(there, tried) < now:
-                    values, errors, now, damping = tried, there, cost(there, tried), max(damping / 5.0, 1e-6)
+                moved = [inverse @ (g_s - B.T @ step) for (inverse, B), g_s in zip(inner, of_priors, strict=True)]
+                from_ = starts + np.array(moved)
+                there = self._errors(tried, from_)
+                left = cost(there, tried, from_)
+                if left < now:
+                    values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
                 damping *= 8.0
             if now > (1.0 - ENOUGH) * before:
                 break
-        pulls = slopes * share * errors
-        middle = np.einsum("unj,vnj->uv", pulls, pulls) * len(errors) / max(independent, 1.0)
-        free = (values > lower) & (values < upper)
-        inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
-        spread = np.zeros(len(values))
-        middle = middle[np.ix_(free, free)] * np.outer(typical[free], typical[free])
-        spread[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
-        return values, spread
+        curved = share / (1.0 + (errors / size) ** 2)  # a step overrates how sharp the least is
+        H, own, _ = self._eliminated(slopes, of_starts, curved, held)
+        pulls = np.einsum("unj,nj->un", own, share * errors)
+        return values, self._deviations(H + np.diag(weight), pulls, (values > lower) & (values < upper), typical)
 
-    def _slopes(self, values: np.ndarray, errors: np.ndarray, typical: np.ndarray) -> np.ndarray:
-        """(u, N, nj) by differences, several unknowns at once where no joint's motion is seen to follow two of them."""
+    def _eliminated(
+        self, slopes: np.ndarray, of_starts: np.ndarray, share: np.ndarray, held: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """Without the starts of windows: (u, u) squares and (u, N, nj) slopes; what gives the starts back."""
+        H, own, inner = np.zeros((len(slopes), len(slopes))), np.empty_like(slopes), []
+        for w, rows in enumerate(self._rows):
+            J, S, k = slopes[:, rows], of_starts[:, rows], share[rows]
+            inverse = np.linalg.inv(np.einsum("snj,tnj->st", S * k, S) + np.diag(held[w]))
+            B = np.einsum("unj,snj->us", J * k, S)
+            own[:, rows] = J - np.einsum("us,snj->unj", B @ inverse, S)
+            H += np.einsum("unj,vnj->uv", own[:, rows], J * k)
+            inner.append((inverse, B))
+        return H, own, inner
+
+    def _deviations(self, H: np.ndarray, pulls: np.ndarray, free: np.ndarray, typical: np.ndarray) -> np.ndarray:
+        """(u,) standard deviations of (u,) `free` values, by H and (u, N) pulls of the samples; 0 of the others."""
+        times = [w.time - w.begin for w in self._windows]
+        first = [rows.start + np.flatnonzero(np.diff(t // STRETCH, prepend=-1.0))
+                 for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
+        sums = np.add.reduceat(pulls, np.concatenate(first), axis=1)[free] * typical[free, None]
+        inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
+        found, count = np.zeros(len(free)), sums.shape[1]
+        middle = sums @ sums.T * count / max(count - 1, 1)
+        found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
+        return found
+
+    def _slopes(
+        self, values: np.ndarray, starts: np.ndarray, errors: np.ndarray, typical: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(u, N, nj) by the values and (2 nj, N, nj) by the states in which windows begin, by differences.
+
+        Several values are changed at once where no joint's motion is seen to follow two of them.
+        """
         slopes = np.zeros((len(values), *errors.shape))
         for group in self._groups:
             changed = values.copy()
             steps = DIFFERENCE * typical[group]
             steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
             changed[group] += steps
-            found = self._errors(changed) - errors
+            found = self._errors(changed, starts) - errors
             for i, step in zip(group, steps.tolist(), strict=True):
                 own = list(self._unknowns[i].joints)
                 slopes[i][:, own] = found[:, own] / step
-        return slopes
+        of_starts = np.zeros((starts.shape[1], *errors.shape))
+        for k in range(starts.shape[1]):
+            moved = starts.copy()
+            moved[:, k] += BEGUN[k >= errors.shape[1]]
+            of_starts[k] = (self._errors(values, moved) - errors) / BEGUN[k >= errors.shape[1]]
+        return slopes, of_starts
 
 
 def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
