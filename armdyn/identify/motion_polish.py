@@ -43,6 +43,9 @@ ROBUST = 0.5
 """Errors beyond so many times the median count as their size, not their square: after a hit or a wrong turn of
 friction a whole recording goes another way."""
 
+LINKED = ("payload", "link_inertia")
+"""Effects on a joint that every joint before it feels."""
+
 
 @dataclass(frozen=True)
 class _Unknown:
@@ -112,16 +115,35 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
     return found
 
 
-LINKED = ("payload", "link_inertia")
-"""Effects on a joint that every joint before it feels."""
-
-
 def _value(model: ArmModel, unknown: _Unknown) -> float:
     if unknown.of == "parameter":
         return model.value(unknown.name)
     servo = model.drives[unknown.name]
     assert servo.gain is not None
     return float(np.log(servo.gain.value)) if unknown.of == "gain" else servo.delay or 0.0
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """What a step lowers: mean squares of the errors, large ones as their sizes, and what values are known to be.
+
+    Attributes:
+        size: (nj,) of errors from which on they count less, rad or m.
+        mean: (u,) of the priors on values.
+        weight: (u,) of their squared distances from it.
+        held: (w, 2 nj) of the squared distances of windows' starts from the measured ones.
+    """
+
+    size: np.ndarray
+    mean: np.ndarray
+    weight: np.ndarray
+    held: np.ndarray
+
+    def of(self, errors: np.ndarray, values: np.ndarray, starts: np.ndarray) -> float:
+        """Of (N, nj) errors at (u,) values and (w, 2 nj) starts."""
+        away = np.sqrt(1.0 + (errors / self.size) ** 2) - 1.0
+        prior = self.weight @ (values - self.mean) ** 2 + np.sum(self.held * starts**2)
+        return float(2.0 * np.mean(away, axis=0).sum() + prior)
 
 
 def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> ArmModel:
@@ -192,13 +214,8 @@ class _Descent:
             size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
             independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
-
-            def cost(e: np.ndarray, at: np.ndarray, from_: np.ndarray) -> float:
-                away = np.sqrt(1.0 + (e / size) ** 2) - 1.0  # noqa: B023
-                prior = weight @ (at - mean) ** 2 + np.sum(held * from_**2)  # noqa: B023
-                return float(2.0 * np.mean(away, axis=0).sum() + prior)
-
-            now = before = cost(errors, values, starts)
+            cost = _Cost(size, mean, weight, held)
+            now = before = cost.of(errors, values, starts)
             slopes, of_starts = self._slopes(values, starts, errors, typical)
             share = 1.0 / np.sqrt(1.0 + (errors / size) ** 2) / size**2 / len(errors)
             H, own, inner = self._eliminated(slopes, of_starts, share, held)
@@ -214,7 +231,7 @@ class _Descent:
                 moved = [inverse @ (g_s - B.T @ step) for (inverse, B), g_s in zip(inner, of_priors, strict=True)]
                 from_ = starts + np.array(moved)
                 there = self._errors(tried, from_)
-                left = cost(there, tried, from_)
+                left = cost.of(there, tried, from_)
                 if left < now:
                     values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
