@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 from armdyn.arm.arm import Arm
 from armdyn.arm.drives import UNITS, Servo, error, reads
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
+from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.errors import InputError
 from armdyn.kept import kept_alongside
 from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
@@ -73,8 +73,9 @@ class _Rows:
         X: (n, 11) columns of the physics: load, v, a, sign, load friction, offset, friction near standstill, carried.
         y: (n,) errors.
         part: (n,) int, the stretch of the recordings that each sample is of.
-        left: mean square that its own values leave, gain and carried mass among them; 0 where it says nothing.
-        noise: its root, as if samples were independent.
+        left: square of the mean size that its own values leave, gain and carried mass among them; 0 where it says
+            nothing.
+        noise: standard deviation of what they leave, larger by its correlation, so that samples count as independent.
         alone: 1/k and its variance by the joint alone, whatever is carried.
     """
 
@@ -304,8 +305,7 @@ def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     motion = measured_motion(run, arm.joints)
     time = np.arange(motion.start, motion.end, STEP)
     at = motion.at(time)
-    regressor = torque_regressor(arm.model, at).reshape(len(time), len(arm.joints), -1, SIZE)
-    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), regressor[:, :, -1, :4]
+    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at)[:, :, -1, :4]
 
 
 def _low(signal: np.ndarray) -> np.ndarray:
