@@ -80,15 +80,8 @@ class LineLimits:
                 is allowed there. Where they cannot even hold the arm, it is for the check of a motion to say so.
         """
         acceleration = table.acceleration_limit
-        for share in SPEEDS:
-            if torque is None:
-                break
-            speed = share * table.speed_limit[:, None]
-            rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
-            even = torque(table.q, rate, bend)
-            each = torque(table.q, rate, bend + table.dq_ds) - even
-            most = np.min((table.limits.effort - np.abs(even)) / np.maximum(np.abs(each), 1e-12), axis=1)
-            acceleration = np.where(most > 0.0, np.minimum(acceleration, most), acceleration)
+        if torque is not None:
+            acceleration = np.minimum(acceleration, _largest_by_torque(table, torque))
         return cls(table.s, table.speed_limit, acceleration)
 
     def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
@@ -156,3 +149,16 @@ class LineLimits:
             return limit[-1]
         weight = (s - nodes[k - 1]) / (nodes[k] - nodes[k - 1])
         return limit[k - 1] + weight * (limit[k] - limit[k - 1])
+
+
+def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
+    """(m,) acceleration along the path that the motors suffice for at every speed; infinite where none can hold it."""
+    found = np.full(len(table.s), np.inf)
+    for share in SPEEDS:
+        speed = share * table.speed_limit[:, None]
+        rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
+        even = torque(table.q, rate, bend)
+        each = torque(table.q, rate, bend + table.dq_ds) - even
+        most = np.min((table.limits.effort - np.abs(even)) / np.maximum(np.abs(each), 1e-12), axis=1)
+        found = np.where(most > 0.0, np.minimum(found, most), found)
+    return found
