@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from armdyn.channels import Channel
 from armdyn.differences import normalised_differences, quiet_std
 from armdyn.inspection.check import Check, Severity, amount
+from armdyn.kept import kept_alongside
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -118,6 +119,7 @@ def sticking(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
+@kept_alongside
 def held_at(channel: Channel) -> list[list[Stand]]:
     """Stops by their place, where so many are so near to each other as those at random places are not.
 
