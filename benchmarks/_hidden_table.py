@@ -154,6 +154,12 @@ def table(title: str, rows: Sequence[Row]) -> None:
             )  # fmt: skip
 
 
+def show_shares(shares: Mapping[str, tuple[float, int]], targets: Mapping[str, float]) -> None:
+    """Print shares of so many beside what is wanted."""
+    for what, (share, count) in shares.items():
+        print(f"{what}: {100 * share:.1f} % of {count}, wanted {100 * targets[what]:.0f} %")
+
+
 def missed(row: Row) -> bool:
     """Whether a row is worth a line of its own."""
     return bool(row.get("false")) or any(row.get(key) is False for key in ("start", "honest", "exact", "flagged"))

@@ -89,8 +89,8 @@ def main() -> None:
         rows.append(row)
         keys = ("what", "seed", "share", "runs", "held_out", "steps", "exam", "exam_named", "exam_true", "seconds")
         print({key: round(row[key], 3) if isinstance(row[key], float) else row[key] for key in keys}, flush=True)
-    for key, target in TARGETS.items():
-        print(f"{key} {100 * np.mean([row[key] for row in rows]):.1f} % of {len(rows)}, wanted {100 * target:.0f} %")
+    shares = {key: (float(np.mean([row[key] for row in rows])), len(rows)) for key in TARGETS}
+    hidden_table.show_shares(shares, TARGETS)
     exams = [row["exam"] for row in rows]
     print(f"exam over that of the truth: median {np.median(exams):.3f}, 95 % {np.percentile(exams, 95):.3f}")
     hidden_table.save(given.json, {"dominated": rows})

@@ -153,8 +153,7 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
         "second": (float(np.mean([row["same after"] for row in rows])), len(rows)),
     }
     print()
-    for what, (share, count) in shares.items():
-        print(f"{what}: {100 * share:.1f} % of {count}, wanted {100 * TARGETS[what]:.0f} %")
+    hidden_table.show_shares(shares, TARGETS)
     print(f"robots with everything named: {sum(not row['missed'] for row in rows)} of {len(rows)}")
     taken = [row["seconds"] for row in rows]
     print(f"seconds: median {np.median(taken):.1f}, worst {max(taken):.1f}")

@@ -108,8 +108,7 @@ def show(rows: list[hidden_table.Row]) -> None:
         "values": (float(np.mean(pulls < DEVIATIONS)), len(pulls)),
         "roll-out": (float(np.mean([row["roll-out"] <= CLOSE for row in rows])), len(rows)),
     }
-    for what, (share, count) in shares.items():
-        print(f"{what}: {100 * share:.1f} % of {count}, wanted {100 * TARGETS[what]:.0f} %")
+    hidden_table.show_shares(shares, TARGETS)
     print(f"seconds of processor time: median {np.median([row['cpu'] for row in rows]):.1f}")
 
 

@@ -112,14 +112,20 @@ UNSOUND = {
 }  # fmt: skip
 
 
+def accounted(folder, messages):
+    """What is read of a bag of messages, each of which is accounted for."""
+    found = run_of(folder, messages)
+    check_accounted(found, messages)
+    return found
+
+
 @pytest.mark.parametrize("kind", STAMPS)
 def test_a_bad_stamp_costs_one_sample_and_a_gap_that_was_made_is_found(kind, tmp_path):
     make, lost = STAMPS[kind]
     messages = make()
-    found = run_of(tmp_path, messages)
+    found = accounted(tmp_path, messages)
     account = found.accounts[0]
     assert account.came - account.kept == lost
-    check_accounted(found, messages)
     by_stamps = account.stamped and not account.steps and messages[100].stamp
     check_against_truth(found.run, 1e-4 if by_stamps else 2e-3)
     assert bool(found.checks) == (lost > 0 or not account.stamped)
@@ -129,9 +135,7 @@ def test_a_bad_stamp_costs_one_sample_and_a_gap_that_was_made_is_found(kind, tmp
 @pytest.mark.parametrize("kind", PUBLISHERS)
 def test_a_second_publisher_is_not_mixed_in_and_is_told(kind, tmp_path):
     make, others = PUBLISHERS[kind]
-    messages = make()
-    found = run_of(tmp_path, messages)
-    check_accounted(found, messages)
+    found = accounted(tmp_path, make())
     check_against_truth(found.run)
     assert len(found.run.channels["tau.j3"]) >= N - 5
     (account,) = found.accounts
@@ -146,12 +150,10 @@ def test_a_second_publisher_is_not_mixed_in_and_is_told(kind, tmp_path):
 @pytest.mark.parametrize("kind", UNSOUND)
 def test_what_was_not_sent_is_missing_and_blocks_nothing(kind, tmp_path):
     make, lacks = UNSOUND[kind]
-    messages = make()
-    found = run_of(tmp_path, messages)
-    check_accounted(found, messages)
+    found = accounted(tmp_path, make())
     check_against_truth(found.run)
     assert not set(lacks) & found.run.channels.keys()
-    every = {f"{kind}.{name}" for kind in ("q", "v", "tau") for name in NAMES}
+    every = {f"{group}.{name}" for group in ("q", "v", "tau") for name in NAMES}
     if "twice" not in kind:
         assert every - set(lacks) <= found.run.channels.keys()
     said = " ".join([*found.run.warnings, *(account.sentence for account in found.accounts)])
