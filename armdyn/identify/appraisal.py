@@ -1,28 +1,16 @@
-r"""What a set of effects is worth to runs, in nats: one score from clean simulations to recordings of real arms.
+"""What a set of effects is worth to runs, in nats, whatever the model: evidence, less what a set must gain to be believed.
 
-    worth = fit + transfer - price
+    worth = log evidence of the training runs + log likelihood of the held-out runs as predicted - price
 
-fit       log evidence of the training runs: likelihood, less Occam's factor log det(I + T G T) / 2 of the unknowns, T
-          their typical sizes (MacKay, Neural Computation 4, 1992), and a Cauchy prior on their sizes.
-transfer  log likelihood of the held-out runs as a fit to the training runs predicts them, or of every training run as
-          a fit to the *others* does where none are held out: what decides where no model is complete, and there
-          training alone names whatever bends most.
-price     what a set must gain to be believed; see `Appraiser.price`.
-
-The model's own error is an unknown variance d^2 >= 0 of each joint or channel beside the sensor's s^2. At its best
-value the likelihood of n independent samples with mean squared error E is
-
-    -n/2 (E/s^2 - 1)  where E < s^2 (noise-limited),      -n/2 log(E/s^2)  where E > s^2 (model-limited),
-
-with the same slope where they meet. n counts independent samples: what the richest model leaves is correlated, and N
-samples of a correlation time of k samples are worth N/k (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+The evidence is the likelihood at the best values, less Occam's factor of the unknowns and a Cauchy prior on their sizes
+(MacKay, Neural Computation 4, 1992). `LinearScorer` and `Filtered` say what likelihood is.
 """
 
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import log
+from math import lgamma, log
 from typing import ClassVar
 
 import numpy as np
@@ -34,10 +22,6 @@ SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
 TIE = 3.0
 """Nats below which two sets count as tied: above it the first was right in 320 of 320."""
-HARM = 0.02
-"""Share by which an effect may make the total error of a predicted run larger."""
-
-
 @dataclass(frozen=True, eq=False)
 class Appraisal:
     """What one set of effects is worth.
@@ -45,49 +29,23 @@ class Appraisal:
     Attributes:
         effects: of the set, each on one joint.
         worth: nats; compare with that of other sets for the same runs.
-        fit: log evidence of the training runs.
-        transfer: log likelihood of runs as predicted from the others; 0 where there is nothing to predict.
-        price: nats.
-        columns: (c,) the unknowns that change.
-        free: (c,) bool, those that are fitted; the others return to null.
-        change: (c,) their change from the expansion's point in a fit to all training runs.
-        effective: (c,) the change that predictions are linear in; see `Model.bend`.
-        errors: (t,) mean squared error of the training units there.
         likelihood: log likelihood of the training runs.
+        transfer: log likelihood of the held-out runs as predicted; 0 where there are none.
         values: number of the effects' unknowns that the runs determine rather than the priors.
-        predicted: (u,) mean squared error of the predicted units.
-        misfit: squared error of held-out runs where such are given, else of runs predicted in turn, else of the
-            training run, at least the noise's; summed over channels, in the unit's square where they share one, else
-            over the noise.
-        overall: likewise, of a training run, predicted from the others where there are others, plus that of a held-out
-            run where such are given, means over runs. What explains one kind of motion alone is not what is missing.
-        totals: (r, k) error of every predicted run over its channels of each unit, root of the sum of squares.
+        columns: (c,) the unknowns that change.
+        change: (c,) their change from the expansion's point in a fit to all training runs, in their units.
+        misfit: mean squared error over the training runs plus that over the held-out runs, summed over channels, at
+            least the noise's; in the unit's square where all channels share one, else over the noise.
     """
 
     effects: tuple[Candidate, ...]
     worth: float
-    fit: float
-    transfer: float
-    price: float
-    columns: np.ndarray
-    free: np.ndarray
-    change: np.ndarray
-    effective: np.ndarray
-    errors: np.ndarray
     likelihood: float
+    transfer: float
     values: float
-    predicted: np.ndarray
+    columns: np.ndarray
+    change: np.ndarray
     misfit: float
-    overall: float
-    totals: np.ndarray
-
-    def carries_over(self, before: "Appraisal") -> bool:
-        """Whether other runs, where there are any, are predicted better than `before`, and none of them worse."""
-        return len(self.predicted) == 0 or (self.transfer > before.transfer and not self.harms(before))
-
-    def harms(self, before: "Appraisal") -> bool:
-        """Whether a run is predicted worse than `before`."""
-        return bool(np.any(self.totals > (1.0 + HARM) * before.totals))
 
 
 class Appraiser(ABC):
@@ -126,7 +84,7 @@ class Appraiser(ABC):
         """
 
     @abstractmethod
-    def errors(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
+    def errors_by_channel(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
         """Rms error of a set by channel, of the training runs and of runs predicted from others; those may be none."""
 
     @abstractmethod
@@ -134,8 +92,8 @@ class Appraiser(ABC):
         """(P,) values of a set's unknowns as a person is told them, and (P,) their standard deviations."""
 
     @abstractmethod
-    def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:
-        """Of the sets with one effect of `left` more, the one that a reader should be told first."""
+    def told_next(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> Appraisal:
+        """Of the sets with one of the options more, the one that a reader should be told first."""
 
     def settle(self, effects: Iterable[Candidate]) -> Appraisal:
         """The appraisal of a set where it is surest; others are appraised from there."""
@@ -145,11 +103,6 @@ class Appraiser(ABC):
         """Whether runs cannot tell a set from the `whole` one; `without` is what both have in common."""
         del without
         return self.standing(whole) - self.standing(other) < TIE
-
-    def useful(self, more: Appraisal, fewer: Appraisal) -> bool:
-        """Whether the further values of a set explain enough beside what `fewer` explain."""
-        del more, fewer
-        return True
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, that make up `effects`."""
@@ -166,10 +119,17 @@ class Appraiser(ABC):
     def price(self, effects: Sequence[Candidate]) -> float:
         """What a set must gain over no effect at all, nats.
 
-        Each effect could have been another one of the catalogue, each of its joints another joint, and is to be sure
-        beyond that.
+        Each effect could have been another one of the catalogue, on any other of its joints, and is to be sure beyond
+        that. What several simpler ones make up is as many.
         """
-        joints = Counter(c.effect for c in effects)
-        return sum(
-            log(max(len(self._reach), self.tried)) + n * (log(self._reach[name]) + SURE) for name, n in joints.items()
-        )
+        catalogue, found = log(max(len(self._reach), self.tried)), 0.0
+        for name, on in Counter(c.effect for c in effects).items():
+            reach = self._reach[name]
+            joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
+            found += catalogue + log(reach) + joints + SURE
+        return found + sum((self.makes_up(c) - 1) * (catalogue + SURE) for c in effects)
+
+    def makes_up(self, one: Candidate) -> int:
+        """Number of simpler effects that do together just what one does; 1 where there are none."""
+        del one
+        return 1

@@ -7,7 +7,6 @@ from functools import partial
 from armdyn.document import Document, Level, Section
 from armdyn.faults import outlier_sentence
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.choose import LEADS
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
@@ -15,7 +14,7 @@ from armdyn.identify.force_law import opening
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
-from armdyn.identify.sample_evidence import NOISY
+from armdyn.identify.linear_scorer import NOISY
 from armdyn.identify.score import LARGEST_Z
 from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
@@ -31,6 +30,8 @@ from armdyn.threads import one_thread
 IDEALISED = 0.97
 """Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
 idealised, and may be off by a sixth of their size; more is something else, which the nearest effect imitates."""
+LEADS = 0.5
+"""The least share that the first effect must explain of it."""
 MOST = 0.8
 """The same where the model's own error is far above the noise, as with every real robot: effects outside the catalogue
 leave half of the misfit and more, real robots at most a tenth."""

@@ -101,13 +101,11 @@ class Filtered(Appraiser):
         free = self._free(effects)
         found = tables.evidence(free)
         columns = np.flatnonzero(free | (found.change != 0.0))
-        price, nothing = self.price(effects), np.zeros(0)
+        price = self.price(effects)
         worth = found.value + found.predicted - price if found.inside else -np.inf
         return Appraisal(
-            effects=effects, worth=worth, fit=found.value, transfer=found.predicted, price=price, columns=columns,
-            free=free[columns], change=found.change[columns], effective=found.change[columns], errors=nothing,
-            likelihood=found.value + found.occam, values=float(free.sum() - self._always.sum()), predicted=nothing,
-            misfit=-worth, overall=-worth, totals=nothing,
+            effects=effects, worth=worth, likelihood=found.value + found.occam, transfer=found.predicted,
+            values=float(free.sum() - self._always.sum()), columns=columns, change=found.change[columns], misfit=-worth,
         )  # fmt: skip
 
     def best_set(self, say: Callable[[str], None]) -> Appraisal:
@@ -185,13 +183,13 @@ class Filtered(Appraiser):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
-    def best_with_one_more(self, now: Appraisal, left: Sequence[Candidate]) -> Appraisal:
-        """See `Appraiser.best_with_one_more`: what leaves least in output error, of those that promise most.
+    def told_next(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> Appraisal:
+        """See `Appraiser.told_next`: what leaves least in output error, of those that promise most.
 
         What a reader counts is the error: an offset of the camera may be surer than the drag that it hides behind.
         """
         self.settle(now.effects)
-        promised = sorted((self.of((*now.effects, c)) for c in left), key=lambda one: -one.worth)
+        promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.worth)
         compared = promised if not now.effects else promised[:COMPARED]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
         return self.settle(best.effects)
@@ -206,8 +204,8 @@ class Filtered(Appraiser):
         """See `Appraiser.standing`."""
         return one.likelihood + one.transfer - 0.5 * one.values * log(self._here.rows)
 
-    def errors(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
-        """See `Appraiser.errors`: output error, what users compare."""
+    def errors_by_channel(self, one: Appraisal) -> tuple[dict[str, float], dict[str, float]]:
+        """See `Appraiser.errors_by_channel`: output error, what users compare."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
         return fit.rmse(), channel_rmse(held_out)

@@ -18,6 +18,9 @@ from armdyn.identify.problem import Block, Problem, transferred, transferred_mas
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
+HARM = 0.02
+"""Share by which an effect may make the total error of a predicted run larger."""
+
 Starts = tuple[Problem, Iterator[np.ndarray]]
 """A problem that holds the runs, and (P,) values where they may begin, the likeliest first; iterate over a copy."""
 

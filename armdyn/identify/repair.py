@@ -11,7 +11,6 @@ from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.faults import outlier_sentence
-from armdyn.identify.appraisal import HARM
 from armdyn.identify.background import find_background
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
@@ -19,7 +18,7 @@ from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.fit import Fit
 from armdyn.identify.force_law import opening
-from armdyn.identify.holdout import HoldoutKind
+from armdyn.identify.holdout import HARM, HoldoutKind
 from armdyn.identify.localise import localise
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve, between
@@ -134,8 +133,7 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 def with_background(study: Study, told: Repair, say: Progress) -> Repair:
     """A repair with small values beside what it names, or as it is where they predict other runs no better."""
     last = told.steps[-1]
-    around = study.appraiser(last.fit, sparse=True)
-    small = find_background(study, around.within(last.effects), last.fit, around.sums, say)
+    small = find_background(study, last.effects, last.fit, say)
     without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
     if small is None:
         return without

@@ -12,7 +12,7 @@ from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.story import whole_story
 from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.suspects import Suspect, suspects
-from armdyn.identify.way import Leg, Progress, Step
+from armdyn.identify.way import Path, Progress, Step
 from armdyn.identify.whole_runs import improved
 
 
@@ -74,7 +74,7 @@ def search(study: Study, progress: Progress | None = None) -> Search:
         steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
     found = suspects(appraiser, appraiser.within(named.added), named.tied)
-    around = study.appraiser(steps[-1].fit, sparse=True) if study.model.linear else appraiser
+    around = study.scorer(steps[-1].fit) if study.model.linear else appraiser
     return Search(tuple(steps), found, _further(around, around.within(steps[-1].effects)))
 
 
@@ -87,11 +87,11 @@ def _further(appraiser: Appraiser, effects: Sequence[Candidate]) -> Candidate | 
 
 def _way(study: Study, given: Step, appraiser: Appraiser, whole: Appraisal, say: Progress) -> list[Step]:
     """The way to a set without what lowers the error by little; what ties with what is told without that, too."""
-    leg = Leg(study, appraiser, whole, given.effects, given.fit)
-    steps = leg.steps(say)
+    path = Path(study, appraiser, whole, given.effects, given.fit)
+    steps = path.steps(say)
     told = without_little(study, [given, *steps])
     if len(told) == 1 + len(steps):
-        return [given, *leg.with_ties(steps)]
+        return [given, *path.with_ties(steps)]
     return _way(study, given, appraiser, appraiser.of(appraiser.within(told[-1].effects)), say)
 
 

@@ -13,14 +13,13 @@ from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import NEAR_NOISE, Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predictions_in_turn
+from armdyn.identify.linear_scorer import LinearScorer, noisy
 from armdyn.identify.motion_start import initial_values
 from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transferred, transferred_mask
-from armdyn.identify.sample_evidence import noisy
 from armdyn.identify.score import ResidualTests, Score, residual_tests, scores
-from armdyn.identify.summed import Summed
-from armdyn.identify.sums import Sums, sums
+from armdyn.identify.sums import sums
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -91,8 +90,7 @@ class Study:
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
-        self._appraised: tuple[Fit, bool, Summed] | None = None
-        self._sums: tuple[Fit, Sums] | None = None
+        self._scorer: tuple[Fit, LinearScorer] | None = None
         self._present_names = [name for c in self.present for name in c.names]
 
     @cached_property
@@ -264,13 +262,20 @@ class Study:
         free = transferred_mask(found.free, self.problem, problem)
         return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
 
-    def appraiser(self, at: Fit, sparse: bool = False) -> Summed:
-        """What sets of effects are worth, from sums around a fit; see `Summed` for `sparse`. The last one is kept."""
-        if self._appraised is None or self._appraised[:2] != (at, sparse):
-            self._appraised = at, sparse, self._summed(at, sparse)
-        return self._appraised[2]
+    def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
+        """What sets of effects are worth, from sums around a fit; the last one is kept.
 
-    def _summed(self, at: Fit, sparse: bool) -> Summed:
+        Args:
+            at: the fit.
+            given_misfit: see `LinearScorer`; None where this is the model as given.
+        """
+        if self._scorer is None or self._scorer[0] is not at:
+            self._scorer = at, self._scorer_around(at)
+        if given_misfit is not None:
+            self._scorer[1].given_misfit = given_misfit
+        return self._scorer[1]
+
+    def _scorer_around(self, at: Fit) -> LinearScorer:
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
         values = transferred(at.values, self.problem, everything)
         free = transferred_mask(at.free, self.problem, everything)
@@ -279,11 +284,9 @@ class Study:
         present &= ~everything.of([n for c in own for n in c.names])
         atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
-        if self._sums is None or self._sums[0] is not at:
-            self._sums = at, sums(everything, {run.name for run in self.runs}, values, absent, free)
-        around = self._sums[1]
+        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
-        found = Summed(around, always, atoms, own, sparse)
+        found = LinearScorer(around, always, atoms, own)
         found.tried = self.tried
         return found
 

@@ -65,15 +65,14 @@ class Sums:
     width: np.ndarray
     centre: np.ndarray
 
-    def changed(self, columns: np.ndarray, change: np.ndarray, exact: np.ndarray) -> np.ndarray:
+    def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
 
-        What acts through another changes by as much more as that is smaller than where derivatives were taken, unless
-        it is among the `exact` unknowns, (P,) bool.
+        What acts through another changes by as much more as that is smaller than where derivatives were taken.
         """
         by = np.zeros(len(self.values))
         by[columns] = change
-        latent = np.flatnonzero((self.size != 0.0) & ~exact)
+        latent = np.flatnonzero(self.size != 0.0)
         acting = by[self.driver[latent]]
         with np.errstate(divide="ignore", invalid="ignore"):
             by[latent] *= np.where(acting != 0.0, self.size[latent] / acting, 0.0)
@@ -93,15 +92,6 @@ class Sums:
         slope = self.slope[units[:, None], columns]
         total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
         return np.maximum(total, 0.0) / self.count[units]
-
-    def level(self, error: np.ndarray) -> np.ndarray:
-        """(U,) variance of each channel, at least its noise's, from (U,) mean squared errors of the training units."""
-        level = self.noise**2
-        for channel in np.unique(self.channel[self.training]):
-            units = self.channel == channel
-            known = units & self.training
-            level = np.where(units, np.maximum(level, np.average(error[known], weights=self.count[known])), level)
-        return level
 
     def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(n,) residual of a unit after a change (c,) of the unknowns `columns` (c,), in the channel's unit."""

@@ -8,12 +8,8 @@ from scipy.special import chdtrc
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
-from armdyn.identify.choose import backward_elimination
+from armdyn.identify.select_effects import by_effect, eliminate
 from armdyn.parameter import Parameter
-
-ALIKE = 0.15
-"""Share of what an effect on one joint explains that the same effect on another joint must bring to be told with it."""
-
 
 @dataclass(frozen=True)
 class OrderedStep:
@@ -29,29 +25,16 @@ class OrderedStep:
 
 
 def ordered_steps(
-    appraiser: Appraiser, whole: Appraisal, firm: Sequence[Candidate] = (), alike: float = ALIKE
+    appraiser: Appraiser, effects: Sequence[Candidate], firm: Sequence[Candidate]
 ) -> list[OrderedStep]:
-    """The way from the effects `firm` to the set `whole`, what explains most first.
-
-    A reader of joint torques counts N m, also where what a joint with little noise shows is surer. An effect comes on
-    further joints with the first one where it explains at least the share `alike` of what it explains there.
-    """
-    now, left = appraiser.of(firm), [c for c in whole.effects if c not in firm]
+    """The way from the effects `firm` to all of `effects`, each on all its joints at once, what explains most first."""
+    now, left = appraiser.of(firm), by_effect([c for c in effects if c not in firm])
     found = list[OrderedStep]()
     while left:
-        beside = appraiser.best_with_one_more(now, left)
-        first = next(c for c in left if c in beside.effects)
-        gain = now.overall - beside.overall
-        joined = [first] + [
-            c
-            for c in left
-            if c is not first
-            and c.effect == first.effect  # on an arm
-            and beside.overall - appraiser.of((*beside.effects, c)).overall >= alike * gain
-        ]
-        after = appraiser.of((*now.effects, *joined))
-        found.append(OrderedStep(merged(joined)[0], after))
-        now, left = after, [c for c in left if c not in joined]
+        now = appraiser.told_next(now, left)
+        first = next(own for own in left if set(own) <= set(now.effects))
+        found.append(OrderedStep(merged(first)[0], now))
+        left.remove(first)
     return found
 
 
@@ -132,7 +115,7 @@ def suspects(appraiser: Appraiser, first: Sequence[Candidate], tied: Sequence[Ca
 def _alone(appraiser: Appraiser, joints: Sequence[Candidate], nothing: Appraisal) -> Appraisal:
     """An effect on all joints that need it, or on the best one."""
     given = appraiser.given
-    several = backward_elimination(appraiser, appraiser.of((*given, *joints)), given)
+    several = eliminate(appraiser, lambda one: -one.worth, appraiser.of((*given, *joints)))
     single = max((appraiser.of((*given, c)) for c in joints), key=lambda one: one.worth)
     return max((several, single, nothing), key=lambda one: one.worth)
 
@@ -142,7 +125,7 @@ def _described(
 ) -> Suspect:
     p = appraiser.problem
     own = np.flatnonzero(p.of(named.names))
-    rmse, held_out_rmse = appraiser.errors(one)
+    rmse, held_out_rmse = appraiser.errors_by_channel(one)
     values, deviations = appraiser.fitted(one)
     drop = 2.0 * (one.likelihood - nothing.likelihood)
     return Suspect(

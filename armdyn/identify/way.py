@@ -3,14 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import Fit, converged
+from armdyn.identify.linear_scorer import LinearScorer
 from armdyn.identify.score import ResidualTests
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import ALIKE, ordered_steps, tied
+from armdyn.identify.suspects import ordered_steps, tied
 
 Progress = Callable[[str], None]
 
@@ -35,43 +35,48 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
-    """Effects that were chosen at once.
+class Path:
+    """To a chosen set of effects.
 
-    Where it ends is known before the steps between are fitted: most ways that a search tries are not gone.
+    Where it ends is known before the steps between are fitted: most paths that a search tries are not gone.
 
     Attributes:
         study: runs and catalogue.
-        appraiser: that chose them.
-        whole: the set with them, on one joint each.
-        before: effects of the model where the leg begins.
-        ahead: the fit around which the appraiser's sums are.
-        firm: effects of the set that are there already, on one joint each.
-        together: whether an effect comes on all its joints at once, however little it explains on some.
+        scorer: that chose the set.
+        whole: the set, each effect on one joint.
+        before: effects of the model as given.
+        ahead: the fit around which the scorer's sums are.
+        leading: effects of the set that are told first, on one joint each.
     """
 
     study: Study
-    appraiser: Appraiser
+    scorer: Appraiser
     whole: Appraisal
     before: tuple[Candidate, ...]
     ahead: Fit
-    firm: tuple[Candidate, ...] = ()
-    together: bool = False
+    leading: tuple[Candidate, ...] = ()
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
         """All effects where it ends."""
-        return self._with(self.before, *(c for c in self.whole.effects if c not in self.firm))
+        return self._with(self.before, *(c for c in self.whole.effects if c not in self.scorer.given))
 
     @cached_property
     def fit(self) -> Fit:
         """The minimum where it ends."""
         return converged(self._fitted(self.effects, self.whole))
 
+    @cached_property
+    def around_end(self) -> LinearScorer:
+        """Scores sets of effects around its end; of models that are linear."""
+        assert isinstance(self.scorer, LinearScorer)
+        return self.study.scorer(self.fit, self.scorer.given_misfit)
+
     def steps(self, say: Progress) -> list[Step]:
         """Every step, refitted to all samples, without ties; `say` is told each."""
-        study, effects, found = self.study, self.before, list[Step]()
-        way = ordered_steps(self.appraiser, self.whole, self.firm, -inf if self.together else ALIKE)
+        study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
+        way = ordered_steps(self.scorer, self.leading, given)
+        way += ordered_steps(self.scorer, self.whole.effects, (*given, *self.leading))
         for i, rise in enumerate(way):
             effects = self._with(effects, rise.added)
             say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
@@ -82,8 +87,8 @@ class Leg:
 
     def with_ties(self, steps: Sequence[Step]) -> list[Step]:
         """Its steps with the effects that do as well in the place of each, in the whole set."""
-        whole = self.appraiser.settle(self.whole.effects)
-        ties = (tied(self.appraiser, whole, [a for c in step.added for a in c.apart()]) for step in steps)
+        whole = self.scorer.settle(self.whole.effects)
+        ties = (tied(self.scorer, whole, [a for c in step.added for a in c.apart()]) for step in steps)
         return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
 
     def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
@@ -91,4 +96,4 @@ class Leg:
         return (*given, *merged((*(e for e in effects if e not in given), *added)))
 
     def _fitted(self, effects: Sequence[Candidate], one: Appraisal) -> Fit:
-        return self.study.fit_with(effects, self.ahead, self.study.own_values(self.appraiser, one))
+        return self.study.fit_with(effects, self.ahead, self.study.own_values(self.scorer, one))

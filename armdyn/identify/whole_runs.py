@@ -11,10 +11,11 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
-from armdyn.identify.appraisal import HARM, Appraisal
+from armdyn.identify.appraisal import Appraisal
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.filtered import MOSTLY, Filtered
 from armdyn.identify.fit import Fit
+from armdyn.identify.holdout import HARM
 from armdyn.identify.least_squares import GROSS
 from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.uncertainty import uncertainty
