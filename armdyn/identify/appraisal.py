@@ -31,6 +31,7 @@ class Appraisal:
         worth: nats; compare with that of other sets for the same runs.
         likelihood: log likelihood of the training runs.
         transfer: log likelihood of the held-out runs as predicted; 0 where there are none.
+        freedom: nats that the freedom of the effects' unknowns costs: Occam's factor and the prior on sizes.
         values: number of the effects' unknowns that the runs determine rather than the priors.
         columns: (c,) the unknowns that change.
         change: (c,) their change from the expansion's point in a fit to all training runs, in their units.
@@ -42,6 +43,7 @@ class Appraisal:
     worth: float
     likelihood: float
     transfer: float
+    freedom: float
     values: float
     columns: np.ndarray
     change: np.ndarray

@@ -105,7 +105,7 @@ class Filtered(Appraiser):
         worth = found.value + found.predicted - price if found.inside else -np.inf
         return Appraisal(
             effects=effects, worth=worth, likelihood=found.value + found.occam, transfer=found.predicted,
-            values=float(free.sum() - self._always.sum()), columns=columns, change=found.change[columns], misfit=-worth,
+            freedom=found.occam, values=float(free.sum() - self._always.sum()), columns=columns, change=found.change[columns], misfit=-worth,
         )  # fmt: skip
 
     def best_set(self, say: Callable[[str], None]) -> Appraisal:

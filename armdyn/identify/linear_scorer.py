@@ -251,8 +251,8 @@ class LinearScorer(Appraiser):
         return float(self._log_likelihoods(np.array([self.errors_in_turn(widths), held_out])).sum())
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
-        """(2,) of training and of held-out runs, from (2, c) mean squared errors."""
-        return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=1))
+        """(..., 2) of training and of held-out runs, from (..., 2, c) mean squared errors."""
+        return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=-1))
 
     def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
         """Every training run, and the units of the others; none of a single run."""
@@ -262,22 +262,26 @@ class LinearScorer(Appraiser):
 
     def _appraised(self, effects: tuple[Candidate, ...]) -> Appraisal:
         change = self.solution(self.widths(effects, 0.0), self.training)
-        errors = self.errors(change)
-        own = self._of(effects)
+        errors, own = self.errors(change), self._of(effects)
         A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
         likelihood, transfer = self._log_likelihoods(errors).tolist()
-        occam = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
-        possible = self._is_inside(change, own)
+        freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
+        worth = likelihood + transfer - freedom - self.price(effects)
         return Appraisal(
             effects=effects,
-            worth=likelihood + transfer - occam - self.price(effects) if possible else -np.inf,
+            worth=worth if self._is_inside(change, own) else -np.inf,
             likelihood=likelihood,
             transfer=transfer,
+            freedom=freedom,
+            values=len(own) - float(np.trace(np.linalg.inv(A))),
             columns=self.columns,
             change=change * self.typical,
-            values=len(own) - float(np.trace(np.linalg.inv(A))),
-            misfit=float(np.sum(self._importance * np.maximum(errors, self._floor))),
+            misfit=float(self._misfit(errors)),
         )
+
+    def _misfit(self, errors: np.ndarray) -> np.ndarray:
+        """(...) see `Appraisal.misfit`, from (..., 2, c) mean squared errors."""
+        return np.asarray(np.sum(self._importance * np.maximum(errors, self._floor), axis=(-2, -1)))
 
     @property
     def _floor(self) -> np.ndarray:
@@ -322,45 +326,38 @@ class LinearScorer(Appraiser):
         return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < SURE))
 
     def foretold_worth(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) worth of a set with each of k additions, as far as it is foretold (Rao's score test)."""
-        price = self.price(now.effects)
-        found = [
-            0.5 * float(left @ solve_positive(A, left) - log_det(A)) + price - self.price((*now.effects, *come))
-            for come, (left, A, _) in zip(options, self._additions(now, options), strict=True)
-        ]
-        return now.worth + np.array(found)
+        """(k,) worth of a set with each of k additions, as far as it is foretold; see `_foretold`."""
+        errors, freedom = self._foretold(now, options)
+        prices = np.array([self.price((*now.effects, *come)) for come in options])
+        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
 
     def foretold_cost(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) `told_cost` of a set with each of k additions, as far as it is foretold."""
-        G, slope = self._misfit_sums
-        slope, found = slope - G @ (now.change / self.typical), []
-        for come, (left, A, change) in zip(options, self._additions(now, options), strict=True):
-            d = change @ solve_positive(A, left)
-            found.append(float(d @ (G @ d) - 2.0 * slope @ d) / self._reducible + self._length(come))
-        return self.told_cost(now) + np.array(found)
+        """(k,) `told_cost` of a set with each of k additions, as far as it is foretold; see `_foretold`."""
+        errors, _ = self._foretold(now, options)
+        length = np.array([self._length((*now.effects, *come)) for come in options])
+        return (self._misfit(errors) - self.least_misfit) / self._reducible + length
 
-    def _additions(
-        self, now: Appraisal, options: Sequence[Sequence[Candidate]]
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Of every addition to a set: (m,) slope and (m, m) curvature of its unknowns, (c, m) what changes with them."""
-        widths = self.widths(now.effects, 0.0)
+    def _foretold(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 2, c) mean squared errors of a set with each of k additions, (k,) nats that their freedom costs.
+
+        What is there already gives way as far as it is linear; only what comes heeds its bounds.
+        """
+        widths, x = self.widths(now.effects, 0.0), now.change / self.typical
         c = np.flatnonzero(widths > 0.0)
         G, slope = self._normal(self.training)
-        left = slope - G @ (now.change / self.typical)
+        left = slope - G @ x
         response = -np.linalg.solve(G[np.ix_(c, c)] + np.diag(widths[c] ** -2.0), G[c])
         S = G + G[:, c] @ response
-        change = np.eye(len(widths))
-        change[c] = response
-        for effects in options:
-            own = self._of(effects)
+        moved, freedom = np.zeros((len(widths), len(options))), np.zeros(len(options))
+        for i, come in enumerate(options):
+            own = self._of(come)
             own = own[widths[own] == 0.0]
-            yield left[own], S[np.ix_(own, own)] + np.eye(len(own)), change[:, own]
-
-    @cached_property
-    def _misfit_sums(self) -> tuple[np.ndarray, np.ndarray]:
-        """(c, c) and (c,) sums of X'X and X'r over all units, weighted as in the misfit."""
-        weight = np.tile(self._importance, 2) / np.maximum(self._stages.count, 1.0)
-        return self._stages.weighted(weight, np.arange(len(weight)))
+            A = S[np.ix_(own, own)] + np.eye(len(own))
+            d = np.clip(solve_positive(A, left[own]), (self._lower - x)[own], (self._upper - x)[own])
+            moved[own, i], moved[c, i] = d, response[:, own] @ d
+            freedom[i] = 0.5 * float(log_det(A)) + float(np.sum(np.log1p(d**2)))
+        errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
+        return errors.T.reshape(len(options), 2, -1), freedom
 
     def told_next(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> Appraisal:
         """See `Appraiser.told_next`: what takes most of the misfit away for its length."""
@@ -368,10 +365,10 @@ class LinearScorer(Appraiser):
 
     @cached_property
     def reaches_noise(self) -> bool:
-        """Whether the wide model leaves no more than noise in the training runs, the mean over channels."""
-        counted = self._counted(TRAINING)
-        ratio = self._noise / self._variance[TRAINING] * [noisy(n) for n in self._independent.tolist()]
-        return bool(np.mean(ratio[counted > 0.0]) >= 1.0)
+        """Whether all effects together leave no more than noise in the training runs, the mean over channels."""
+        left = self.errors(self.solution(self.widths(self.candidates, 0.0), self.training))[TRAINING]
+        ratio = self._noise * [noisy(n) for n in self._independent.tolist()] / np.maximum(left, self._noise)
+        return bool(np.mean(ratio[self._counted(TRAINING) > 0.0]) >= 1.0)
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`; foretold."""

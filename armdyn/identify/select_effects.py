@@ -16,7 +16,7 @@ from armdyn.identify.appraisal import Appraisal, Appraiser
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.linear_scorer import LinearScorer
 
-PROMISING = 24
+PROMISING = 12
 """Changes of a kind, those that are foretold to cost least, that are looked at in each round."""
 
 Cost = Callable[[Appraisal], float]
@@ -130,8 +130,6 @@ def _promising(scorer: LinearScorer, rule: Rule, now: Appraisal, changes: Sequen
     found: list[tuple[float, tuple[Candidate, ...]]] = []
     for gone, options in by_gone.items():
         rest = scorer.of([c for c in now.effects if c not in gone])
-        found += [
-            (float(cost), (*rest.effects, *come))
-            for cost, come in zip(rule.foretold(rest, options), options, strict=True)
-        ]
+        costs = rule.foretold(rest, options).tolist()
+        found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
     return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:PROMISING]]

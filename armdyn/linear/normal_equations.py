@@ -28,6 +28,11 @@ class NormalEquations:
         gram = self.gram[units[:, None, None], c[:, None], c]
         return np.maximum(self.square[units] - 2.0 * self.slope[units[:, None], c] @ d + (gram @ d) @ d, 0.0)
 
+    def squared_errors(self, changes: np.ndarray) -> np.ndarray:
+        """(U, k) sums of squared residuals after each of k changes (P, k) of the unknowns."""
+        total = np.sum(changes * (self.gram @ changes), axis=1) - 2.0 * self.slope @ changes + self.square[:, None]
+        return np.maximum(total, 0.0)
+
     def weighted(self, weight: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(P, P) and (P,) sums over `units` (u,) of X'X and X'r, times (u,) `weight`."""
         return np.tensordot(weight, self.gram[units], 1), weight @ self.slope[units]
