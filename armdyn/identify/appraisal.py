@@ -1,4 +1,4 @@
-"""What a set of effects is worth to runs, in nats, whatever the model: evidence, less what a set must gain to be believed.
+"""What a set of effects is worth to runs, in nats: evidence, less what it must gain to be believed.
 
     worth = log evidence of the training runs + log likelihood of the held-out runs as predicted - price
 
@@ -20,8 +20,12 @@ from armdyn.identify.problem import Problem
 
 SURE = log(100.0)
 """Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
+FURTHER = log(10.0)
+"""The same for an effect on a further joint."""
 TIE = 3.0
 """Nats below which two sets count as tied: above it the first was right in 320 of 320."""
+
+
 @dataclass(frozen=True, eq=False)
 class Appraisal:
     """What one set of effects is worth.
@@ -122,13 +126,13 @@ class Appraiser(ABC):
         """What a set must gain over no effect at all, nats.
 
         Each effect could have been another one of the catalogue, on any other of its joints, and is to be sure beyond
-        that. What several simpler ones make up is as many.
+        that. On a further joint it is expected more. What several simpler ones make up is as many.
         """
         catalogue, found = log(max(len(self._reach), self.tried)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + SURE
+            found += catalogue + log(reach) + joints + SURE + (on - 1) * FURTHER
         return found + sum((self.makes_up(c) - 1) * (catalogue + SURE) for c in effects)
 
     def makes_up(self, one: Candidate) -> int:

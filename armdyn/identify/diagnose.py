@@ -11,10 +11,10 @@ from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.force_law import opening
+from armdyn.identify.linear_scorer import NOISY
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
-from armdyn.identify.linear_scorer import NOISY
 from armdyn.identify.score import LARGEST_Z
 from armdyn.identify.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences

@@ -104,9 +104,16 @@ class Filtered(Appraiser):
         price = self.price(effects)
         worth = found.value + found.predicted - price if found.inside else -np.inf
         return Appraisal(
-            effects=effects, worth=worth, likelihood=found.value + found.occam, transfer=found.predicted,
-            freedom=found.occam, values=float(free.sum() - self._always.sum()), columns=columns, change=found.change[columns], misfit=-worth,
-        )  # fmt: skip
+            effects=effects,
+            worth=worth,
+            likelihood=found.value + found.occam,
+            transfer=found.predicted,
+            freedom=found.occam,
+            values=float(free.sum() - self._always.sum()),
+            columns=columns,
+            change=found.change[columns],
+            misfit=-worth,
+        )
 
     def best_set(self, say: Callable[[str], None]) -> Appraisal:
         """The set that is worth most: one or two effects more, one exchanged for one or two, or one less, in turn.

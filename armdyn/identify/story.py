@@ -14,8 +14,8 @@ from armdyn.identify.way import Path, Progress, Step
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
-MOST_ROUNDS = 4
-"""Expansions around the end of a repair of an arm; two nearly always."""
+MOST_ROUNDS = 8
+"""Expansions around the end of a repair of an arm; two to four nearly always."""
 
 Rule = Callable[[LinearScorer, Appraisal, Progress], Appraisal]
 """Goes on from a set of effects to the one that is to be told."""
@@ -29,8 +29,7 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer,
     """
     around = study.scorer(given.fit)
     found = _to_fixed_point(_first(study, given, say), _leading, say)
-    end = found.around_end
-    if end.reaches_noise:
+    if found.around_end.may_reach_noise:
         sure = _to_fixed_point(found, _sure, say)
         if study.predicts_to_noise(sure.fit):
             present = found.scorer.within(found.effects)

@@ -11,6 +11,7 @@ from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.select_effects import by_effect, eliminate
 from armdyn.parameter import Parameter
 
+
 @dataclass(frozen=True)
 class OrderedStep:
     """One step from a smaller set to a larger one.
@@ -24,9 +25,7 @@ class OrderedStep:
     appraisal: Appraisal
 
 
-def ordered_steps(
-    appraiser: Appraiser, effects: Sequence[Candidate], firm: Sequence[Candidate]
-) -> list[OrderedStep]:
+def ordered_steps(appraiser: Appraiser, effects: Sequence[Candidate], firm: Sequence[Candidate]) -> list[OrderedStep]:
     """The way from the effects `firm` to all of `effects`, each on all its joints at once, what explains most first."""
     now, left = appraiser.of(firm), by_effect([c for c in effects if c not in firm])
     found = list[OrderedStep]()

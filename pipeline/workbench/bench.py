@@ -12,12 +12,12 @@ from armdyn.errors import UnknownNameError
 from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse, converged
+from armdyn.identify.linear_scorer import LinearScorer
 from armdyn.identify.localise import Place, localise
 from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
 from armdyn.identify.problem import Block, Problem
 from armdyn.identify.score import linear_fit
 from armdyn.identify.study import Study
-from armdyn.identify.summed import Summed
 from armdyn.parameter import Parameter
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
 
@@ -108,13 +108,12 @@ class Workbench:
         ]
 
     @cached_property
-    def expansion(self) -> Summed | None:
+    def expansion(self) -> LinearScorer | None:
         """Sums around the fit of an arm as given, which say at once what sets of effects would do; None for others.
 
-        Exact for effects that are linear, and for links and payloads. Made when it is first asked for: the model as
-        given is shown before.
+        Exact for effects that are linear. Made when it is first asked for: the model as given is shown before.
         """
-        return self.study.appraiser(self.first) if self.study.model.linear else None
+        return self.study.scorer(self.first) if self.study.model.linear else None
 
     @cached_property
     def opening(self) -> TickedModel:
@@ -145,11 +144,13 @@ class Workbench:
             blocks, moved = self.study.problem.blocks(self.first.values), values - self.first.values
             residuals = {(b.run, b.channel): b.misfit - b.noise * (b.sensitivities @ moved) for b in blocks}
         else:
-            sums = self.expansion.sums
-            columns, change, foretold = self.expansion.minimum(chosen)
-            values = self.study.own(foretold, sums.problem)
+            around, sums = self.expansion, self.expansion.sums
+            one = around.of((*around.given, *chosen))
+            values = self.study.own_values(around, one)
             residuals = {
-                (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(unit, columns, change)
+                (sums.runs[sums.run[unit]], sums.channels[sums.channel[unit]]): sums.residual(
+                    unit, one.columns, one.change
+                )
                 for unit in range(len(sums.count))
             }
         absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
@@ -176,7 +177,7 @@ class Workbench:
             whole = (*study.present, *merged(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.expansion
-            start = None if around is None else study.own(around.minimum(chosen)[2], around.sums.problem)
+            start = None if around is None else study.own_values(around, around.of((*around.given, *chosen)))
             self._fits[key] = converged(study.fit_with(whole, near, start))
         return self._fits[key]
 

@@ -73,9 +73,8 @@ def test_where_small_values_make_other_runs_worse_there_are_none_and_the_answer_
     told = add(study, [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth])
     small = find_background(
         study,
-        study.appraiser(told.steps[-1].fit, True).within(told.steps[-1].effects),
+        told.steps[-1].effects,
         told.steps[-1].fit,
-        study.appraiser(told.steps[-1].fit, True).sums,
         lambda _: None,
     )
     given = study.first()  # leaves more than the named effects do
