@@ -17,6 +17,9 @@ FAR = 3.0
 MOST_ROUNDS = 8
 """Expansions around the end of a repair of an arm; two to four nearly always."""
 
+FEW = 2.0
+"""Times the values of what leads, up to which all that is sure is told: no reader is lost in them."""
+
 Rule = Callable[[LinearScorer, Appraisal, Progress], Appraisal]
 """Goes on from a set of effects to the one that is to be told."""
 
@@ -24,17 +27,25 @@ Rule = Callable[[LinearScorer, Appraisal, Progress], Appraisal]
 def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step]]:
     """The scorer of an arm around its fit as given, and the way to where nothing is missing that can be told.
 
-    Few effects are told, those that take most of the misfit away. Where all that the evidence is sure of leaves only
-    noise, all of it is told, what leads first: then nothing of it is a small error that every description has.
+    Few effects are told, those that take most of the misfit away. All that the evidence is sure of is told, what leads
+    first, where that is few as well, or where it leaves only noise: then nothing of it is a small error that every
+    description has.
     """
     around = study.scorer(given.fit)
-    found = _to_fixed_point(_first(study, given, say), _leading, say)
-    if found.around_end.may_reach_noise:
-        sure = _to_fixed_point(found, _sure, say)
-        if study.predicts_to_noise(sure.fit):
-            present = found.scorer.within(found.effects)
-            found = replace(sure, leading=tuple(c for c in present if c in sure.whole.effects))
+    leading = _to_fixed_point(_first(study, given, say), _leading, say)
+    found, end = leading, leading.around_end
+    if end.may_reach_noise or _is_few(_sure(end, end.of(end.within(leading.effects)), say), leading):
+        sure = _to_fixed_point(leading, _sure, say)
+        if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
+            first = leading.scorer.within(leading.effects)
+            found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
     return around, [given, *found.with_ties(found.steps(say))]
+
+
+def _is_few(sure: Appraisal, leading: Path) -> bool:
+    """Whether all that is sure has no more than `FEW` times the values of what leads."""
+    lengths = [sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.whole)]
+    return lengths[0] <= FEW * lengths[1]
 
 
 def _leading(scorer: LinearScorer, now: Appraisal, say: Progress) -> Appraisal:

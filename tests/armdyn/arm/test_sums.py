@@ -116,7 +116,7 @@ def test_foretold_sets_are_those_that_are_scored(scorer):
     now = scorer.of(on(scorer, "joint_coulomb_friction:right_s1"))
     options = [(c,) for c in on(scorer, "torque_offset:right_e0", "torque_offset:right_s1", "link_inertia:right_e1")]
     scored = [scorer.of((*now.effects, *come)) for come in options]
-    assert scorer.foretold_worth(now, options) == pytest.approx([one.worth for one in scored], abs=0.1)
+    assert scorer.foretold_worth(now, options) == pytest.approx([one.worth for one in scored], rel=2e-4)
     assert scorer.foretold_cost(now, options) == pytest.approx([scorer.told_cost(one) for one in scored], abs=1e-3)
 
 
