@@ -35,7 +35,7 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer,
     leading = _to_fixed_point(_first(study, given, say), _leading, say)
     found, end = leading, leading.around_end
     if end.may_reach_noise or _is_few(_sure(end, end.of(end.within(leading.effects)), say), leading):
-        sure = _to_fixed_point(leading, _sure, say)
+        sure = _with_links_looked_at_anew(_to_fixed_point(leading, _sure, say), say)
         if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
             first = leading.scorer.within(leading.effects)
             found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
@@ -72,6 +72,28 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
             break
         found = replace(found, scorer=around, whole=again, ahead=found.fit)
     return found
+
+
+def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
+    """The path to all that is sure, each changed link of which holds against all others where it is not changed.
+
+    From a link that is changed much, what else would do the same is out of sight: sums are around its deformation.
+    """
+    problem = found.study.problem
+    for link in [c for c in found.whole.effects if c not in found.scorer.given]:
+        if link not in found.whole.effects or problem.model.bend(link.names, problem.theta(0, found.fit.values)) is None:
+            continue
+        without = replace(found, whole=found.scorer.of([c for c in found.whole.effects if c is not link]))
+        around = without.around_end
+        again = _sure(around, around.of(around.within(without.effects)), say)
+        other = _to_fixed_point(replace(found, scorer=around, whole=again, ahead=without.fit), _sure, say)
+        if _worth(other) > _worth(found):
+            found = other
+    return found
+
+
+def _worth(path: Path) -> float:
+    return path.around_end.of(path.around_end.within(path.effects)).worth
 
 
 def _first(study: Study, given: Step, say: Progress) -> Path:
