@@ -23,6 +23,7 @@ from armdyn.run import Run
 
 WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Widths that are tried, in typical sizes."""
+ROUNDS = 5
 STEPS = 4
 """Gauss-Newton steps of the whole model from the linear solution, at most."""
 
@@ -57,20 +58,27 @@ def find_background(
         last: their fit.
         say: told how far the search is.
     """
-    scorer = study.scorer(last)
-    say("choosing what is small")
-    told = scorer.of(scorer.within(named))
-    sure = select(scorer, by_evidence(scorer), told, say, firm=told.effects).effects
-    small = [c for c in scorer.candidates if scorer.makes_up(c) == 1]
-    width = max(WIDTHS, key=lambda s: scorer.predicted(scorer.widths(sure, s, small)))
-    widths = scorer.widths(sure, width, small)
-    if scorer.predicted(widths) < scorer.predicted(scorer.widths(told.effects, 0.0)) + SURE:
+    best, at = None, last
+    for _ in range(ROUNDS):
+        say("choosing what is small")
+        scorer = study.scorer(at)
+        told = scorer.of(scorer.within(named))
+        sure = select(scorer, by_evidence(scorer), told, say).effects
+        small = [c for c in scorer.candidates if scorer.makes_up(c) == 1]
+        width = max(WIDTHS, key=lambda s: scorer.predicted(scorer.widths(sure, s, small)))
+        widths = scorer.widths(sure, width, small)
+        if scorer.predicted(widths) < scorer.predicted(scorer.widths(told.effects, 0.0)) + SURE:
+            break
+        say(f"fitting {np.count_nonzero(widths)} values")
+        found, covariance = _fitted(study, scorer, widths)
+        print("   round", width, len(sure), study.excess(found), "last", study.excess(last), found.outcome)
+        # Sums foretell little of what is far from linear.
+        if study.squared_error(found) >= study.squared_error(at):
+            break
+        best, at = (scorer, told, widths, width, found, covariance), found
+    if best is None:
         return None
-    say(f"fitting {np.count_nonzero(widths)} values")
-    found, covariance = _fitted(study, scorer, widths)
-    # Sums foretell little of what is far from linear.
-    if study.squared_error(found) >= study.squared_error(last):
-        return None
+    scorer, told, widths, width, found, covariance = best
     problem, names = study.problem, [n for c in scorer.candidates if c not in told.effects for n in c.names]
     own = np.flatnonzero(problem.of(names) & (found.values != problem.null))
     values = {problem.columns[i].name: float(found.values[i]) for i in own}

@@ -44,7 +44,7 @@ NOISE_SHARE = 0.5
 hides in two joints of seven (0.86); imperfect arms have 0.2 or less in most cases."""
 PIECES = 5
 """Parts of a lone training run that are predicted in turn."""
-LEVELS = 3
+LEVELS = 6
 """Rounds in which the wide model and the errors that it leaves, which weigh it, settle."""
 TRAINING, HELD_OUT = 0, 1
 
@@ -135,10 +135,12 @@ class LinearScorer(Appraiser):
         self._variance, self._samples = np.tile(noise, (2, 1)), np.ones((2, channels))
         change = np.zeros(len(self.columns))
         self._variance[:] = np.maximum(self.errors(change) / 30.0, noise)
+        widths = self.widths((), 1.0)
         for _ in range(LEVELS):
             self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
             self._normals.clear()
-            change = self.solution(self.widths((), 1.0), self.training)
+            change = self.solution(widths, self.training)
+            widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
             self._variance = np.maximum(self.errors(change), noise)
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
         self._independent = self._counted(TRAINING) / time
