@@ -9,23 +9,49 @@ of is as free as what has a name.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
-from armdyn.identify.appraisal import SURE
+from armdyn.identify.appraisal import Appraisal
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import Fit, fit
 from armdyn.identify.linear_scorer import LinearScorer
 from armdyn.identify.problem import Problem, transferred
 from armdyn.identify.select_effects import by_evidence, select
 from armdyn.identify.study import Study
+from armdyn.identify.way import Step
 from armdyn.run import Run
 
 WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Widths that are tried, in typical sizes."""
-ROUNDS = 5
+PRICE = log(len(WIDTHS))
+"""Nats that a background must gain: its width is one of several."""
+MOST_ROUNDS = 5
+"""Expansions, each around what the last one led to; two or three nearly always."""
 STEPS = 4
 """Gauss-Newton steps of the whole model from the linear solution, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class FullModel:
+    """All effects at once: what is sure as free as in any fit, all others held near nothing by one width.
+
+    Attributes:
+        scorer: of sets, from sums around the fit before.
+        sure: the set that the evidence is sure of.
+        width: s, in typical sizes; 0 where only what is sure is held.
+        widths: (c,) of the scorer's unknowns.
+        fit: of all values together.
+        covariance: (P, P) of all unknowns of the study.
+    """
+
+    scorer: LinearScorer
+    sure: Appraisal
+    width: float
+    widths: np.ndarray
+    fit: Fit
+    covariance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -33,7 +59,7 @@ class SmallValues:
     """Small values beside the named effects.
 
     Attributes:
-        width: s, in typical sizes; 0 where only what is sure is held.
+        width: see `FullModel`.
         values: by parameter, in its unit.
         fit: of named effects and small values together.
         covariance: (P, P) of all unknowns of the study.
@@ -47,43 +73,50 @@ class SmallValues:
     in_turn: tuple[Fit, ...]
 
 
-def find_background(
-    study: Study, named: Sequence[Candidate], last: Fit, say: Callable[[str], None]
-) -> SmallValues | None:
-    """The background beside named effects; None where it does not predict other runs better.
+def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]) -> FullModel:
+    """The full model, expanded anew around every fit of it until it leaves no less.
 
     Args:
         study: runs and catalogue.
-        named: the effects that have a name.
-        last: their fit.
+        effects: those from which the search for what is sure sets out.
+        near: the fit around which the first sums are.
         say: told how far the search is.
     """
-    best, at = None, last
-    for _ in range(ROUNDS):
-        say("choosing what is small")
-        scorer = study.scorer(at)
-        told = scorer.of(scorer.within(named))
-        sure = select(scorer, by_evidence(scorer), told, say).effects
+    best: FullModel | None = None
+    for _ in range(MOST_ROUNDS):
+        scorer = study.scorer(near)
+        sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
         small = [c for c in scorer.candidates if scorer.makes_up(c) == 1]
-        width = max(WIDTHS, key=lambda s: scorer.predicted(scorer.widths(sure, s, small)))
-        widths = scorer.widths(sure, width, small)
-        if scorer.predicted(widths) < scorer.predicted(scorer.widths(told.effects, 0.0)) + SURE:
-            break
+        width = max(WIDTHS, key=lambda s: scorer.predicted(scorer.widths(sure.effects, s, small)))
+        if scorer.predicted(scorer.widths(sure.effects, width, small)) < PRICE + scorer.predicted(
+            scorer.widths(sure.effects, 0.0)
+        ):
+            width = 0.0
+        widths = scorer.widths(sure.effects, width, small)
         say(f"fitting {np.count_nonzero(widths)} values")
-        found, covariance = _fitted(study, scorer, widths)
-        print("   round", width, len(sure), study.excess(found), "last", study.excess(last), found.outcome)
+        found = FullModel(scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums foretell little of what is far from linear.
-        if study.squared_error(found) >= study.squared_error(at):
+        if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
-        best, at = (scorer, told, widths, width, found, covariance), found
-    if best is None:
+        best, effects, near = found, sure.effects, found.fit
+    assert best is not None
+    return best
+
+
+def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | None:
+    """The background beside named effects; None where it does not predict other runs better."""
+    scorer, before = full.scorer, study.scorer(told.fit)
+    named = before.within(told.effects)
+    unnamed = before.errors_predicted(before.widths(named, 0.0))
+    if scorer.predicted(full.widths) < scorer.log_likelihood(unnamed) + PRICE:
         return None
-    scorer, told, widths, width, found, covariance = best
-    problem, names = study.problem, [n for c in scorer.candidates if c not in told.effects for n in c.names]
-    own = np.flatnonzero(problem.of(names) & (found.values != problem.null))
-    values = {problem.columns[i].name: float(found.values[i]) for i in own}
-    in_turn = () if study.held_out else tuple(_in_turn(study, scorer, widths))
-    return SmallValues(width, values, found, covariance, in_turn)
+    if study.squared_error(full.fit) >= study.squared_error(told.fit):
+        return None
+    problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
+    own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
+    values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
+    in_turn = () if study.held_out else tuple(_in_turn(study, scorer, full.widths))
+    return SmallValues(full.width, values, full.fit, full.covariance, in_turn)
 
 
 def _fitted(study: Study, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:

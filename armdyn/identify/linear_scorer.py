@@ -250,10 +250,18 @@ class LinearScorer(Appraiser):
             total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
         return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
 
+    def errors_predicted(self, widths: np.ndarray) -> np.ndarray:
+        """(2, c) mean squared error of training runs, each predicted from the others, and of held-out runs from all."""
+        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
+        return np.array([self.errors_in_turn(widths), held_out])
+
     def predicted(self, widths: np.ndarray) -> float:
         """Log likelihood of every training run as predicted from the others, and of the held-out runs from all."""
-        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
-        return float(self._log_likelihoods(np.array([self.errors_in_turn(widths), held_out])).sum())
+        return self.log_likelihood(self.errors_predicted(widths))
+
+    def log_likelihood(self, errors: np.ndarray) -> float:
+        """Of (2, c) mean squared errors."""
+        return float(self._log_likelihoods(errors).sum())
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
         """(..., 2) of training and of held-out runs, from (..., 2, c) mean squared errors."""

@@ -11,7 +11,7 @@ from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.faults import outlier_sentence
-from armdyn.identify.background import find_background
+from armdyn.identify.background import FullModel, find_background, fit_full_model
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
@@ -124,16 +124,20 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 
     An arm's model gets a background as well, where that predicts other runs better; see `find_background`.
     """
-    told = _concluded(study, search(study, progress))
+    found = search(study, progress)
+    told = _concluded(study, found)
     if not study.model.linear or told.verdict is Verdict.LOST:
         return told
-    return with_background(study, told, progress or (lambda _: None))
+    return with_background(study, told, progress or (lambda _: None), found.full)
 
 
-def with_background(study: Study, told: Repair, say: Progress) -> Repair:
-    """A repair with small values beside what it names, or as it is where they predict other runs no better."""
+def with_background(study: Study, told: Repair, say: Progress, full: FullModel | None = None) -> Repair:
+    """A repair with small values beside what it names, or as it is where they predict other runs no better.
+
+    `full` is the model with all effects, where it is known.
+    """
     last = told.steps[-1]
-    small = find_background(study, last.effects, last.fit, say)
+    small = find_background(study, last, full or fit_full_model(study, last.effects, last.fit, say))
     without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
     if small is None:
         return without

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from armdyn.identify.appraisal import Appraisal, Appraiser
+from armdyn.identify.background import FullModel
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.filtered import Filtered
@@ -24,11 +25,13 @@ class Search:
         steps: the model as given first.
         suspects: what could have been the first effect, best first.
         further: of the effects that the last step lacks, the one that is worth most; None where none is worth anything.
+        full: of an arm, all effects at once.
     """
 
     steps: tuple[Step, ...]
     suspects: tuple[Suspect, ...] = ()
     further: Candidate | None = None
+    full: FullModel | None = None
 
     @property
     def last(self) -> Step:
@@ -64,18 +67,19 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     """
     say = progress or (lambda _: None)
     say("fitting the model as it is")
+    full = None
     first = study.first()
     appraiser: Appraiser
     given = Step((), (), study.present, first, study.tests(first, study.present))
     if study.model.linear:
-        appraiser, steps = whole_story(study, given, say)
+        appraiser, steps, full = whole_story(study, given, say)
     else:
         appraiser, whole = _by_evidence(study, say)
         steps = _way(study, given, appraiser, whole, say)
     named = steps[min(1, len(steps) - 1)]
     found = suspects(appraiser, appraiser.within(named.added), named.tied)
     around = study.scorer(steps[-1].fit) if study.model.linear else appraiser
-    return Search(tuple(steps), found, _further(around, around.within(steps[-1].effects)))
+    return Search(tuple(steps), found, _further(around, around.within(steps[-1].effects)), full)
 
 
 def _further(appraiser: Appraiser, effects: Sequence[Candidate]) -> Candidate | None:

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.identify.appraisal import Appraisal
+from armdyn.identify.background import FullModel, fit_full_model
+from armdyn.identify.candidate import Candidate
 from armdyn.identify.fit import converged
 from armdyn.identify.linear_scorer import LinearScorer
 from armdyn.identify.select_effects import by_evidence, by_share, eliminate, select
@@ -14,9 +16,6 @@ from armdyn.identify.way import Path, Progress, Step
 
 FAR = 3.0
 """Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
-MOST_ROUNDS = 8
-"""Expansions around the end of a repair of an arm; two to four nearly always."""
-
 FEW = 2.0
 """Times the values of what leads, up to which all that is sure is told: no reader is lost in them."""
 
@@ -24,22 +23,25 @@ Rule = Callable[[LinearScorer, Appraisal, Progress], Appraisal]
 """Goes on from a set of effects to the one that is to be told."""
 
 
-def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step]]:
-    """The scorer of an arm around its fit as given, and the way to where nothing is missing that can be told.
+def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
+    """The scorer of an arm around its fit as given, the way to where nothing is missing that can be told, all effects.
 
     Few effects are told, those that take most of the misfit away. All that the evidence is sure of is told, what leads
     first, where that is few as well, or where it leaves only noise: then nothing of it is a small error that every
-    description has.
+    description has. What is sure is asked for around the fit of all effects, which is nearer to the truth than that of
+    few.
     """
     around = study.scorer(given.fit)
-    leading = _to_fixed_point(_first(study, given, say), _leading, say)
-    found, end = leading, leading.around_end
-    if end.may_reach_noise or _is_few(_sure(end, end.of(end.within(leading.effects)), say), leading):
-        sure = _with_links_looked_at_anew(_to_fixed_point(leading, _sure, say), say)
-        if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
-            first = leading.scorer.within(leading.effects)
-            found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
-    return around, [given, *found.with_ties(found.steps(say))]
+    found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
+    full = fit_full_model(study, leading.effects, leading.fit, say)
+    sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
+    if study.squared_error(sure.fit) > study.squared_error(leading.fit):
+        sure = _to_fixed_point(leading, _sure, say)  # a set whose own place is far from that of all effects
+    sure = _with_links_looked_at_anew(sure, say)
+    if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
+        first = leading.scorer.within(leading.effects)
+        found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
+    return around, [given, *found.with_ties(found.steps(say))], full
 
 
 def _is_few(sure: Appraisal, leading: Path) -> bool:
@@ -64,14 +66,15 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
 
     What multiplies others, such as a delay of a spring's torque, shows where they are.
     """
-    for _ in range(MOST_ROUNDS):
+    seen = set[frozenset[Candidate]]()
+    while True:
         around = found.around_end
         present = around.of(around.within(found.effects))
+        seen.add(frozenset(present.effects))
         again = rule(around, present, say)
-        if again is present:
-            break
+        if frozenset(again.effects) in seen:
+            return found
         found = replace(found, scorer=around, whole=again, ahead=found.fit)
-    return found
 
 
 def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
