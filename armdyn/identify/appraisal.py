@@ -128,7 +128,7 @@ class Appraiser(ABC):
         Each effect could have been another one of the catalogue, on any other of its joints, and is to be sure beyond
         that. On a further joint it is expected more. What several simpler ones make up is as many.
         """
-        catalogue, found = log(max(len(self._reach), self.tried)), 0.0
+        catalogue, found = log(max(len(self._reach), self.tried, 1)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)

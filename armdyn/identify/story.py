@@ -66,14 +66,15 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
 
     What multiplies others, such as a delay of a spring's torque, shows where they are.
     """
-    seen = set[frozenset[Candidate]]()
+    sets, paths = list[frozenset[Candidate]](), list[Path]()
     while True:
         around = found.around_end
         present = around.of(around.within(found.effects))
-        seen.add(frozenset(present.effects))
+        sets.append(frozenset(present.effects))
+        paths.append(found)
         again = rule(around, present, say)
-        if frozenset(again.effects) in seen:
-            return found
+        if frozenset(again.effects) in sets:
+            return max(paths[sets.index(frozenset(again.effects)) :], key=_worth)
         found = replace(found, scorer=around, whole=again, ahead=found.fit)
 
 
