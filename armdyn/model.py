@@ -46,19 +46,6 @@ def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Bend:
-    """Parameters on which predictions depend only through others, in which they are linear.
-
-    Attributes:
-        through: names of those others.
-        function: from (k,) changes of the k parameters to (m,) changes of the others, and (m, k) its derivatives.
-    """
-
-    through: tuple[str, ...]
-    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-
-@dataclass(frozen=True)
 class Background:
     """Small values of effects that a model has without naming them: together they predict, none of them is told.
 
@@ -165,18 +152,10 @@ class Model(Shown):
         """The run, or the parts of it each of which has a start of its own."""
         return (run,)
 
-    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """How predictions depend on the parameters `names` where that is not linear but simple; None elsewhere.
-
-        Predictions are linear in an arm's inertial parameters, but not in a payload's place, nor in the factor that
-        keeps a link's parameters those of a body.
-
-        Args:
-            names: of one effect's parameters on one joint.
-            theta: (p,) values around which.
-        """
-        del names, theta
-        return None
+    def changes_link(self, names: Sequence[str]) -> bool:
+        """Whether the parameters `names`, of one effect on one joint, change a link's mass, centre or inertia."""
+        del names
+        return False
 
     @property
     @abstractmethod

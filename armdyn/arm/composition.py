@@ -3,7 +3,7 @@
 What is linear in its parameter, with a factor that only the motion decides, is kept apart and evaluated once per run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -124,34 +124,6 @@ class Change:
         before = self._function(described, self._null)[0][:, 0].copy()
         after, derivatives = self._function(described, theta)
         return after[:, 0] - before, derivatives.copy()
-
-    def through_others(
-        self, described: np.ndarray, theta: np.ndarray, own: Sequence[int], others: Sequence[int]
-    ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """How other parameters imitate a change of some, to first order in the others.
-
-        With y the quantities, a change d of the own parameters is that of the others by
-        (dy/dothers)^-1 (y(theta + d) - y(theta)).
-
-        Args:
-            described: see `at`.
-            theta: (k,) where the change begins.
-            own: indices of those that change.
-            others: of those that imitate them, as many as there are quantities.
-
-        Returns:
-            What makes of a change of the own (o,) that of the others (q,) and its derivatives (q, o).
-        """
-        value, slopes = self.at(described, theta)
-        inverse = np.linalg.inv(slopes[:, others])
-
-        def imitated(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            there = theta.copy()
-            there[own] += change
-            changed, derivatives = self.at(described, there)
-            return inverse @ (changed - value), inverse @ derivatives[:, own]
-
-        return imitated
 
 
 def base_change(effects: Sequence[Effect]) -> Change:

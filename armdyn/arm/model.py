@@ -22,7 +22,7 @@ from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun, torque_noise
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.model import Bend, Model, Prediction, join_channels
+from armdyn.model import Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.run import Channel, Run
 from urdf.table_file import Check, read_as
@@ -127,18 +127,14 @@ class ArmModel(Model):
         """See `Model.effect_parameter`."""
         return self.arm.parameter(quantity, effect, short, joint)
 
-    def bend(self, names: Sequence[str], theta: np.ndarray) -> Bend | None:
-        """See `Model.bend`: what changes a link acts as a deformation of it does, through its inertial parameters."""
+    def changes_link(self, names: Sequence[str]) -> bool:
+        """See `Model.changes_link`: a payload and a link's own inertia do."""
         joint = self.parameters[names[0]].joint
-        through = self.parts(DEFORMATION).get(joint, ())
-        if not through:
-            return None
+        if not joint:
+            return False
         i = self.arm.joints.index(joint)
-        columns, link = self._columns[i], self._functions[i].link
-        own, others = ([columns.index(self.names.index(name)) for name in of] for of in (names, through))
-        if link is None or not link.depends[own].all():
-            return None
-        return Bend(tuple(through), link.through_others(self.arm.shapes[i], theta[columns], own, others))
+        link, own = self._functions[i].link, [self._columns[i].index(self.names.index(name)) for name in names]
+        return link is not None and bool(link.depends[own].any())
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """See `Model.covariates`: position, velocity and acceleration of every joint."""
@@ -273,8 +269,6 @@ class ArmModel(Model):
         )
 
 
-DEFORMATION = "link_inertia"
-"""The effect whose parameters span all that can change in a link."""
 OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects that are what a declared drive's table holds: another gain is another table."""
 ROTOR = "rotor_inertia"

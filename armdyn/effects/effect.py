@@ -33,7 +33,6 @@ class Effect:
         wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
         needs: channels of which a recording must have one to show it, whatever its parameters need; any will do where
             empty.
-        usual: standard deviation, in typical sizes, by which every description is wrong: as much of it is no finding.
     """
 
     name: str
@@ -46,7 +45,6 @@ class Effect:
     joints: tuple[str, ...] = ()
     wrong: bool = False
     needs: tuple[str, ...] = ()
-    usual: float = 0.0
     columns: Mapping[str, RecordedColumn] = field(default_factory=dict)
 
     def shows_in(self, channels: Collection[str]) -> bool:
@@ -129,7 +127,6 @@ def effect(
     reach: Reach = "every",
     wrong: bool = False,
     needs: tuple[str, ...] = (),
-    usual: float = 0.0,
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage, the others parameters, `quantity`, or columns.
 
@@ -165,7 +162,7 @@ def effect(
         declared = MappingProxyType(quantities)
         return Effect(
             called, at, declared, summary, source, function, reach,
-            wrong=wrong, needs=needs, usual=usual, columns=MappingProxyType(columns),
+            wrong=wrong, needs=needs, columns=MappingProxyType(columns),
         )  # fmt: skip
 
     return make

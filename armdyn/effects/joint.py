@@ -200,7 +200,6 @@ def _extent(stretch: Expression) -> Expression:
     summary="The moved link's mass is not distributed as described: more of it, elsewhere, farther out; always a body.",
     source="Cholesky parameters of the pseudo-inertia, relative to the described one: Rucker & Wensing, IEEE RA-L 7, "
     "2022",
-    usual=1 / 3,
 )
 def link_inertia(
     joint: Joint,

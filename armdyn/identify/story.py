@@ -81,11 +81,11 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
 def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
     """The path to all that is sure, each changed link of which holds against all others where it is not changed.
 
-    From a link that is changed much, what else would do the same is out of sight: sums are around its deformation.
+    From a link that is changed much, what else would do the same is out of sight: sums are around it.
     """
-    problem = found.study.problem
+    model = found.study.problem.model
     for link in [c for c in found.whole.effects if c not in found.scorer.given]:
-        if link not in found.whole.effects or problem.model.bend(link.names, problem.theta(0, found.fit.values)) is None:
+        if link not in found.whole.effects or not model.changes_link(link.names):
             continue
         without = replace(found, whole=found.scorer.of([c for c in found.whole.effects if c is not link]))
         around = without.around_end
