@@ -148,9 +148,9 @@ class Filtered(Appraiser):
         near = gap <= MOSTLY * (standing - self.standing(without))
         if (near or gap < PROMISED) and standing - self.standing(self._again(other, whole)) < TIE:
             return True
-        if not near:
-            return False
         study = self._study
+        if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
+            return False  # an experiment that was made to tell them apart does it by evidence
         found = study.fit_with((*study.present, *whole.effects), None)
         if study.is_at_noise(found):
             return False
