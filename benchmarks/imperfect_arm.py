@@ -99,7 +99,8 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
         "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
     }  # fmt: skip
     if not truth:
-        return row | {"quiet": not row["removed"] or row["removed"][0] < CONFIDENT}
+        first = mended.path[1].added if len(mended.path) > 1 else ("background",)
+        return row | {"quiet": first == ("background",) or row["removed"][0] < CONFIDENT}
     reference = exam_error(with_true_effects(model, case, case.held_out).model, case.exam)
     row |= {"values": row["added"] / case.values, "exam_true": reference, "exam": row["exam_error"] / reference}
     return row | {

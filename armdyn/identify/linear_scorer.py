@@ -130,11 +130,16 @@ class LinearScorer(Appraiser):
         return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
-        """(2, c) what the wide model leaves of every channel in training and held-out runs, (2, c) its samples."""
+        """(2, c) what the wide model leaves of every channel in training and held-out runs, (2, c) its samples.
+
+        What is larger than typical is as free as it is large, as under a Cauchy prior; where other runs are predicted
+        better without that freedom, or as the expansion's point does, they say what is left.
+        """
         noise, channels = self._noise, len(self._noise)
         self._variance, self._samples = np.tile(noise, (2, 1)), np.ones((2, channels))
         change = np.zeros(len(self.columns))
-        self._variance[:] = np.maximum(self.errors(change) / 30.0, noise)
+        least = np.maximum(self.errors(change), noise)
+        self._variance[:] = np.maximum(least / 30.0, noise)
         widths = self.widths((), 1.0)
         for _ in range(LEVELS):
             self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
@@ -142,6 +147,8 @@ class LinearScorer(Appraiser):
             change = self.solution(widths, self.training)
             widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
             self._variance = np.maximum(self.errors(change), noise)
+            least = np.minimum(least, self._variance)
+        self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
         self._independent = self._counted(TRAINING) / time
         m = np.clip(1.0 - NOISY * noise / self._variance, 0.0, 1.0)

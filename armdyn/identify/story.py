@@ -37,8 +37,8 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer,
     sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
         sure = _to_fixed_point(leading, _sure, say)  # a set whose own place is far from that of all effects
-    sure = _with_links_looked_at_anew(sure, say)
     if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
+        sure = _with_links_looked_at_anew(sure, say)
         first = leading.scorer.within(leading.effects)
         found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
     return around, [given, *found.with_ties(found.steps(say))], full
