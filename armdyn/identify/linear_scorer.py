@@ -39,13 +39,10 @@ EFFECT, VALUE = 0.05, 0.01
 """Share of the misfit that an effect on a joint, and each of its values, must take away where not all can be told."""
 HELD = 1e-6
 """Share of an effect's square that is left beside others which can do all that it does."""
-NOISE_SHARE = 0.5
-"""Share of noise in what all effects together leave, from which few may leave nothing else: what is far from linear
-hides in two joints of seven (0.86); imperfect arms have 0.2 or less in most cases."""
 PIECES = 5
 """Parts of a lone training run that are predicted in turn."""
 LEVELS = 6
-"""Rounds in which the wide model and the errors that it leaves, which weigh it, settle."""
+"""Rounds in which the wide model, and the errors that it leaves, which weigh it, come to rest."""
 TRAINING, HELD_OUT = 0, 1
 
 
@@ -150,7 +147,6 @@ class LinearScorer(Appraiser):
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
-        self._independent = self._counted(TRAINING) / time
         m = np.clip(1.0 - NOISY * noise / self._variance, 0.0, 1.0)
         count = np.array([self._counted(k) for k in (TRAINING, HELD_OUT)])
         with np.errstate(divide="ignore"):
@@ -382,13 +378,6 @@ class LinearScorer(Appraiser):
     def told_next(self, now: Appraisal, options: Sequence[Sequence[Candidate]]) -> Appraisal:
         """See `Appraiser.told_next`: what takes most of the misfit away for its length."""
         return min((self.of((*now.effects, *one)) for one in options), key=self.told_cost)
-
-    @cached_property
-    def may_reach_noise(self) -> bool:
-        """Whether all effects together leave little more than noise in the training runs, the mean over channels."""
-        left = self.errors(self.solution(self.widths(self.candidates, 0.0), self.training))[TRAINING]
-        share = self._noise * [noisy(n) for n in self._independent.tolist()] / np.maximum(left, self._noise)
-        return bool(np.mean(share[self._counted(TRAINING) > 0.0]) >= NOISE_SHARE)
 
     def values(self, one: Appraisal) -> np.ndarray:
         """See `Appraiser.values`; foretold."""
