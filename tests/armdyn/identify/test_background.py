@@ -9,7 +9,7 @@ from hidden_effects.imperfect_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.background import find_background
+from armdyn.identify.background import find_background, fit_full_model
 from armdyn.identify.repair import Repair, add, with_background
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
@@ -71,12 +71,9 @@ def test_where_small_values_make_other_runs_worse_there_are_none_and_the_answer_
     case = generate("ur5", "coulomb", 3, duration=10.0)
     study = Study(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS)
     told = add(study, [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth])
-    small = find_background(
-        study,
-        told.steps[-1].effects,
-        told.steps[-1].fit,
-        lambda _: None,
-    )
+    last = told.steps[-1]
+    small = find_background(study, last, fit_full_model(study, last.effects, last.fit, lambda _: None))
+    assert small is not None
     given = study.first()  # leaves more than the named effects do
     monkeypatch.setattr("armdyn.identify.repair.find_background", lambda *_: replace(small, fit=given))
     found = with_background(study, told, lambda _: None)
