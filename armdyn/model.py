@@ -100,6 +100,8 @@ class Model(Shown):
 
     step = 0.005
     """s; of a simulation, about: how long a recording can be simulated follows from it."""
+    settled_window = 3.0
+    """s; in a shorter part of a run friction and creep are told too little to be fitted there."""
     linear = False
     """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
 
@@ -398,6 +400,10 @@ class Model(Shown):
         """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
         del runs
         return self
+
+    def taking(self, run: Run) -> Run:
+        """The run with those of its further quantities as channels that the model predicts or follows."""
+        return run
 
     def reading(self, run: Run) -> Run:
         """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""

@@ -30,6 +30,7 @@ def prepared(
     if not runs:
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
+    runs, held_out, exam = ([model.taking(run) for run in given] for given in (runs, held_out, exam))
     check_distinct_data(model, [*runs, *held_out, *exam])
     named = with_distinct_names([*runs, *held_out])
     parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]

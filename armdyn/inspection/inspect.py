@@ -54,6 +54,7 @@ def inspected(
         effects = available(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
+        runs = [model.taking(run) for run in runs]
         model = model.following(runs)
     found = [check for run in runs for check in checks_of(run, model, effects, adding)]
     return Inspection(tuple(runs), by_severity([*found, *_joints_beside(model, runs)]))

@@ -30,10 +30,11 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 import casadi as ca
 
-from armdyn.channels import channel_kind, channel_units
+from armdyn.channels import channel_kind, channel_units, is_further
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.parameter import Parameter, RecordedColumn
+from armdyn.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
 NONE: Expression = ca.SX(0)
@@ -246,7 +247,7 @@ def physics(
     inputs: Mapping[str, str] = MappingProxyType({}),
     held: Collection[str] = (),
     period: float = 1.0,
-    step: float = 0.01,
+    step: float | None = None,
 ) -> Callable[[Callable[[Moment], Equations]], Physics]:
     """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
 
@@ -259,8 +260,12 @@ def physics(
     """
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
+    step = USUAL_STEP * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
-        if unit not in channel_units(channel, "channel"):
+        if is_further(channel):
+            with at(f"physics '{name}': {channel}"):
+                to_base_units(unit)
+        elif unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")
     for channel in held:
         if channel not in inputs:
@@ -285,7 +290,9 @@ def physics(
 
 
 _START = "initial_"
-SHORTEST, LONGEST = 1e-3, 1e4
+USUAL_STEP = 0.01
+"""Of a period, the step of the integration where none is given: a Runge-Kutta step is exact to 1e-7 there."""
+SHORTEST, LONGEST = 1e-6, 1e7
 """s of a swing or of whatever a base does again and again; what is faster no recording shows."""
 
 

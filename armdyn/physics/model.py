@@ -15,13 +15,15 @@ from armdyn.channels import MIN_SAMPLES
 from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.faults import HIGHEST_RATE, clean
 from armdyn.kept import kept_alongside
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import Physics
+from armdyn.physics.definition import USUAL_STEP, Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import FINEST_GRID, Path, recorded_inputs
-from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
+from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
 from armdyn.run import Channel, Run
+from armdyn.units import to_base_units
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
@@ -66,7 +68,12 @@ class PhysicsModel(SimulatedModel):
     @property
     def step(self) -> float:  # type: ignore[override]
         """See `Model.step`: as its physics says."""
-        return max(self.physics.step, FINEST_GRID)
+        return self.physics.step
+
+    @property
+    def settled_window(self) -> float:  # type: ignore[override]
+        """See `Model.settled_window`: three periods."""
+        return 3.0 * self.physics.period
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -92,7 +99,7 @@ class PhysicsModel(SimulatedModel):
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """See `Model.guess_start`: what a channel measures of the states, and of the states that are their rates."""
         states = self.physics.states
-        guess = self._shown(run, measured_start)
+        guess = self._shown(run, lambda channel: measured_start(channel, FIRST_STRETCH * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
@@ -151,6 +158,24 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
+    def taking(self, run: Run) -> Run:
+        """See `Model.taking`; in the units of the equations."""
+        declared = {**self.physics.inputs, **self.physics.outputs}
+        found, noise = dict[str, Channel](), dict(run.noise)
+        for name, channel in run.extra.items():
+            if name in declared:
+                (given, times, plus), (wanted, factor, zero) = map(to_base_units, (channel.unit, declared[name]))
+                if given != wanted:
+                    raise InputError(
+                        f"{run.source or run.name}: '{name}' is in {channel.unit}, not in {declared[name]}: mend the "
+                        "unit of one"
+                    )
+                value = (channel.value * times + (plus - zero)) / factor
+                found[name] = Channel(channel.time, value, declared[name])
+                if name in noise:
+                    noise[name] *= times / factor
+        return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
+
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""
         channels = super().predicted_channels(run)
@@ -163,6 +188,8 @@ class PhysicsModel(SimulatedModel):
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; what was measured before or after the inputs were is left out."""
+        del beside
+        run = self.taking(run)
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
@@ -172,7 +199,8 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return super().prepared(run, beside)
+        steady = {n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])}
+        return clean(run, names, self.physics.inputs, steady, HIGHEST_RATE * USUAL_STEP / self.physics.step)
 
     @property
     def kicked(self) -> list[int]:

@@ -218,7 +218,7 @@ def recorded_inputs(
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
-    dt = min(step, max(interval, FINEST_GRID))
+    dt = min(step, max(interval, FINEST_GRID / COARSEST_GRID * step))
     if not end > start + 4 * dt:
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))

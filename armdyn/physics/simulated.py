@@ -257,9 +257,9 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     return float(channel.time[last])
 
 
-def measured_start(channel: Channel) -> tuple[float, float]:
-    """Value and rate of a channel at its first sample, by a parabola through the first ones."""
+def measured_start(channel: Channel, stretch: float = FIRST_STRETCH) -> tuple[float, float]:
+    """Value and rate of a channel at its first sample, by a parabola through what was measured in the first stretch."""
     since = channel.time - channel.time[0]
-    near = max(FIRST_SAMPLES, int(np.searchsorted(since, FIRST_STRETCH)))
+    near = max(FIRST_SAMPLES, int(np.searchsorted(since, stretch)))
     curve = np.polyfit(since[:near], channel.value[:near], 2)
     return float(curve[2]), float(curve[1])
