@@ -161,6 +161,16 @@ class Problem:
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
 
+    def place(self, places: Mapping[str, float]) -> None:
+        """Begin at these values, by parameter, of what matters only where its effect is there, and is absent at any."""
+        moved = [
+            replace(c, parameter=replace(p, value=places[p.name], null=places[p.name])) if p.name in places else c
+            for c in self.columns
+            for p in [c.parameter]
+        ]
+        self.columns = tuple(moved)
+        self.null = np.array([c.parameter.null for c in moved])
+
     def places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
         return self._of_run[run]

@@ -170,6 +170,7 @@ class Moment:
         self.time = time
         self.memory: list[Memory] = []
         self.stages: dict[str, list[str]] = {}
+        self.kinds: dict[str, type] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
         self._recorded = recorded
 
@@ -194,6 +195,7 @@ class Moment:
             joint: which of several it is, ``""`` where there is one only.
         """
         self.stages.setdefault(name, []).append(joint)
+        self.kinds[name] = type(stage)
         for effect in self._effects:
             if effect.acts_on == name and (joint in effect.joints or not effect.joints):
                 tail = f"[{joint}]" if joint else ""

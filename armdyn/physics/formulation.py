@@ -30,6 +30,7 @@ class Formulation(System):
         measured: by state, the channel that reads it as it is.
         rates: by state, the state that is its rate.
         stages: where effects may act, with the joints of each.
+        kinds: classes of the stages.
     """
 
     against: ca.Function
@@ -38,6 +39,7 @@ class Formulation(System):
     measured: dict[str, str]
     rates: dict[str, str]
     stages: dict[str, tuple[str, ...]]
+    kinds: dict[str, type]
 
 
 @lru_cache(maxsize=128)
@@ -97,6 +99,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
         rates={n: m for n in states for m, x in states.items() if _same(found.rates[n], x)},
         stages={name: tuple(joints) for name, joints in moment.stages.items()},
+        kinds=moment.kinds,
     )
 
 

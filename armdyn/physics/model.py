@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES
-from armdyn.effects.catalogue import natural_order
+from armdyn.effects.catalogue import CATALOGUE, natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.faults import HIGHEST_RATE, clean
@@ -289,8 +289,9 @@ def _bare(physics: Physics) -> Formulation:
 
 @lru_cache(maxsize=512)
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
-    """Joints of its stage on which an effect changes something."""
-    if effect.acts_on not in _bare(physics).stages:
+    """Joints of its stage on which an effect changes something; none where another kind of thing is called as that."""
+    kind = _bare(physics).kinds.get(effect.acts_on)
+    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
         return ()
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
