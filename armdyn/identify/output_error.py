@@ -83,7 +83,9 @@ class AroundMotion:
         self.places = places(self.box, self.point, self.base, self.seen)
         problem.place(self.names_of_places)
         for k, place in self.places.items():
-            self.seen[k], self.point.values[k] = True, place
+            self.point.values[k] = place
+        self.seen |= self.box.seen(self.point)
+        self.seen[list(self.places)] = True
         self._settled = {self.base.tobytes(): (self.base, self.point)}
 
     @property

@@ -6,7 +6,6 @@ over all that the recordings reach, at each of which the evidence of the size al
 any other, and counts as one.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +17,8 @@ FARTHEST, TRIED = 10.0, 21
 """Typical sizes to either side of the declared place, and places tried there, evenly."""
 HALVINGS = 3
 """Of the distance between two places that are tried, around the best one: from there a descent goes on."""
-ON = (1.0, 0.1)
-"""Typical sizes at which it is asked whether a place matters."""
+ALIKE = 1e-6
+"""Nats by which places differ that matter at all."""
 
 
 def places(box: GreyBox, point: Point, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
@@ -31,36 +30,22 @@ def places(box: GreyBox, point: Point, base: np.ndarray, seen: np.ndarray) -> di
         base: (P,) bool, what is fitted of it.
         seen: (P,) bool, unknowns that change something where no effect is there.
     """
-    found = dict[int, float]()
-    for sized, hidden in _thresholds(box, point, seen):
-        values = point.values.copy()
-        for place in hidden:
-            values[place] = found[place] = _likeliest(box, replace(point, values=values), base | sized, place)
+    problem, found, values = box.problem, dict[int, float](), point.values.copy()
+    hidden = problem.is_effect & box.removable & ~problem.per_run & ~seen
+    for place in np.flatnonzero(hidden).tolist():
+        effect = problem.columns[place].parameter
+        own = np.array([(c.parameter.effect, c.parameter.joint) == (effect.effect, effect.joint) for c in problem.columns])
+        own[place] = False
+        here = replace(point, values=values)
+        if own.any() and not box.seen(here)[place]:
+            at = _likeliest(box, here, base | own, place)
+            if at is not None:
+                values[place] = found[place] = at
     return found
 
 
-def _thresholds(box: GreyBox, point: Point, seen: np.ndarray) -> Iterator[tuple[np.ndarray, list[int]]]:
-    """(P,) bool, the sizes of every effect that has a place, and which unknowns are its places."""
-    problem = box.problem
-    for key in dict.fromkeys((c.parameter.effect, c.parameter.joint) for c in problem.columns if c.parameter.effect):
-        own = np.array([(c.parameter.effect, c.parameter.joint) == key for c in problem.columns])
-        own &= box.removable & ~problem.per_run
-        sized, rest = own & seen, own & ~seen
-        if not sized.any() or not rest.any():
-            continue
-        shown = np.zeros(len(own), dtype=bool)
-        for size in ON:
-            for sign in (1.0, -1.0):
-                on = np.clip(problem.null + sign * size * problem.typical, problem.lower, problem.upper)
-                there = replace(point, values=np.where(sized, on, point.values))
-                with np.errstate(all="ignore"):  # one that diverges shows nothing
-                    shown |= box.seen(there)
-        if (rest & shown).any():
-            yield sized, np.flatnonzero(rest & shown).tolist()
-
-
-def _likeliest(box: GreyBox, point: Point, free: np.ndarray, place: int) -> float:
-    """The place at which what is (P,) `free` is likeliest; of several alike that next to the declared one."""
+def _likeliest(box: GreyBox, point: Point, free: np.ndarray, place: int) -> float | None:
+    """The place at which what is (P,) `free` is likeliest, alike ones next to the declared one; None where all are."""
     problem = box.problem
     centre, step = point.values[place], 2.0 * FARTHEST / (TRIED - 1) * problem.typical[place]
     tried = dict[float, float]()
@@ -79,6 +64,8 @@ def _likeliest(box: GreyBox, point: Point, free: np.ndarray, place: int) -> floa
 
     for k in np.arange(TRIED) - TRIED // 2:
         worth(centre + k * step)
+    if np.ptp(list(tried.values())) < ALIKE:
+        return None
     for _ in range(HALVINGS):
         step *= 0.5
         best = max(tried, key=lambda one: (tried[one], -abs(one - centre)))
