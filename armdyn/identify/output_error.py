@@ -82,8 +82,9 @@ class AroundMotion:
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
         self.places = places(self.box, self.point, self.base, self.seen)
         problem.place(self.names_of_places)
+        self._given = values.copy()
         for k, place in self.places.items():
-            self.point.values[k] = place
+            self.point.values[k] = self._given[k] = place
         self.seen |= self.box.seen(self.point)
         self.seen[list(self.places)] = True
         self._settled = {self.base.tobytes(): (self.base, self.point)}

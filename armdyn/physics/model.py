@@ -27,6 +27,8 @@ from armdyn.units import to_base_units
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
+MOVED = 0.01
+"""Typical sizes by which values are moved together to see which states tell it."""
 FARTHEST = 2.0
 """The largest of these, in typical sizes."""
 
@@ -236,6 +238,17 @@ class PhysicsModel(SimulatedModel):
         found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
         name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
         return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
+
+    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """See `SimulatedModel`: of which the range changes by a hundredth where values change by a hundredth."""
+        channels, starts = self.predicted_channels(run), len(self.physics.states)
+        shown = {name for name, channel in _bare(self.physics).measured.items() if channel in channels}
+        here, there = (
+            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts] for step in (0.0, MOVED)
+        )
+        moved = np.abs(there - here).max(axis=0) > 0.1 * MOVED * np.ptp(here, axis=0)
+        named = zip(self.physics.states.items(), moved, strict=True)
+        return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 
     def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""

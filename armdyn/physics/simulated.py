@@ -108,6 +108,17 @@ class SimulatedModel(Model):
         del run, swing
         return np.inf
 
+    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """States, with their units, that no channel of a run measures and that move with the parameters.
+
+        Args:
+            run: prepared.
+            theta: (p,) in the order of `names`.
+            direction: (p,) in which they move.
+        """
+        del run, theta, direction
+        return ()
+
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """Values of parameters that a run shows without a fit, as a swing's period shows a length."""
         del run, theta
