@@ -433,6 +433,11 @@ class Model(Shown):
         del beside
         return run
 
+    def jumps(self, run: Run) -> np.ndarray:
+        """(j,) times, s, ascending, at which what it predicts for a prepared run may jump."""
+        del run
+        return np.zeros(0)
+
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """By channel of a prepared run, the standard deviation of what is compared, where it depends on (p,) `theta`.
 

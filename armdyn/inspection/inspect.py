@@ -109,7 +109,7 @@ def checks_of(
     mended = run
     if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
         found += ranges(run)
-    if model is not None and not still:
+    if model is not None and run.channels and not still:
         piece = longest_piece(run, LONGEST)
         piece = without_spikes(piece, piece.channels)
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])

@@ -201,8 +201,16 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        steady = {n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])}
-        return clean(run, names, self.physics.inputs, steady, HIGHEST_RATE * USUAL_STEP / self.physics.step)
+        return clean(run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * USUAL_STEP / self.physics.step)
+
+    def jumps(self, run: Run) -> np.ndarray:
+        """See `Model.jumps`: where an input that is held changes."""
+        held = [run.channels[name] for name in self._held(run)]
+        return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
+
+    def _held(self, run: Run) -> list[str]:
+        """Inputs that keep their value until the next sample."""
+        return [n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])]
 
     @property
     def kicked(self) -> list[int]:
