@@ -117,8 +117,8 @@ def _check_span(run: Run, step: float) -> None:
             )
         raise InputError(
             f"time: '{name}' has a sample every {np.median(steps):.3g} s over {span:.6g} s, too few to show a motion "
-            f"in steps of {step:.3g} s: check the unit of 'time' (milliseconds are 'time [ms]'), record faster, or give a slow base of your own "
-            "a longer 'period'"
+            f"in steps of {step:.3g} s: check the unit of 'time' (milliseconds are 'time [ms]'), record faster, or "
+            "give a slow base of your own a longer 'period'"
         )
     first, last = names[int(np.argmin(start))], names[int(np.argmax(end))]
     raise InputError(

@@ -10,12 +10,14 @@ from armdyn import atomic
 from armdyn.discovery.source import file_text, paragraph
 from armdyn.discovery.term import Term
 from armdyn.document import Document, Level, Section, Table
+from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.identify.explained import in_percent
 from armdyn.identify.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
+from armdyn.physics.definition import RATE
 from armdyn.shown import Shown
 
 SHARE_SURE = 0.5
@@ -171,7 +173,7 @@ class Discovery(Shown):
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())
-        load_effects(path)
+        load_effects(path, (*STAGES, RATE))
 
     @staticmethod
     def _values(one: Finding) -> str:
@@ -231,7 +233,7 @@ class Discovery(Shown):
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The drawn missing force over the variable that a law depends on."""
-    mine = [c for c in pooled(curves) if c.joint == one.joint]
+    mine = [c for c in pooled(curves) if c.joint in (one.joint, None)]
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 

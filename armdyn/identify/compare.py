@@ -252,7 +252,7 @@ def _correction(study: Study) -> Correction | None:
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), moving_together(fit)
-    mixed = {name for one in together for name in one.changes}
+    mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if lost(study, fit) else ""
     white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
@@ -313,7 +313,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
-    mixed = {name for one in moving_together(fit) for name in one.changes}
+    mixed = {name for one in moving_together(fit) for name in one.unsure}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()
     result = {}

@@ -34,7 +34,9 @@ def places(box: GreyBox, point: Point, base: np.ndarray, seen: np.ndarray) -> di
     hidden = problem.is_effect & box.removable & ~problem.per_run & ~seen
     for place in np.flatnonzero(hidden).tolist():
         effect = problem.columns[place].parameter
-        own = np.array([(c.parameter.effect, c.parameter.joint) == (effect.effect, effect.joint) for c in problem.columns])
+        own = np.array(
+            [(c.parameter.effect, c.parameter.joint) == (effect.effect, effect.joint) for c in problem.columns]
+        )
         own[place] = False
         here = replace(point, values=values)
         if own.any() and not box.seen(here)[place]:

@@ -34,11 +34,13 @@ class Together:
     Attributes:
         changes: by parameter, its change in per cent of its value, or in its unit where that is 0; the first by 1.
         units: of these, ``"%"`` or the parameter's.
+        unsure: all parameters that move with it by more than each alone would be off, these and others.
         settled_by: states that no channel measures, with units, of which a recording would tell.
     """
 
     changes: dict[str, float]
     units: dict[str, str]
+    unsure: frozenset[str]
     settled_by: tuple[str, ...] = ()
 
     @property
@@ -48,7 +50,7 @@ class Together:
         text = f"These runs do not tell {listed(list(self.changes))} from one another: together they may move "
         text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
         first = next(iter(self.changes))
-        text += f", --set {first}=\"... +/- ...\""
+        text += f', --set {first}="... +/- ..."'
         return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
 
 
@@ -71,7 +73,7 @@ def moving_together(fit: Fit) -> tuple[Together, ...]:
         return ()
     _, singular, rows = np.linalg.svd(J[:, told])
     weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < TOLD]
-    return tuple(_described(fit, asked[told], direction) for direction in _sparse(weak))
+    return tuple(_described(fit, asked[told], direction, alone[told]) for direction in _sparse(weak))
 
 
 def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
@@ -83,11 +85,13 @@ def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
     return list(np.linalg.solve(weak[:, leading], weak))
 
 
-def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray) -> Together:
-    """A (n,) direction of (n,) unknowns in typical sizes, for a person."""
+def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> Together:
+    """A (n,) direction of (n,) unknowns in typical sizes, for a person; (n,) how well each `alone` would be told."""
     problem, values = fit.problem, fit.values
     change = direction * problem.typical[columns]
-    relative = np.where(values[columns] != 0.0, 100.0 * change / np.where(values[columns] != 0.0, values[columns], 1.0), 0.0)
+    relative = np.where(
+        values[columns] != 0.0, 100.0 * change / np.where(values[columns] != 0.0, values[columns], 1.0), 0.0
+    )
     part = np.abs(direction) > PART * np.abs(direction).max()
     first = int(np.argmax(part & (np.abs(relative) > 0.0)))
     scale = relative[first] if relative[first] else change[first]
@@ -99,7 +103,9 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray) -> Together
         units.setdefault(p.name, "%" if whole else p.unit)
     whole_direction = np.zeros(len(values))
     whole_direction[columns] = change / np.abs(direction).max()
-    return Together(changes, units, _settling(fit, whole_direction))
+    off = np.abs(direction) / np.linalg.norm(direction) * alone > 1.0
+    unsure = frozenset(problem.columns[k].parameter.name for k in columns[off | part])
+    return Together(changes, units, unsure, _settling(fit, whole_direction))
 
 
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:

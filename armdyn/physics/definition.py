@@ -115,6 +115,37 @@ class Reading(Timed):
         return replace(self, value=value)
 
 
+@dataclass(frozen=True, eq=False)
+class Rate(Stage):
+    """The rate of a state: a stage, called ``"rate"``, that every base has for each state whose rate is no state.
+
+    Attributes:
+        state: name of the state.
+        value: its time derivative, in the state's unit per s.
+        time: s since the start of the run.
+        given: states and inputs, by name.
+    """
+
+    state: str
+    value: Expression
+    time: Expression
+    given: Mapping[str, Expression]
+
+    def __getitem__(self, name: str) -> Expression:
+        """A state, or an input such as ``"extra.voltage"``."""
+        if name not in self.given:
+            raise UnknownNameError("state or input", name, self.given)
+        return self.given[name]
+
+    def with_rate(self, more: Expression) -> Self:
+        """Let the state change faster, by `more` of its unit per s."""
+        return replace(self, value=self.value + more)
+
+
+RATE = "rate"
+"""Name of that stage."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """A recorded input.

@@ -219,6 +219,18 @@ class PhysicsModel(SimulatedModel):
         return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
 
     @property
+    def rated(self) -> list[str]:
+        """States whose rate is no state."""
+        return [name for name in self.physics.states if name not in _bare(self.physics).rates]
+
+    def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """By state, (K,) its time derivative along the motion that (p,) `theta` makes of a prepared run."""
+        path, physics = self.path(run), theta[self.places[1]]
+        states = self.rollout(path, theta, self.predicted_channels(run)).states
+        found = self.system.derivative.map(len(states))(states.T, self.driven_by(path, physics).nodes, physics)
+        return {name: row[np.isfinite(row)] for name, row in zip(self.physics.states, np.asarray(found), strict=False)}
+
+    @property
     def guessed(self) -> tuple[str, ...]:
         """See `SimulatedModel`: those of the physics."""
         return tuple(p.name for p in self.physics.parameters)

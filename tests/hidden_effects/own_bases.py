@@ -18,13 +18,13 @@ from armdyn.run import Channel, Run
 
 Rates = Callable[["Case", np.ndarray, float], Sequence[float]]
 
-HEAD = '''
+HEAD = """
 from dataclasses import dataclass, replace
 import casadi as ca
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Moment, Stage, constant, physics, state
-'''
+"""
 RUNS = 4
 """Of a case: two to fit, one to choose by, one that takes part in nothing."""
 OFF = 0.3
@@ -42,13 +42,15 @@ class Family:
         values: of the base, by parameter, and within which factor they are drawn.
         effects: hidden ones, with their true sizes by quantity.
         rates: of the states.
-        outputs: by channel, from the case, the states and the input to what is measured.
+        outputs: by channel, which state is measured, or from the case, the states and the input to what is measured.
         noise: by channel.
         push: mean and size of the input.
         pace: angular frequency of the input, 1/s.
         start: typical states at the start.
         seconds: of a run.
         rate: Hz.
+        driven: channel of the input; empty for none.
+        unit: of the input.
         held: whether the input is a command that steps.
     """
 
@@ -58,7 +60,7 @@ class Family:
     values: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float]]
     rates: Rates
-    outputs: Mapping[str, Callable[["Case", np.ndarray, np.ndarray], np.ndarray]]
+    outputs: Mapping[str, int | Callable[["Case", np.ndarray, np.ndarray], np.ndarray]]
     noise: Mapping[str, float]
     push: tuple[float, float]
     pace: float
@@ -68,7 +70,6 @@ class Family:
     driven: str
     unit: str
     held: bool = False
-    positive: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,15 +113,16 @@ class Case:
 
         step = 0.25 / f.rate
         found = solve_ivp(
-            moves, (0.0, time[-1]), start, t_eval=time, rtol=1e-8, atol=1e-9 * max(map(abs, f.start), default=1.0) + 1e-14,
-            max_step=step, method="RK45",
+            moves, (0.0, time[-1]), start, t_eval=time, max_step=step,
+            rtol=1e-8, atol=1e-9 * max(map(abs, f.start), default=1.0) + 1e-14,
         )  # fmt: skip
         assert found.success, (f.name, found.message)
         u = given(time)
         channels = {f.driven: Channel(time, u, f.unit)} if f.driven else {}
         units = dict(re.findall(r'"([\w.]+)": "([^"]+)"', f.text.split("outputs=")[1].split("}")[0]))
         for name, look in f.outputs.items():
-            value = look(self, found.y, u) + f.noise[name] * rng.normal(size=len(time))
+            read = found.y[look] if isinstance(look, int) else look(self, found.y, u)
+            value = read + f.noise[name] * rng.normal(size=len(time))
             channels[name] = Channel(time, value, units[name])
         return Run(f"{f.name}_{self.seed}_{k}.csv", channels)
 

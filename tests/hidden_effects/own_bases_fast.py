@@ -4,8 +4,6 @@ import numpy as np
 
 from hidden_effects.own_bases import Case, Family
 
-CIRCUIT_STEP = 1e-4
-
 
 def _filter(c: Case, s: np.ndarray, u: float) -> list[float]:
     i, v = s
@@ -58,7 +56,7 @@ def varistor(coil: Coil, size: Expression = quantity("ohm/A", typical=3.0, lower
 ''',
     {"inductance": 1.1e-3, "capacity": 9e-6, "resistance": 4.0},
     {"diode": {"conductance": 0.08, "knee": 5.0}, "leakage": {"size": 0.01}, "varistor": {"size": 6.0}}, _filter,
-    {"extra.voltage": lambda c, y, u: y[1]}, {"extra.voltage": 0.02}, (2.0, 6.0), 5000.0, (0.1, 1.0), 0.02, 1e5,
+    {"extra.voltage": 1}, {"extra.voltage": 0.02}, (2.0, 6.0), 5000.0, (0.1, 1.0), 0.02, 1e5,
     "extra.source", "V", held=True,
 )  # fmt: skip
 
@@ -109,7 +107,7 @@ def brake(rotor: Rotor, torque: Expression = quantity("N m", typical=0.02, lower
 ''',
     {"resistance": 1.2, "inductance": 0.025, "constant": 0.06, "inertia": 1.2e-3},
     {"fan": {"size": 1.2e-5}, "bearing": {"size": 8e-4}, "brake": {"torque": 0.03}}, _motor,
-    {"extra.current": lambda c, y, u: y[0], "v.rotor": lambda c, y, u: y[1]},
+    {"extra.current": 0, "v.rotor": 1},
     {"extra.current": 0.03, "v.rotor": 0.2}, (0.5, 8.0), 6.0, (0.5, 10.0), 8.0, 200.0, "extra.voltage", "V",
 )  # fmt: skip
 
@@ -172,7 +170,7 @@ def load_friction(load: Load, torque: Expression = quantity("N m", typical=0.1, 
 ''',
     {"motor": 5e-5, "load": 0.05, "stiffness": 60.0},
     {"backlash": {"width": 0.008}, "load_drag": {"size": 0.08}, "load_friction": {"torque": 0.15}}, _geared,
-    {"q.motor": lambda c, y, u: y[0], "q.load": lambda c, y, u: y[2]}, {"q.motor": 5e-3, "q.load": 3e-4},
+    {"q.motor": 0, "q.load": 2}, {"q.motor": 5e-3, "q.load": 3e-4},
     (0.0, 0.03), 8.0, (1.0, 5.0, 0.05, 0.25), 6.0, 250.0, "tau.motor", "N m",
 )  # fmt: skip
 
@@ -232,14 +230,15 @@ def air_drag(slide: Slide, size: Expression = quantity("N s^2/m^2", typical=1.0,
     return replace(slide, force=slide.force - size * slide.speed * ca.fabs(slide.speed))
 ''',
     {"first": 1.0, "second": 2.0, "spring": 60.0, "damper": 0.5},
-    {"hardening": {"size": 1500.0}, "end_stop": {"stiffness": 200.0, "place": 0.12}, "air_drag": {"size": 1.5}}, _masses,
-    {"q.first": lambda c, y, u: y[0]}, {"q.first": 5e-4}, (1.0, 5.0), 6.0, (0.1, 0.3, 0.05, 0.2), 15.0, 100.0,
+    {"hardening": {"size": 1500.0}, "end_stop": {"stiffness": 200.0, "place": 0.12}, "air_drag": {"size": 1.5}},
+    _masses,
+    {"q.first": 0}, {"q.first": 5e-4}, (1.0, 5.0), 6.0, (0.1, 0.3, 0.05, 0.2), 15.0, 100.0,
     "tau.push", "N",
 )  # fmt: skip
 
 
 def _cart(c: Case, s: np.ndarray, u: float) -> list[float]:
-    x, v, a, w = s
+    _, v, a, w = s
     more, turn = 0.0, 0.0
     if c.has("rail"):
         more = -c["rail.size"] * v
@@ -247,9 +246,9 @@ def _cart(c: Case, s: np.ndarray, u: float) -> list[float]:
         more = -c["rail_friction.force"] * np.tanh(v / 0.02)
     if c.has("pivot"):
         turn = -c["pivot.size"] * w
-    m, l, M = c["pole"], c["length"], c["cart"]
-    A = np.array([[M + m, m * l * np.cos(a)], [m * l * np.cos(a), m * l * l]])
-    acc = np.linalg.solve(A, [u + more + m * l * w * w * np.sin(a), -m * 9.81 * l * np.sin(a) + turn])
+    m, length, M = c["pole"], c["length"], c["cart"]
+    A = np.array([[M + m, m * length * np.cos(a)], [m * length * np.cos(a), m * length**2]])
+    acc = np.linalg.solve(A, [u + more + m * length * w * w * np.sin(a), -m * 9.81 * length * np.sin(a) + turn])
     return [v, acc[0], w, acc[1]]
 
 
@@ -295,12 +294,12 @@ def pivot(pivot: Pivot, size: Expression = quantity("N m s/rad", typical=0.01, l
 ''',
     {"cart": 1.0, "pole": 0.3, "length": 0.5},
     {"rail": {"size": 0.4}, "rail_friction": {"force": 0.4}, "pivot": {"size": 0.01}}, _cart,
-    {"q.cart": lambda c, y, u: y[0], "q.pole": lambda c, y, u: y[2]}, {"q.cart": 5e-4, "q.pole": 2e-3}, (0.0, 2.0), 4.0,
+    {"q.cart": 0, "q.pole": 2}, {"q.cart": 5e-4, "q.pole": 2e-3}, (0.0, 2.0), 4.0,
     (0.1, 0.1, 0.5, 0.5), 12.0, 100.0, "tau.push", "N",
 )  # fmt: skip
 
 
-def _double(c: Case, s: np.ndarray, u: float) -> list[float]:
+def _double(c: Case, s: np.ndarray, _: float) -> list[float]:
     a, v, b, w = s
     l1, l2, r = c["upper"], c["lower"], c["masses"]
     t1 = t2 = 0.0
@@ -358,7 +357,7 @@ def shoulder_friction(hinge: Hinge, torque: Expression = quantity("m^2/s^2", typ
 ''',
     {"upper": 0.3, "lower": 0.25, "masses": 0.8},
     {"shoulder": {"size": 0.01}, "elbow": {"size": 0.006}, "shoulder_friction": {"torque": 0.03}}, _double,
-    {"q.upper": lambda c, y, u: y[0], "q.lower": lambda c, y, u: y[2]}, {"q.upper": 2e-3, "q.lower": 2e-3}, (0.0, 0.0),
+    {"q.upper": 0, "q.lower": 2}, {"q.upper": 2e-3, "q.lower": 2e-3}, (0.0, 0.0),
     1.0, (0.6, 0.5, -0.5, 0.5), 10.0, 100.0, "", "",
 )  # fmt: skip
 
@@ -420,7 +419,7 @@ def end_fan(end: End, size: Expression = quantity("N m s^2/rad^2", typical=0.003
 ''',
     {"motor": 0.012, "middle": 0.01, "end": 0.011, "first_shaft": 3.0, "second_shaft": 2.5},
     {"coupling_backlash": {"width": 0.03}, "end_drag": {"size": 0.01}, "end_fan": {"size": 0.003}}, _train,
-    {"q.motor": lambda c, y, u: y[0], "q.end": lambda c, y, u: y[4]}, {"q.motor": 2e-3, "q.end": 2e-3}, (0.0, 0.6), 6.0,
+    {"q.motor": 0, "q.end": 4}, {"q.motor": 2e-3, "q.end": 2e-3}, (0.0, 0.6), 6.0,
     (0.5, 0.5, 0.5, 0.5, 0.5, 0.5), 8.0, 200.0, "tau.motor", "N m",
 )  # fmt: skip
 
@@ -458,7 +457,8 @@ class Piston(Stage):
 @physics("cylinder", summary="A valve moves a piston against a spring.", source="Merritt, Hydraulic Control Systems",
     parameters=(constant("mass", "kg", 20.0, lower=0.1), constant("spring", "N/m", 2e4, lower=1.0),
                 constant("bulk", "Pa/m^3", 1e10, lower=1e6), constant("valve", "m^3/s", 1e-4, lower=1e-8)),
-    states=(state("place", "m", typical=0.02), state("speed", "m/s", typical=0.1), state("pressure", "Pa", typical=2e5)),
+    states=(state("place", "m", typical=0.02), state("speed", "m/s", typical=0.1),
+            state("pressure", "Pa", typical=2e5)),
     inputs={"extra.valve": "1"}, outputs={"q.piston": "m", "extra.pressure": "Pa"}, period=0.3)
 def cylinder(at: Moment) -> Equations:
     x, v, p = at["place"], at["speed"], at["pressure"]
@@ -483,7 +483,7 @@ def seal(piston: Piston, size: Expression = quantity("N s/m", typical=100.0, low
 ''',
     {"mass": 20.0, "spring": 2e4, "bulk": 1e10, "valve": 1e-4},
     {"valve_dead_zone": {"width": 0.08}, "inner_leak": {"size": 2e-11}, "seal": {"size": 150.0}}, _hydraulic,
-    {"q.piston": lambda c, y, u: y[0], "extra.pressure": lambda c, y, u: y[2]},
+    {"q.piston": 0, "extra.pressure": 2},
     {"q.piston": 1e-4, "extra.pressure": 2e3}, (0.0, 0.6), 6.0, (0.01, 0.02, 2e5), 6.0, 400.0, "extra.valve", "1",
 )  # fmt: skip
 

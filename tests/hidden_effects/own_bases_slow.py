@@ -55,7 +55,7 @@ def neighbour(wall: Wall, heat: Expression = quantity("W", typical=10.0)) -> Wal
     return replace(wall, heat=wall.heat + heat)
 ''',
     {"capacity": 400.0, "resistance": 0.6}, {"radiation": {"size": 2.5e-8}, "draught": {"size": 0.015}}, _oven,
-    {"extra.temperature": lambda c, y, u: y[0]}, {"extra.temperature": 0.3}, (250.0, 180.0), 0.02, (330.0,), 2400.0,
+    {"extra.temperature": 0}, {"extra.temperature": 0.3}, (250.0, 180.0), 0.02, (330.0,), 2400.0,
     0.5, "extra.power", "W",
 )  # fmt: skip
 
@@ -119,7 +119,7 @@ def person(air: Air, heat: Expression = quantity("W", typical=50.0)) -> Air:
 ''',
     {"element": 900.0, "air": 4500.0, "coupling": 0.12, "insulation": 0.18},
     {"leak": {"size": 0.8}, "radiated": {"size": 1.5e-7}}, _room,
-    {"extra.air": lambda c, y, u: y[1]}, {"extra.air": 0.05}, (150.0, 130.0), 0.008, (300.0, 296.0), 4800.0, 0.2,
+    {"extra.air": 1}, {"extra.air": 0.05}, (150.0, 130.0), 0.008, (300.0, 296.0), 4800.0, 0.2,
     "extra.heating", "W", held=True,
 )  # fmt: skip
 
@@ -183,7 +183,7 @@ def pump_dead_zone(pump: Pump, width: Expression = quantity("V", typical=0.5, lo
 ''',
     {"pump": 0.055, "first_hole": 0.075, "second_hole": 0.08},
     {"seepage": {"size": 0.006}, "overflow": {"slope": 0.15, "edge": 7.0}, "pump_dead_zone": {"width": 0.8}}, _tanks,
-    {"extra.level": lambda c, y, u: y[1]}, {"extra.level": 0.03}, (3.2, 2.6), 0.025, (6.0, 5.0), 2400.0, 0.5,
+    {"extra.level": 1}, {"extra.level": 0.03}, (3.2, 2.6), 0.025, (6.0, 5.0), 2400.0, 0.5,
     "extra.pump", "V",
 )  # fmt: skip
 
@@ -225,7 +225,7 @@ def relief_valve(chamber: Chamber, slope: Expression = quantity("1/s", typical=1
     return replace(chamber, flow=chamber.flow - slope * ca.fmax(chamber.pressure - opens, 0))
 ''',
     {"supply": 0.6, "outlet": 110.0}, {"leakage": {"size": 0.12}, "relief_valve": {"slope": 2.0, "opens": 1.9e5}},
-    _vessel, {"extra.pressure": lambda c, y, u: y[0]}, {"extra.pressure": 500.0}, (2.8e5, 1.2e5), 0.8, (1.8e5,), 60.0,
+    _vessel, {"extra.pressure": 0}, {"extra.pressure": 500.0}, (2.8e5, 1.2e5), 0.8, (1.8e5,), 60.0,
     10.0, "extra.supply", "Pa",
 )  # fmt: skip
 
@@ -256,7 +256,8 @@ class Cell(Stage):
     current: Expression
 
 @physics("battery", summary="A cell with one relaxation.", source="Plett, Battery Management Systems, vol. 1",
-    parameters=(constant("open_circuit", "V", 3.0, lower=1.0, upper=5.0), constant("resistance", "ohm", 0.02, lower=1e-4),
+    parameters=(constant("open_circuit", "V", 3.0, lower=1.0, upper=5.0),
+                constant("resistance", "ohm", 0.02, lower=1e-4),
                 constant("double_layer", "F", 2000.0, lower=10.0), constant("relaxing", "s", 60.0, lower=1.0)),
     states=(state("charge", "C", typical=5000.0, start=9000.0), state("relaxation", "V", typical=0.05)),
     inputs={"extra.current": "A"}, outputs={"extra.voltage": "V"}, held=("extra.current",), period=200.0)
