@@ -233,7 +233,7 @@ class Discovery(Shown):
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
     """The drawn missing force over the variable that a law depends on."""
-    mine = [c for c in pooled(curves) if c.joint in (one.joint, None)]
+    mine = [c for c in pooled(curves) if c.joint == one.joint]
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 
 
