@@ -16,8 +16,8 @@ from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.noise_evidence import at_every_kick
 from armdyn.identify.output_error import AroundMotion
 from armdyn.identify.problem import Problem, transferred, transferred_mask
-from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.model import PhysicsModel
+from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
