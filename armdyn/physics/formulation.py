@@ -25,6 +25,7 @@ class Formulation(System):
     read.
 
     Attributes:
+        slopes: ``(s, w, theta) -> (n, n)`` of the rates by the states.
         against: ``(s, w, theta) -> (n,)`` covariates of a residual.
         against_units: its names, with their units.
         depends: parameters on which anything depends.
@@ -34,6 +35,7 @@ class Formulation(System):
         kinds: classes of the stages.
     """
 
+    slopes: ca.Function
     against: ca.Function
     against_units: dict[str, str]
     depends: frozenset[str]
@@ -94,6 +96,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
         output=ca.Function("output", [s, w, theta], [ca.densify(values)]),
         initial=ca.Function("initial", [*states.values(), w, theta], [ca.densify(beginning)]),
+        slopes=ca.Function("slopes", [s, w, theta], [ca.densify(ca.jacobian(rates, s))]),
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
         sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},

@@ -22,6 +22,7 @@ from armdyn.physics.definition import USUAL_STEP, Physics
 from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.stiff import longest_step
 from armdyn.run import Channel, Run
 from armdyn.units import to_base_units
 
@@ -272,7 +273,7 @@ class PhysicsModel(SimulatedModel):
 
     def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""
-        return _recorded(run, self.physics)
+        return _recorded(run, self.physics, longest_step(self.physics, self.effects))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """The physics' own choice; see `Model.covariates`."""
@@ -342,5 +343,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @kept_alongside
-def _recorded(run: Run, physics: Physics) -> Path:
-    return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, physics.step)
+def _recorded(run: Run, physics: Physics, step: float) -> Path:
+    return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, step)

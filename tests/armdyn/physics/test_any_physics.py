@@ -1,13 +1,15 @@
 """Bases of one's own of any physics: names and units, places of thresholds, what is not told apart, laws of a rate."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from command import called
 from hidden_effects.own_bases import HEAD, Family, case
 from hidden_effects.own_bases_fast import FILTER, GEARED
 from hidden_effects.own_bases_slow import BATTERY, OVEN, TANKS, VESSEL
+from scipy.integrate import solve_ivp
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.effect import effect
@@ -16,7 +18,7 @@ from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
 from armdyn.identify.prepare import noise_of_runs
 from armdyn.parameter import quantity
-from armdyn.physics import Equations, constant, physics, state
+from armdyn.physics import Equations, Expression, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
 from armdyn.run import Channel, Run, read_run, write_run_csv
 
@@ -188,3 +190,41 @@ def test_an_oven_is_as_its_file_says(tmp_path):
     found = study_of(OVEN, 4, tmp_path, "").compare()
     for name in OVEN.values:
         assert abs(found.parameters[name].value - drawn[name]) < 4.0 * found.parameters[name].std
+
+
+@dataclass(frozen=True)
+class Rail(Stage):
+    speed: Expression
+    force: Expression = 0
+
+
+@effect(summary="Dry friction that turns round over 1 mm/s.", source="Coulomb 1785")
+def rubbing(rail: Rail, force=quantity("N", typical=1.0, lower=0.0)):
+    return replace(rail, force=rail.force - force * ca.tanh(rail.speed / 1e-3))
+
+
+@physics(
+    "slide", summary="A mass on a spring that is pushed.", source="Coulomb 1785",
+    parameters=(constant("mass", "kg", 1.0, lower=0.1), constant("spring", "N/m", 20.0, lower=0.1)),
+    states=(state("place", "m", typical=0.1), state("speed", "m/s", typical=0.3)),
+    inputs={"tau.push": "N"}, outputs={"q.mass": "m"},
+)  # fmt: skip
+def slide(at):
+    rail = at.stage("rail", Rail(at["speed"]))
+    force = at.input("tau.push").value - at["spring"] * at["place"] + rail.force
+    return Equations({"place": at["speed"], "speed": force / at["mass"]}, {"q.mass": at["place"]})
+
+
+def test_steps_are_short_enough_for_friction_that_turns_round_abruptly():
+    time = np.arange(0.0, 6.0, 0.01)
+    push = 3.0 * np.sin(2.0 * time) + 1.5 * np.sin(5.1 * time)
+
+    def rates(t, s):
+        return [s[1], 3.0 * np.sin(2.0 * t) + 1.5 * np.sin(5.1 * t) - 20.0 * s[0] - 1.2 * np.tanh(s[1] / 1e-3)]
+
+    place = solve_ivp(rates, (0.0, 6.0), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    run = Run("slide.csv", {"tau.push": Channel(time, push, "N"), "q.mass": Channel(time, place, "m")})
+    model = physics_model(slide, own_effects=[rubbing])
+    assert len(model.path(run).time) <= len(time)
+    stiff = model.with_effect(rubbing).with_values({"rubbing.force": 1.2})
+    assert stiff.predict(stiff.prepared(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)
