@@ -396,6 +396,11 @@ class Model(Shown):
             return False
         return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
 
+    @property
+    def first_guesses(self) -> tuple[str, ...]:
+        """Parameters whose values are no more than guesses: where runs do not tell them, they stay about as given."""
+        return ()
+
     def following(self, runs: Sequence[Run]) -> Self:
         """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
         del runs

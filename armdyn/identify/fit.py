@@ -136,7 +136,7 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
     """
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
-    whole[np.ix_(free, free)] = problem.expansion(values, free).hessian * np.outer(typical, typical)
+    whole[np.ix_(free, free)] = problem.expansion(values, free, guesses=False).hessian * np.outer(typical, typical)
     return independent(whole, free)
 
 

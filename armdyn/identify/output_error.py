@@ -79,7 +79,7 @@ class AroundMotion:
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
+        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
         self.places = places(self.box, self.point, self.base, self.seen)
         problem.place(self.names_of_places)
         self._given = values.copy()
@@ -130,6 +130,11 @@ class AroundMotion:
         """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
         begin = self.box.begin(option)
         base = self.box.determined(begin, wanted)
+        if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
+            # What a start makes up for is kept by a weak prior: an effect may bring what tells it.
+            with np.errstate(all="ignore"):
+                change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
+            base[np.flatnonzero(guessed)[change > 0.0]] = True
         return base, self.box.settled(base, begin)
 
     def _settled_anew(self, free: np.ndarray, point: Point) -> Point:

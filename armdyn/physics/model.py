@@ -236,6 +236,11 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`: those of the physics."""
         return tuple(p.name for p in self.physics.parameters)
 
+    @property
+    def first_guesses(self) -> tuple[str, ...]:
+        """See `Model.first_guesses`: all of the physics, and how motions begin."""
+        return (*self.guessed, *self.start_names)
+
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """See `SimulatedModel`: as its physics says."""
         del run, theta

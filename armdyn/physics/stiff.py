@@ -1,8 +1,8 @@
 """How short the steps of an integration must be, whatever a base and its effects hold.
 
-An explicit Runge-Kutta step h of order 4 damps what decays at the rate r only where r h < 2.78 (Hairer & Wanner, Solving
-Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg that turns round over 1 mm/s decays at
-5000/s: at steps of 0.01 s the motion would shake by the friction's impulse for ever, at any place where it should rest.
+An explicit Runge-Kutta step h of order 4 damps what decays at the rate r only where r h < 2.78 (Hairer & Wanner,
+Solving Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg that turns round over 1 mm/s
+decays at 5000/s: at steps of 0.01 s the motion would shake by the friction's impulse for ever where it should rest.
 """
 
 from functools import lru_cache
