@@ -105,9 +105,9 @@ class Case:
         path.write_text(HEAD + self.family.text, encoding="utf-8")
         rng = np.random.default_rng([self.seed, 1])
         model = load_base(path)
-        return model.with_values(
-            {n: self.true[n] * float(rng.uniform(1.0 - off, 1.0 + off)) for n in self.family.values}
-        )
+        begun = {n: self.true[n] * float(rng.uniform(1.0 - off, 1.0 + off)) for n in self.family.values}
+        bounds = {n: (model.parameters[n].lower, model.parameters[n].upper) for n in begun}
+        return model.with_values({n: float(np.clip(value, *bounds[n])) for n, value in begun.items()})
 
     def runs(self) -> list[Run]:
         """Recordings."""
