@@ -131,8 +131,9 @@ class CheckedStudy:
         """
         known = model if isinstance(model, Known) else Known.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
-        every = [*training, *others, *last]
         declared = known.file.model
+        training, others, last = ([declared.taking(run) for run in given] for given in (training, others, last))
+        every = [*training, *others, *last]
         model = declared.following(every)
         known = replace(known, file=replace(known.file, model=model))
         coming = find_several(adding, known.catalogue) if adding else ()

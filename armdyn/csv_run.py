@@ -115,7 +115,7 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
             )
     if "time" not in columns:
         raise InputError("no 'time' column: add one named 'time [s]'")
-    if not any(name != "time" and not is_further(name) for name in columns):
+    if len(columns) < 2:
         raise InputError("nothing but time: add a measured column such as 'load_force [N]'")
     if units is None:
         check_joint_units((name, column.unit) for name, column in columns.items() if name != "time")

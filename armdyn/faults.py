@@ -1,6 +1,6 @@
 """Faulty samples, which are left out before a comparison: isolated spikes, and readings at the end of the range."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -43,23 +43,29 @@ HOPELESS = 0.4
 CROWDED = 5.0
 """Times as many samples share the extreme value as the value next to it (and one more) where the sensor was at its
 end: of a sine that is coarsely rounded 2.4 times as many are at the peak."""
+HIGHEST_RATE = 125.0
+"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
 DISTURBED = 2
 """Samples to either side of a saturated one that are left out as well: noise decided which of them saturated."""
 
 
-def clean(run: Run, measured: Iterable[str], driving: Iterable[str]) -> Run:
+def clean(
+    run: Run, measured: Iterable[str], driving: Iterable[str], held: Collection[str] = (), highest: float = HIGHEST_RATE
+) -> Run:
     """The run without faulty samples of the channels that a model uses, and thinned.
 
     Args:
         run: as recorded.
         measured: channels that are compared with a prediction; these are thinned.
         driving: channels that the prediction follows.
+        held: those of these that keep their value until the next sample: a pulse of one sample is no fault of theirs.
+        highest: rate beyond which samples are averaged, Hz.
     """
     measured = tuple(measured)
-    used = (*measured, *(name for name in driving if name in run.channels))
+    used = (*measured, *(name for name in driving if name in run.channels and name not in held))
     # First as recorded: when samples are averaged, a spike spoils its group. Then again: what was brief is now one.
     whole = without_spikes(without_saturation(run, measured), used)
-    thin = thin_out(whole)
+    thin = thin_out(whole, held, highest)
     averaged = [name for name in measured if len(thin.channels[name]) < len(whole.channels[name])]
     return without_spikes(thin, averaged) if averaged else thin
 
@@ -271,20 +277,21 @@ def _typical(size: np.ndarray) -> np.ndarray:
     return np.maximum(median_filter(size, 2 * AROUND + 1, mode="mirror"), np.median(size))
 
 
-HIGHEST_RATE = 125.0
-"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
-
-
-def thin_out(run: Run) -> Run:
+def thin_out(run: Run, held: Collection[str] = (), highest: float = HIGHEST_RATE) -> Run:
     """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
 
     Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.
+
+    Args:
+        run: as recorded.
+        held: channels that stay as they are: the mean of a command that is held is late by half its samples.
+        highest: rate beyond which samples are averaged, Hz.
     """
     channels, noise, spread = {}, dict(run.noise), dict(run.spread)
     for name, channel in run.channels.items():
         interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
-        group = int(1.0 / (HIGHEST_RATE * interval) + 1e-6) if interval > 0 else 1
-        if group < 2 or len(channel) < 4 * group:
+        group = int(1.0 / (highest * interval) + 1e-6) if interval > 0 else 1
+        if group < 2 or name in held or len(channel) < 4 * group:
             channels[name] = channel
             continue
         channels[name] = channel.averaged(group)

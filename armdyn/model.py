@@ -87,6 +87,8 @@ class Model(Shown):
 
     step = 0.005
     """s; of a simulation, about: how long a recording can be simulated follows from it."""
+    settled_window = 3.0
+    """s; in a shorter part of a run friction and creep are told too little to be fitted there."""
     linear = False
     """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
 
@@ -373,10 +375,19 @@ class Model(Shown):
             return False
         return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
 
+    @property
+    def first_guesses(self) -> tuple[str, ...]:
+        """Parameters whose values are no more than guesses: where runs do not tell them, they stay about as given."""
+        return ()
+
     def following(self, runs: Sequence[Run]) -> Self:
         """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
         del runs
         return self
+
+    def taking(self, run: Run) -> Run:
+        """The run with those of its further quantities as channels that the model predicts or follows."""
+        return run
 
     def reading(self, run: Run) -> Run:
         """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
@@ -405,6 +416,11 @@ class Model(Shown):
         """
         del beside
         return run
+
+    def jumps(self, run: Run) -> np.ndarray:
+        """(j,) times, s, ascending, at which what it predicts for a prepared run may jump."""
+        del run
+        return np.zeros(0)
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """By channel of a prepared run, the standard deviation of what is compared, where it depends on (p,) `theta`.

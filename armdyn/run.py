@@ -46,6 +46,7 @@ class Run(Shown):
         asked: what nobody has answered of how it was read, by channel or for the time: doubts of a mapping.
         extra: further quantities by name, ``"extra.temperature"``, on which a law may depend; nothing is compared with
             them, so that they may be as slow as they are.
+        own: those of the further quantities that a base of the user's own predicts or follows: they are `channels`.
 
     Raises:
         InputError: a joint turns in one channel and slides in another.
@@ -65,12 +66,14 @@ class Run(Shown):
     recorded: datetime | None = field(default=None, kw_only=True)
     asked: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     extra: Mapping[str, Channel] = field(default_factory=dict, kw_only=True)
+    own: frozenset[str] = field(default=frozenset(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
-        further = {name: channel for name, channel in self.channels.items() if is_further(name)}
-        object.__setattr__(self, "extra", {**self.extra, **further})
+        further = {n: c for n, c in self.channels.items() if is_further(n) and n not in self.own}
+        kept = {n: c for n, c in self.extra.items() if n not in self.own}
+        object.__setattr__(self, "extra", {**kept, **further})
         object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
         check_joint_units((name, channel.unit) for name, channel in self.channels.items())
         for attribute in ("channels", "known", "noise", "outliers", "spread", "asked", "extra"):
@@ -303,7 +306,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
         InputError: the run has no channel, or the files cannot be written.
     """
     path = Path(path)
-    if not run.channels:
+    if not run.everything:
         raise InputError(f"{run.name}: nothing was recorded, so there is nothing to write to {path}")
     units = {
         name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
@@ -318,7 +321,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
 def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels of a run among all that were recorded."""
     channels = {name: channel for name, channel in recorded.items() if in_contract(name)}
-    longest = max((len(channel) for name, channel in channels.items() if not is_further(name)), default=0)
+    longest = max(map(len, channels.values()), default=0)
     if longest < MIN_SAMPLES:
         raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")
     check_joint_units((name, channel.unit) for name, channel in channels.items())

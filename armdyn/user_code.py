@@ -1,7 +1,7 @@
 """A user's Python file: read, first run in a copy of this process, and whatever it raises as one line.
 
 The copy may run for ever, take all memory or exit, and changes nothing here: the kernel limits its memory, and a timer
-that needs no Python its time.
+that needs no Python its processor time: on a machine that does much else, nothing is refused for that.
 """
 
 import faulthandler
@@ -23,6 +23,8 @@ from typing import NoReturn
 from armdyn.errors import ArmdynError, InputError
 from urdf.bounds import LARGEST_TEXT, MIB, USER_MEMORY, USER_SECONDS
 
+WAITED = 8.0
+"""Times the processor time that a copy has, after which it counts as one that waits for something."""
 PATIENCE = 2.0
 """s that a copy may take to tell where it was when its time was up."""
 LONGEST_SAID = 300
@@ -127,7 +129,7 @@ def rehearse(path: Path, work: Callable[[], object]) -> None:
 
 def _read(pipe: int) -> bytes:
     """What is said until the last end is closed, or for a little longer than the copy may live."""
-    said, end = b"", time.monotonic() + USER_SECONDS + PATIENCE
+    said, end = b"", time.monotonic() + WAITED * USER_SECONDS + PATIENCE
     while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0] and (part := os.read(pipe, 65536)):
         said += part
     return said
@@ -145,7 +147,9 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
         _limit_memory()
-        faulthandler.dump_traceback_later(USER_SECONDS, exit=True, file=writing)
+        faulthandler.register(signal.SIGPROF, file=writing, all_threads=False, chain=True)  # tells the line, then ends
+        signal.setitimer(signal.ITIMER_PROF, USER_SECONDS)
+        faulthandler.dump_traceback_later(WAITED * USER_SECONDS, exit=True, file=writing)
         outcome: BaseException | None = None
         try:
             work()
@@ -153,6 +157,7 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
             outcome = error
         except BaseException as error:
             outcome = _fault(error, path)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         faulthandler.cancel_dump_traceback_later()
         os.write(writing, _OUTCOME + pickle.dumps(outcome))
     os._exit(0)
@@ -170,8 +175,10 @@ def _limit_memory() -> None:
 
 
 def _why(said: bytes, status: int) -> str:
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
+        return f"takes longer than {USER_SECONDS:g} s of processor time: do less there"
     if said.startswith(b"Timeout") or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL):
-        return f"takes longer than {USER_SECONDS:g} s: do less there"
+        return f"waits for something, longer than {WAITED * USER_SECONDS:g} s: do less there"
     if os.WIFSIGNALED(status):
         return f"ends the program by {signal.Signals(os.WTERMSIG(status)).name}: mend it"
     return f"ends the program, or takes more than {USER_MEMORY / MIB:g} MiB: mend it"

@@ -53,6 +53,24 @@ model = "robots/{robot}/model.toml"
 runs = ["robots/{robot}/logs/*.csv"]
 ''')
 EOF"""
+TANKS = """python - <<'EOF'
+import numpy as np
+from scipy.integrate import solve_ivp
+time = np.arange(0.0, 2400.0, 2.0)
+for day in (1, 2, 3):
+    rng = np.random.default_rng(day)
+    paces, phases = 0.025 * np.array([0.45, 1.0, 2.2]), rng.uniform(0.0, 6.0, 3)
+    pump = lambda t: 3.2 + 0.9 * np.sin(np.multiply.outer(t, paces) + phases).sum(axis=-1)
+    def rates(t, levels):
+        upper, lower = np.maximum(levels, 0.0)
+        out, back = 0.09 * np.sqrt(upper), 0.075 * np.sqrt(lower)
+        return 0.055 * pump(t) - out - 0.15 * max(upper - 6.7, 0.0), out - back
+    level = solve_ivp(rates, (0.0, 2400.0), (5.0, 5.0), t_eval=time, max_step=1.0).y[1] + 0.03 * rng.normal(size=1200)
+    table = np.column_stack([time, pump(time), level])
+    head = "time [s],extra.pump [V],extra.level [V]"
+    np.savetxt(f"day_{day}.csv", table, "%.5f", ",", header=head, comments="")
+EOF"""
+"""Three days of two tanks, of which the upper one overflows at 6.7 V."""
 PAGES = {
     "README.md": (
         "cp ROOT/examples/ur5/sweep_1.csv log.csv", "armdyn trial --picture",
@@ -60,6 +78,7 @@ PAGES = {
     ),
     "docs/your_robot.md": ("cp -r ROOT/examples .",),
     "docs/inspect.md": (*UR5, MISTAKEN),
+    "docs/your_own_base.md": ("cp ROOT/examples/tanks.py .", TANKS),
     "docs/batch.md": (LAB,),
     "docs/discover.md": (
         "cp ROOT/examples/pendulum/* ROOT/examples/*.py .",

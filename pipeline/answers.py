@@ -130,6 +130,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         **background_answer(found.fit.problem.model),
         **fields(found, "intervals_hold std_widened_by= at_bound", std_widened_by=found.widened),
         **fields(found, "not_determined= left_out", not_determined=found.undetermined),
+        "not_told_apart": [{"changes": one.changes, "settled_by": list(one.settled_by)} for one in found.together],
         "outliers": outliers_of(found.fit.problem.runs),
         "bands": {c: {"level": found.bands.level, "covered": v} for c, v in found.bands.covered.items()}
         if found.bands is not None

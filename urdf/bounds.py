@@ -53,7 +53,7 @@ DEEPEST_XML = 50
 CONNECTING = 5.0
 """s for the whole way until a rosbridge is connected, and for the answer of a service."""
 USER_SECONDS = 8.0
-"""s that a user's file may take to be run and tried; importing the heaviest libraries takes a few."""
+"""s of processor time that a user's file may take to be run and tried; importing the heaviest libraries takes a few."""
 USER_MEMORY = 2048 * MIB
 """Bytes that it may take meanwhile, beyond what the program has."""
 

@@ -14,11 +14,12 @@ import numpy as np
 
 from armdyn.discovery.arm import arm_curves, arm_terms
 from armdyn.discovery.pendulum import pendulum_curves, pendulum_terms
+from armdyn.discovery.physics import physics_curves, physics_terms
 from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
 from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
@@ -31,6 +32,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
+from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
@@ -59,11 +61,9 @@ def discover(
         progress: is told every step.
 
     Raises:
-        InputError: there are no terms for such a model, or a further quantity has two units.
+        InputError: a further quantity has two units, or a base of the user's own has states in other units than SI.
     """
     check_same_units([*runs, *held_out])
-    if model.base not in BASES:
-        raise InputError(f"discover knows no terms for the base '{model.base}': give a pendulum or an arm")
     say = progress or (lambda _: None)
     say("fitting the model as it is")
     bare = Study(model, runs, held_out, ())
@@ -71,7 +71,7 @@ def discover(
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
-    formulas, curves = BASES[model.base]
+    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else BASES[model.base]
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)

@@ -10,12 +10,14 @@ from armdyn import atomic
 from armdyn.discovery.source import file_text, paragraph
 from armdyn.discovery.term import Term
 from armdyn.document import Document, Level, Section, Table
+from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.identify.explained import in_percent
 from armdyn.identify.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
+from armdyn.physics.definition import RATE
 from armdyn.shown import Shown
 
 SHARE_SURE = 0.5
@@ -171,7 +173,7 @@ class Discovery(Shown):
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())
-        load_effects(path)
+        load_effects(path, (*STAGES, RATE))
 
     @staticmethod
     def _values(one: Finding) -> str:

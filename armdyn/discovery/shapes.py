@@ -13,6 +13,8 @@ CURVE_VALUES = 7
 STEEP: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 """Over which a step goes from nothing to all, by the unit of its variable: samples resolve no sharper one. The same in
 every recording, so that equations that were compiled once serve them all."""
+STEP_SHARE = 0.01
+"""Of the largest value of a variable of any kind, over which a step at zero goes from one side to the other."""
 ABRUPT = 8
 """Exponent with which a play's force comes to its limit. Of a spring that slips there at once, 1 leaves 0.8 to 1.4
 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
@@ -28,6 +30,34 @@ def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> T
     """The force k v^n w^m."""
     shape = " * ".join(v.name if n == 1 else f"{v.name}**{n}" for v, n in parts)
     return _single(site, kind, says, tuple(v for v, _ in parts), shape, parts)
+
+
+def constant(site: Site) -> Term:
+    """The same at all times."""
+    return _single(site, "constant", "something constant", (), "1", [])
+
+
+def of_anything(site: Site, v: Variable) -> Shapes:
+    """What a rate may be of any state or input: powers, a root, a step, and a slope that begins at a place."""
+    spoken = v.spoken
+    yield power(site, v, 1, "proportion", f"something in proportion to {spoken}")
+    signed = f"{v.name} * ca.fabs({v.name})" if v.low < 0.0 < v.high else f"{v.name}**2"
+    yield _single(site, "square", f"something with the square of {spoken}", (v,), signed, [(v, 2)])
+    yield power(site, v, 3, "cube", f"something with the cube of {spoken}")
+    where = {"place": sought(v)}
+    for side, least in (("above", "ca.fmax"), ("below", "ca.fmin")):
+        says = f"something that begins {side} a certain {spoken}"
+        yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
+                      scale=0.3 * v.span)  # fmt: skip
+    if v.low < 0.0 < v.high:
+        narrow = float(f"{STEP_SHARE * v.size:.2g}")
+        yield _single(site, "step", f"something that turns round with {spoken}", (v,),
+                      f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
+
+
+def sought(v: Variable) -> Constant:
+    """A place that is looked for over all that was reached."""
+    return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
 
 
 def stops(site: Site, v: Variable, places: int) -> Shapes:

@@ -51,7 +51,7 @@ def _effect_text(term: Term, evidence: str) -> str:
     arguments = [
         _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
         for size, typical in term.typical.items()
-    ] + [_argument(name, constant, constant.spread) for name, constant in term.constants.items()]
+    ] + [_argument(name, constant, constant.typical or constant.spread) for name, constant in term.constants.items()]
     columns = [(v.name, v.column) for v in term.variables if v.column is not None]
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
     reads = [f"    {v.name} = {v.source}" for v in term.variables if v.column is None]

@@ -136,6 +136,7 @@ class Constant:
         upper: largest value.
         scale: by which an arm multiplies what the effect declares, to have the value of its joint.
         scope: ``"shared"`` by all runs, or one value ``"per_run"``, as of where a state begins.
+        typical: by how much it may differ from the value, where it is looked for and has no spread.
     """
 
     unit: str
@@ -145,6 +146,7 @@ class Constant:
     upper: float = np.inf
     scale: float = 1.0
     scope: Scope = "shared"
+    typical: float = 0.0
 
     def scaled(self, scale: float) -> "Constant":
         """The same constant as an effect declares it that an arm multiplies by `scale`."""
@@ -199,7 +201,7 @@ class Term:
             f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
             for size, shape in self.shapes.items()
         )
-        return [part.replace(" * 1 / ", " / ") for part in parts]
+        return [part.replace(" * 1 / ", " / ").removesuffix(" * 1") for part in parts]
 
     @property
     def force(self) -> str:

@@ -60,6 +60,12 @@ class Effect:
             lacking.append(tuple(dict.fromkeys(name for names in own for name in names)))
         return next((names for names in lacking if names), ())
 
+    @cached_property
+    def kind(self) -> type:
+        """Class of the stage that its function takes, as that says; any where it does not say."""
+        said = next(iter(inspect.signature(self.function).parameters.values())).annotation
+        return said if isinstance(said, type) and said is not inspect.Parameter.empty else object
+
     @property
     def label(self) -> str:
         """``"<name>"``, or ``"<name>:<joint>,<joint>"`` where it acts on these joints only."""

@@ -29,6 +29,7 @@ from armdyn.identify.tables import (
     place_section,
     sample_columns,
 )
+from armdyn.identify.together import Together, moving_together
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.identify.unknown import behaves_like, process_error_share
 from armdyn.parameter import Parameter
@@ -103,6 +104,7 @@ class Comparison(Shown):
         at_bound: parameters that ended on a physical bound.
         undetermined: parameters that these runs say nothing about.
         left_out: what was not used of the recordings, such as outliers, and of the model as given, a sentence each.
+        together: values that these runs cannot tell from one another; they have no standard deviation.
         correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
@@ -122,6 +124,7 @@ class Comparison(Shown):
     at_bound: tuple[str, ...]
     undetermined: tuple[str, ...]
     left_out: tuple[str, ...] = ()
+    together: tuple[Together, ...] = ()
     correction: Correction | None = None
     widened: float = 1.0
     lost: str = ""
@@ -169,6 +172,7 @@ class Comparison(Shown):
         found = [self.how_certain]
         for name in self.at_bound:
             found.append(f"{name} ended on its physical bound: it may stand in for something else.")
+        found += [f"{one.sentence}." for one in self.together]
         for name in self.undetermined:
             kept = self.parameters.get(name)
             holds = "" if kept is None else f", and values that depend on it hold for {kept.value:.4g} {kept.unit}"
@@ -247,7 +251,8 @@ def _correction(study: Study) -> Correction | None:
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
-    channels, certain = channel_qualities(study, fit), uncertainty(study, fit)
+    channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), moving_together(fit)
+    mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if lost(study, fit) else ""
     white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
@@ -263,7 +268,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
         undetermined=tuple(
             c.name
             for c, wanted, free in zip(study.problem.columns, study.problem.fitted, fit.free, strict=True)
-            if wanted and not free
+            if wanted and not free and c.parameter.name not in mixed
         ),
         left_out=(
             *(f"{run.name}: {text}" for run in (*study.runs, *study.held_out) for text in run.warnings),
@@ -275,6 +280,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
             ),
             *study.disbelieved(fit),
         ),
+        together=together,
         widened=certain.widened,
         lost=needed,
         bands=None if needed else bands(study, fit, certain.covariance),
@@ -303,10 +309,11 @@ def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     """Values and standard deviations of the model's named parameters, without effects at their null values.
 
-    The standard deviations count correlation of the noise in and, where it is larger than the noise, the model's own
-    error; see `uncertainty`.
+    What the runs cannot tell from other values has no standard deviation. The others count correlation of the noise in
+    and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
+    mixed = {name for one in moving_together(fit) for name in one.unsure}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()
     result = {}
@@ -315,6 +322,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
         if absent or column.parameter.name in held:
             continue
         told = (fit.free[i] or fit.considered[i]) and np.isfinite(covariance[i, i])
+        told = told and column.parameter.name not in mixed
         std = float(np.sqrt(covariance[i, i])) if told else None
         result[column.name] = replace(column.parameter, value=float(fit.values[i]), std=std, fitted=bool(fit.free[i]))
     return result

@@ -222,7 +222,9 @@ class Filtered(Appraiser):
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))
         T = self.problem.typical
-        spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + T[:, None] * found.information * T, hermitian=True)
+        told = np.isfinite(found.information).all()  # runs in which a simulation diverges tell nothing
+        information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
+        spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + information, hermitian=True)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
         return transferred(fit.values, fit.problem, self.problem), deviations
 

@@ -136,7 +136,7 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
     """
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
-    whole[np.ix_(free, free)] = problem.expansion(values, free).hessian * np.outer(typical, typical)
+    whole[np.ix_(free, free)] = problem.expansion(values, free, guesses=False).hessian * np.outer(typical, typical)
     return independent(whole, free)
 
 
@@ -144,7 +144,7 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """(P,) bool: those of `wanted` whose sensitivities no earlier ones imitate; (P, P) `gram` holds their products."""
     index = np.flatnonzero(wanted)
     gram = gram[np.ix_(index, index)]
-    norms = np.sqrt(np.diag(gram))
+    norms = np.sqrt(np.maximum(np.diag(gram), 0.0))  # what cancels leaves rounding of either sign
     kept = np.zeros(len(wanted), dtype=bool)
     factor = np.empty((0, len(index)))  # rows of the Cholesky factor of what has been kept
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):

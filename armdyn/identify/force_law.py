@@ -102,7 +102,7 @@ class Law:
         """Such as ``"the missing torque of elbow steps by 1.2 N m where the joint turns round: dry friction"``."""
         whose = f" of {self.joint}" if self.joint else ""
         driven = self.quantity in ("torque", "force")
-        what = "joint" if driven else "swing" if any(t.unit.startswith("rad") for t in self.terms) else "motion"
+        what = "joint" if driven else "motion" if self.joint else "swing"
         # A drive must make up for what friction takes; a swing is slowed by it.
         friction = [t for t in self.terms if t.shape.cause]
         loss = 1.0 if driven else -1.0
@@ -114,7 +114,7 @@ class Law:
         if drives:
             return f"{text}, which drives the motion and is no friction"
         # What surrounds a joint is oil as well.
-        causes = ["drag" if driven and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
         return f"{text}: {' and '.join(causes)}" if causes else text
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armdyn.channels import is_further
 from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, samples_of
 from armdyn.run import Channel
@@ -60,7 +61,7 @@ def localise(fit: Fit) -> tuple[Place, ...]:
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
             found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, even=True)
-        joint = channel.partition(".")[2]
+        joint = "" if is_further(channel) else channel.partition(".")[2]
         for name in dict.fromkeys(n for b in blocks for n in covariates[b.run]):
             if joint and not name.endswith(f".{joint}"):
                 continue

@@ -16,6 +16,7 @@ from armdyn.identify.grey_box import GreyBox, Point
 from armdyn.identify.noise_evidence import at_every_kick
 from armdyn.identify.output_error import AroundMotion
 from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.physics.model import PhysicsModel
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -154,7 +155,7 @@ def _kicked(box: GreyBox, point: Point, index: int) -> list[Unexplained]:
     for k in model.kicked:
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.shown_against(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
-        joint = None if len(model.kicked) == 1 else model.start_names[k].removeprefix("initial_")
+        joint = list(model.physics.states)[k] if isinstance(model, PhysicsModel) else None
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
 

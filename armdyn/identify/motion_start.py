@@ -23,8 +23,6 @@ two that a short stretch hardly tells apart becomes many times worse as it grows
 lacks shows least on the first."""
 GROWTH = 2.0
 """From one stretch to the next."""
-SETTLED_WINDOW = 3.0
-"""s; shorter windows tell friction and creep too little to be fitted in them."""
 
 
 def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +99,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
     """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
-    return free if window >= SETTLED_WINDOW else free & (problem.per_run | ~problem.is_effect)
+    return free if window >= problem.model.settled_window else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)

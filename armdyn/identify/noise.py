@@ -25,7 +25,10 @@ MOST_LAGS = 50
 """Lags that count for the variance of a mean."""
 
 
-def white_noise_std(time: np.ndarray, value: np.ndarray) -> float:
+NONE = np.zeros(0)
+
+
+def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NONE) -> float:
     """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
@@ -35,11 +38,13 @@ def white_noise_std(time: np.ndarray, value: np.ndarray) -> float:
     Args:
         time: (n,) s.
         value: (n,).
+        jumps: (j,) s; times at which the signal itself may jump, ascending: no difference is taken across one, unless
+            none were left.
 
     Returns:
         In the unit of `value`; 0 where there are fewer than eight samples without a gap.
     """
-    lowest, *higher = (_difference_std(time, value, order) for order in ORDERS)
+    lowest, *higher = (_difference_std(time, value, order, jumps) for order in ORDERS)
     for std in higher:
         if std is None or lowest is None or std > CLEARLY_LESS * lowest:
             break
@@ -47,12 +52,14 @@ def white_noise_std(time: np.ndarray, value: np.ndarray) -> float:
     return lowest or 0.0
 
 
-def _difference_std(time: np.ndarray, value: np.ndarray, order: int) -> float | None:
+def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.ndarray) -> float | None:
     """Root mean square of the normalised differences of one order; None where there are fewer than five."""
     if len(value) < max(8, order + 5):
         return None
     differences = normalised_differences(time, value, order)
-    whole = differences[np.isfinite(differences)]
+    whole, before = np.isfinite(differences), np.searchsorted(jumps, time, side="right")
+    smooth = whole & (before[order:] == before[: len(before) - order])
+    whole = differences[smooth if smooth.sum() >= 5 else whole]
     return float(np.sqrt(np.mean(whole**2))) if len(whole) >= 5 else None
 
 

@@ -176,9 +176,11 @@ class Tables:
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
-            self._width = np.minimum(LOOSE * problem.typical, 1.0 / problem.prior_weight)
+            known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
+            self._width = np.minimum(LOOSE * problem.typical, known)
         self._typical = np.minimum(problem.typical, self._width)
-        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, 0.0)
+        guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
+        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
 
     def coarse(self, like: Evidence) -> "Tables":
         """The same at fewer noises, looked at once from a set's own: enough to see which sets to look at closely."""

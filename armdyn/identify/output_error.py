@@ -14,6 +14,7 @@ import numpy as np
 from armdyn.identify.fit import NEAR_NOISE, Fit, converged, fit
 from armdyn.identify.grey_box import NEARBY, GreyBox, Point
 from armdyn.identify.least_squares import GROSS
+from armdyn.identify.places import places
 from armdyn.identify.problem import Problem
 from armdyn.identify.spread import alike, likeliest_starts
 from armdyn.physics.simulated import SimulatedModel
@@ -65,6 +66,7 @@ class AroundMotion:
             not see a mass, and a drag would take it with it.
         point: where the base is settled.
         seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
+        places: by unknown, values that matter only where their effect is there; see `places`.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
@@ -77,8 +79,20 @@ class AroundMotion:
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
-        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts
+        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
+        self.places = places(self.box, self.point, self.base, self.seen)
+        problem.place(self.names_of_places)
+        self._given = values.copy()
+        for k, place in self.places.items():
+            self.point.values[k] = self._given[k] = place
+        self.seen |= self.box.seen(self.point)
+        self.seen[list(self.places)] = True
         self._settled = {self.base.tobytes(): (self.base, self.point)}
+
+    @property
+    def names_of_places(self) -> dict[str, float]:
+        """By parameter, where the effect of what matters only where it is there is looked for first."""
+        return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
 
     def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, Point]:
         """The base that is told, and the runs settled with it from (P,) options or from what recordings show directly.
@@ -116,6 +130,11 @@ class AroundMotion:
         """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
         begin = self.box.begin(option)
         base = self.box.determined(begin, wanted)
+        if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
+            # What a start makes up for is kept by a weak prior: an effect may bring what tells it.
+            with np.errstate(all="ignore"):
+                change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
+            base[np.flatnonzero(guessed)[change > 0.0]] = True
         return base, self.box.settled(base, begin)
 
     def _settled_anew(self, free: np.ndarray, point: Point) -> Point:

@@ -30,6 +30,7 @@ def prepared(
     if not runs:
         raise InputError("no run given: give at least one recording")
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
+    runs, held_out, exam = ([model.taking(run) for run in given] for given in (runs, held_out, exam))
     check_distinct_data(model, [*runs, *held_out, *exam])
     named = with_distinct_names([*runs, *held_out])
     parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
@@ -54,11 +55,12 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
     """Standard deviation by run and channel: as stated beside the recording, else from its differences."""
     noise: dict[tuple[str, str], float] = {}
     for run in runs:
+        jumps = model.jumps(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
             floor = max(SMALLEST_NOISE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
             stated = run.noise.get(name)
-            estimate = white_noise_std(channel.time, channel.value) if stated is None else stated
+            estimate = white_noise_std(channel.time, channel.value, jumps) if stated is None else stated
             noise[run.name, name] = max(estimate, floor, 1e-12)
     return noise
 

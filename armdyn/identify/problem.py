@@ -111,6 +111,11 @@ def deviates(chi2: float, samples: int) -> float:
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
+GUESSED = 3.0
+"""Typical sizes: standard deviation of a first guess. It takes part where runs do not tell a value from others, which
+would else drift away together, out of the range in which the physics is what it is; what they tell it does not move."""
+
+
 class Problem:
     """A model held against runs.
 
@@ -152,6 +157,8 @@ class Problem:
         self.is_effect = np.array([bool(p.effect) for p in parameters], dtype=bool)
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
+        guessed = self.of(model.first_guesses) & (self.prior_weight == 0.0)
+        self.guess_mean, self.guess_weight = self.start(), np.where(guessed, 1.0 / (GUESSED * self.typical), 0.0)
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
@@ -160,6 +167,16 @@ class Problem:
             [[c.parameter.effect == name for c in columns] for name in self._effects], dtype=bool
         ).reshape(len(self._effects), len(columns))
         self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
+
+    def place(self, places: Mapping[str, float]) -> None:
+        """Begin at these values, by parameter, of what matters only where its effect is there, and is absent at any."""
+        moved = [
+            replace(c, parameter=replace(p, value=places[p.name], null=places[p.name])) if p.name in places else c
+            for c in self.columns
+            for p in [c.parameter]
+        ]
+        self.columns = tuple(moved)
+        self.null = np.array([c.parameter.null for c in moved])
 
     def places(self, run: int) -> np.ndarray:
         """(p,) position among the unknowns of every parameter of the model in one run."""
@@ -252,12 +269,13 @@ class Problem:
                 found.append(Block(run.name, channel, measured, residual, sensitivities, noise))
         return found
 
-    def expansion(self, values: np.ndarray, free: np.ndarray) -> Expansion:
-        """Cost around (P,) `values`, over the unknowns `free`."""
+    def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
+        """Cost around (P,) `values`, over the unknowns `free`, with first guesses as very weak priors or without."""
         prior = self.prior_weight * (self.prior_mean - values)
-        cost = float(prior @ prior) / 2
-        gradient = -(self.prior_weight * prior)[free]
-        hessian = np.diag(self.prior_weight[free] ** 2)
+        guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))
+        cost = float(prior @ prior + guess @ guess) / 2
+        gradient = -(self.prior_weight * prior + self.guess_weight * guess)[free]
+        hessian = np.diag(self.prior_weight[free] ** 2 + (self.guess_weight[free] ** 2 if guesses else 0.0))
         for block in self.blocks(values, free):
             sensitivities = block.sensitivities[:, free]
             cost += float(block.residual @ block.residual) / 2

@@ -104,11 +104,14 @@ class Study:
             return None
         everything = Problem(model, [*self.runs, *self.held_out], self.noise)
         present = everything.of(self._present_names)
-        if shows_motion(everything):
-            return AroundMotion(everything, len(self.runs), present, [everything.start()])
-        alone = Problem(self.model, everything.runs, self.noise)
-        options = [transferred(values, alone, everything) for values in reversed(initial_values(alone, alone.start()))]
-        return AroundMotion(everything, len(self.runs), present, options)
+        options = [everything.start()]
+        if not shows_motion(everything):
+            alone = Problem(self.model, everything.runs, self.noise)
+            found = reversed(initial_values(alone, alone.start()))
+            options = [transferred(values, alone, everything) for values in found]
+        motion = AroundMotion(everything, len(self.runs), present, options)
+        self.problem.place(motion.names_of_places)
+        return motion
 
     @cached_property
     def _first(self) -> Fit:

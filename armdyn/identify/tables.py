@@ -31,12 +31,16 @@ def parameter_table(found: Mapping[str, Parameter]) -> Table:
     columns = [
         Column("parameter", list(found)),
         *columns_of(values, value=".6g"),
-        Column("std", [p.std for p in values], ".2g", missing="fixed"),
+        Column("std", [_std(p) for p in values], ".2g", missing="fixed"),
         *columns_of(values, unit=""),
         Column("fitted", [p.fitted for p in values], wide=True),
         Column("what it is", [p.source for p in values], wide=True),
     ]
     return Table(columns, name="parameters")
+
+
+def _std(parameter: Parameter) -> float | str | None:
+    return "not told" if parameter.fitted and parameter.std is None else parameter.std
 
 
 def channel_table(found: Mapping[str, Any], caption: str) -> Table:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from armdyn.channels import is_further
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import Whitening, whitening
 from armdyn.identify.problem import by_channel
@@ -144,7 +145,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
     for channel, blocks in channels.items():
         white = filters[channel]
         names = set.intersection(*(set(covariates[b.run]) for b in blocks))
-        joint = channel.partition(".")[2]
+        joint = "" if is_further(channel) else channel.partition(".")[2]
         if joint:
             names = {n for n in names if n.endswith(f".{joint}")}
         library = _library({n: [b.interpolate(covariates[b.run][n]) for b in blocks] for n in sorted(names)})

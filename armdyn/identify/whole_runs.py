@@ -55,7 +55,11 @@ def _fitted(study: Study, effects: Effects) -> Fit:
 
 
 def _left(study: Study, effects: Effects) -> float:
-    return study.left((*study.present, *effects))
+    """What a set leaves; of an effect alone, where values are guesses, also from the likeliest of other ones."""
+    left = study.left((*study.present, *effects))
+    if len(effects) == 1 and study.model.first_guesses:
+        left = min(left, study.squared_error(_fitted(study, effects)))
+    return left
 
 
 def _pair_or(study: Study, appraiser: Filtered, whole: Effects, needed: float) -> Effects:

@@ -54,6 +54,7 @@ def inspected(
         effects = available(model) if model is not None else ()
     effects, runs = tuple(effects), with_distinct_names(runs)
     if model is not None:
+        runs = [model.taking(run) for run in runs]
         model = model.following(runs)
     found = [check for run in runs for check in checks_of(run, model, effects, adding)]
     return Inspection(tuple(runs), by_severity([*found, *_joints_beside(model, runs)]))
@@ -108,7 +109,7 @@ def checks_of(
     mended = run
     if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
         found += ranges(run)
-    if model is not None and not still:
+    if model is not None and run.channels and not still:
         piece = longest_piece(run, LONGEST)
         piece = without_spikes(piece, piece.channels)
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])

@@ -30,10 +30,11 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 import casadi as ca
 
-from armdyn.channels import channel_kind, channel_units
+from armdyn.channels import channel_kind, channel_units, is_further
 from armdyn.effects.effect import Effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.parameter import Parameter, RecordedColumn
+from armdyn.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
 NONE: Expression = ca.SX(0)
@@ -114,6 +115,37 @@ class Reading(Timed):
         return replace(self, value=value)
 
 
+@dataclass(frozen=True, eq=False)
+class Rate(Stage):
+    """The rate of a state: a stage, called ``"rate"``, that every base has for each state whose rate is no state.
+
+    Attributes:
+        state: name of the state.
+        value: its time derivative, in the state's unit per s.
+        time: s since the start of the run.
+        given: states and inputs, by name.
+    """
+
+    state: str
+    value: Expression
+    time: Expression
+    given: Mapping[str, Expression]
+
+    def __getitem__(self, name: str) -> Expression:
+        """A state, or an input such as ``"extra.voltage"``."""
+        if name not in self.given:
+            raise UnknownNameError("state or input", name, self.given)
+        return self.given[name]
+
+    def with_rate(self, more: Expression) -> Self:
+        """Let the state change faster, by `more` of its unit per s."""
+        return replace(self, value=self.value + more)
+
+
+RATE = "rate"
+"""Name of that stage."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """A recorded input.
@@ -169,6 +201,7 @@ class Moment:
         self.time = time
         self.memory: list[Memory] = []
         self.stages: dict[str, list[str]] = {}
+        self.kinds: dict[str, type] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
         self._recorded = recorded
 
@@ -193,6 +226,7 @@ class Moment:
             joint: which of several it is, ``""`` where there is one only.
         """
         self.stages.setdefault(name, []).append(joint)
+        self.kinds[name] = type(stage)
         for effect in self._effects:
             if effect.acts_on == name and (joint in effect.joints or not effect.joints):
                 tail = f"[{joint}]" if joint else ""
@@ -246,7 +280,7 @@ def physics(
     inputs: Mapping[str, str] = MappingProxyType({}),
     held: Collection[str] = (),
     period: float = 1.0,
-    step: float = 0.01,
+    step: float | None = None,
 ) -> Callable[[Callable[[Moment], Equations]], Physics]:
     """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
 
@@ -259,8 +293,12 @@ def physics(
     """
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
+    step = USUAL_STEP * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
-        if unit not in channel_units(channel, "channel"):
+        if is_further(channel):
+            with at(f"physics '{name}': {channel}"):
+                to_base_units(unit)
+        elif unit not in channel_units(channel, "channel"):
             raise InputError(f"physics '{name}': {channel} is in {' or '.join(channel_units(channel))}, not in {unit}")
     for channel in held:
         if channel not in inputs:
@@ -285,7 +323,9 @@ def physics(
 
 
 _START = "initial_"
-SHORTEST, LONGEST = 1e-3, 1e4
+USUAL_STEP = 0.01
+"""Of a period, the step of the integration where none is given: a Runge-Kutta step is exact to 1e-7 there."""
+SHORTEST, LONGEST = 1e-6, 1e7
 """s of a swing or of whatever a base does again and again; what is faster no recording shows."""
 
 

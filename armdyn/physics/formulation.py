@@ -1,5 +1,6 @@
 """A physics with any effects, as the functions that the simulator and the sensors need."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -7,7 +8,7 @@ import casadi as ca
 
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.physics.definition import Equations, Expression, Moment, Physics, Reading, Signal
+from armdyn.physics.definition import RATE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
 from armdyn.readout import Sensor
 
@@ -24,20 +25,24 @@ class Formulation(System):
     read.
 
     Attributes:
+        slopes: ``(s, w, theta) -> (n, n)`` of the rates by the states.
         against: ``(s, w, theta) -> (n,)`` covariates of a residual.
         against_units: its names, with their units.
         depends: parameters on which anything depends.
         measured: by state, the channel that reads it as it is.
         rates: by state, the state that is its rate.
         stages: where effects may act, with the joints of each.
+        kinds: classes of the stages.
     """
 
+    slopes: ca.Function
     against: ca.Function
     against_units: dict[str, str]
     depends: frozenset[str]
     measured: dict[str, str]
     rates: dict[str, str]
     stages: dict[str, tuple[str, ...]]
+    kinds: dict[str, type]
 
 
 @lru_cache(maxsize=128)
@@ -62,11 +67,12 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
     found = _asked(physics, moment)
+    rates_of = _with_rates(moment, found, states, signals)
     readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
     memory = moment.memory
     s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
     w = ca.vertcat(time, *symbols.values(), *recorded.values())
-    rates = ca.vertcat(nothing, *(found.rates[name] for name in states), *(m.rate for m in memory))
+    rates = ca.vertcat(nothing, *rates_of.values(), *(m.rate for m in memory))
     values = ca.vertcat(*(readings[channel].value for channel in physics.outputs))
     timing = ca.vertcat(*(ca.horzcat(readings[c].lag, readings[c].delay) for c in physics.outputs))
     beginning = ca.vertcat(nothing, *states.values(), *(m.start for m in memory))
@@ -90,14 +96,31 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
         output=ca.Function("output", [s, w, theta], [ca.densify(values)]),
         initial=ca.Function("initial", [*states.values(), w, theta], [ca.densify(beginning)]),
+        slopes=ca.Function("slopes", [s, w, theta], [ca.densify(ca.jacobian(rates, s))]),
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
         sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
         depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),
         measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
-        rates={n: m for n in states for m, x in states.items() if _same(found.rates[n], x)},
+        rates={n: m for n in states for m, x in states.items() if _same(rates_of[n], x)},
         stages={name: tuple(joints) for name, joints in moment.stages.items()},
+        kinds=moment.kinds,
     )
+
+
+def _with_rates(
+    moment: Moment, found: Equations, states: Mapping[str, Expression], signals: Mapping[str, Signal]
+) -> dict[str, Expression]:
+    """The rate of every state; of those that are no state, what effects make of it."""
+    given = {**states, **{channel: signal.value for channel, signal in signals.items()}}
+    own = RATE in moment.stages
+    rates = dict[str, Expression]()
+    for name in states:
+        rate = found.rates[name]
+        if not own and not any(_same(rate, other) for other in states.values()):
+            rate = moment.stage(RATE, Rate(name, rate, moment.time, given), name).value
+        rates[name] = rate
+    return rates
 
 
 def _asked(physics: Physics, moment: Moment) -> Equations:

@@ -12,19 +12,24 @@ from typing import Any
 import numpy as np
 
 from armdyn.channels import MIN_SAMPLES
-from armdyn.effects.catalogue import natural_order
+from armdyn.effects.catalogue import CATALOGUE, natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.faults import HIGHEST_RATE, clean
 from armdyn.kept import kept_alongside
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import Physics
+from armdyn.physics.definition import USUAL_STEP, Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import FINEST_GRID, Path, recorded_inputs
-from armdyn.physics.simulated import REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
+from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.stiff import longest_step
 from armdyn.run import Channel, Run
+from armdyn.units import to_base_units
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
+MOVED = 0.01
+"""Typical sizes by which values are moved together to see which states tell it."""
 FARTHEST = 2.0
 """The largest of these, in typical sizes."""
 
@@ -66,7 +71,12 @@ class PhysicsModel(SimulatedModel):
     @property
     def step(self) -> float:  # type: ignore[override]
         """See `Model.step`: as its physics says."""
-        return max(self.physics.step, FINEST_GRID)
+        return self.physics.step
+
+    @property
+    def settled_window(self) -> float:  # type: ignore[override]
+        """See `Model.settled_window`: three periods."""
+        return 3.0 * self.physics.period
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -92,7 +102,7 @@ class PhysicsModel(SimulatedModel):
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """See `Model.guess_start`: what a channel measures of the states, and of the states that are their rates."""
         states = self.physics.states
-        guess = self._shown(run, measured_start)
+        guess = self._shown(run, lambda channel: measured_start(channel, FIRST_STRETCH * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
@@ -151,6 +161,24 @@ class PhysicsModel(SimulatedModel):
         """See `SimulatedModel`."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
+    def taking(self, run: Run) -> Run:
+        """See `Model.taking`; in the units of the equations."""
+        declared = {**self.physics.inputs, **self.physics.outputs}
+        found, noise = dict[str, Channel](), dict(run.noise)
+        for name, channel in run.extra.items():
+            if name in declared:
+                (given, times, plus), (wanted, factor, zero) = map(to_base_units, (channel.unit, declared[name]))
+                if given != wanted:
+                    raise InputError(
+                        f"{run.source or run.name}: '{name}' is in {channel.unit}, not in {declared[name]}: mend the "
+                        "unit of one"
+                    )
+                value = (channel.value * times + (plus - zero)) / factor
+                found[name] = Channel(channel.time, value, declared[name])
+                if name in noise:
+                    noise[name] *= times / factor
+        return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
+
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """See `Model.predicted_channels`."""
         channels = super().predicted_channels(run)
@@ -163,6 +191,8 @@ class PhysicsModel(SimulatedModel):
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """See `Model.prepared`; what was measured before or after the inputs were is left out."""
+        del beside
+        run = self.taking(run)
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
@@ -172,7 +202,16 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return super().prepared(run, beside)
+        return clean(run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * USUAL_STEP / self.physics.step)
+
+    def jumps(self, run: Run) -> np.ndarray:
+        """See `Model.jumps`: where an input that is held changes."""
+        held = [run.channels[name] for name in self._held(run)]
+        return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
+
+    def _held(self, run: Run) -> list[str]:
+        """Inputs that keep their value until the next sample."""
+        return [n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])]
 
     @property
     def kicked(self) -> list[int]:
@@ -181,9 +220,26 @@ class PhysicsModel(SimulatedModel):
         return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
 
     @property
+    def rated(self) -> list[str]:
+        """States whose rate is no state."""
+        return [name for name in self.physics.states if name not in _bare(self.physics).rates]
+
+    def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """By state, (K,) its time derivative along the motion that (p,) `theta` makes of a prepared run."""
+        path, physics = self.path(run), theta[self.places[1]]
+        states = self.rollout(path, theta, self.predicted_channels(run)).states
+        found = self.system.derivative.map(len(states))(states.T, self.driven_by(path, physics).nodes, physics)
+        return {name: row[np.isfinite(row)] for name, row in zip(self.physics.states, np.asarray(found), strict=False)}
+
+    @property
     def guessed(self) -> tuple[str, ...]:
         """See `SimulatedModel`: those of the physics."""
         return tuple(p.name for p in self.physics.parameters)
+
+    @property
+    def first_guesses(self) -> tuple[str, ...]:
+        """See `Model.first_guesses`: all of the physics, and how motions begin."""
+        return (*self.guessed, *self.start_names)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """See `SimulatedModel`: as its physics says."""
@@ -209,9 +265,20 @@ class PhysicsModel(SimulatedModel):
         name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
         return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
 
+    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """See `SimulatedModel`: of which the range changes by a hundredth where values change by a hundredth."""
+        channels, starts = self.predicted_channels(run), len(self.physics.states)
+        shown = {name for name, channel in _bare(self.physics).measured.items() if channel in channels}
+        here, there = (
+            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts] for step in (0.0, MOVED)
+        )
+        moved = np.abs(there - here).max(axis=0) > 0.1 * MOVED * np.ptp(here, axis=0)
+        named = zip(self.physics.states.items(), moved, strict=True)
+        return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
+
     def path(self, run: Run) -> Path:
         """See `SimulatedModel`."""
-        return _recorded(run, self.physics)
+        return _recorded(run, self.physics, longest_step(self.physics, self.effects))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """The physics' own choice; see `Model.covariates`."""
@@ -261,8 +328,9 @@ def _bare(physics: Physics) -> Formulation:
 
 @lru_cache(maxsize=512)
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
-    """Joints of its stage on which an effect changes something."""
-    if effect.acts_on not in _bare(physics).stages:
+    """Joints of its stage on which an effect changes something; none where another kind of thing is called as that."""
+    kind = _bare(physics).kinds.get(effect.acts_on)
+    if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
         return ()
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
@@ -280,5 +348,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @kept_alongside
-def _recorded(run: Run, physics: Physics) -> Path:
-    return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, physics.step)
+def _recorded(run: Run, physics: Physics, step: float) -> Path:
+    return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, step)

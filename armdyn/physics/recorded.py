@@ -218,19 +218,22 @@ def recorded_inputs(
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
-    dt = min(step, max(interval, FINEST_GRID))
+    dt = min(step, max(interval, FINEST_GRID / COARSEST_GRID * step))
+    steady = [name for name, channel in driving.items() if name in held or moves_in_steps(channel)]
+    for every in (float(np.median(np.diff(driving[name].time))) for name in steady):
+        dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # a motion bends where a command steps
     if not end > start + 4 * dt:
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))
     since = grid - grid[0] + (0.0 if run.began is None else grid[0] - run.began)
     nodes, middle, ends = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2], [since[None, 1:]]
     for name, channel in driving.items():
-        if name in held or moves_in_steps(channel):
-            steady = np.zeros((3, len(grid) - 1))
-            steady[0] = mean_held(channel, grid)
-            nodes.append(np.column_stack([steady, steady[:, -1]]))
-            middle.append(steady)
-            ends.append(steady)
+        if name in steady:
+            level = np.zeros((3, len(grid) - 1))
+            level[0] = mean_held(channel, grid)
+            nodes.append(np.column_stack([level, level[:, -1]]))
+            middle.append(level)
+            ends.append(level)
             continue
         motion = smoothed_motion(
             channel.time, channel.value, dt, exact=run.noise.get(name) == 0.0, spread=run.spread.get(name, 0.0)

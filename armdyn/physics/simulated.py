@@ -108,6 +108,17 @@ class SimulatedModel(Model):
         del run, swing
         return np.inf
 
+    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """States, with their units, that no channel of a run measures and that move with the parameters.
+
+        Args:
+            run: prepared.
+            theta: (p,) in the order of `names`.
+            direction: (p,) in which they move.
+        """
+        del run, theta, direction
+        return ()
+
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """Values of parameters that a run shows without a fit, as a swing's period shows a length."""
         del run, theta
@@ -257,9 +268,9 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     return float(channel.time[last])
 
 
-def measured_start(channel: Channel) -> tuple[float, float]:
-    """Value and rate of a channel at its first sample, by a parabola through the first ones."""
+def measured_start(channel: Channel, stretch: float = FIRST_STRETCH) -> tuple[float, float]:
+    """Value and rate of a channel at its first sample, by a parabola through what was measured in the first stretch."""
     since = channel.time - channel.time[0]
-    near = max(FIRST_SAMPLES, int(np.searchsorted(since, FIRST_STRETCH)))
+    near = max(FIRST_SAMPLES, int(np.searchsorted(since, stretch)))
     curve = np.polyfit(since[:near], channel.value[:near], 2)
     return float(curve[2]), float(curve[1])

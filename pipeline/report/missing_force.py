@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.channels import FloatArray
 from armdyn.document import Chart, Section
-from armdyn.identify.force_law import QUANTITIES, law
+from armdyn.identify.force_law import QUANTITIES, RATE, law
 from armdyn.identify.missing_force import ForceCurve, pooled
 from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
 
@@ -57,7 +57,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     unit, count = curves[0].unit, len(curves)
     width = (1.0 - GAP * (count - 1)) / count
     layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
-    layout["yaxis"] = {"title": {"text": f"missing {QUANTITIES[unit]} [{unit}]"}}
+    layout["yaxis"] = {"title": {"text": f"missing {QUANTITIES.get(unit, RATE)} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
         number, start = str(i + 1) if i else "", i * (width + GAP)

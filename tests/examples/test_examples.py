@@ -27,7 +27,7 @@ def example(monkeypatch, tmp_path):
     return load
 
 
-BASES = ("double_pendulum", "crane")
+BASES = ("double_pendulum", "crane", "tanks")
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

@@ -22,6 +22,7 @@ class Runs:
     """A study whose fits leave what a table says; an effect is worth as much evidence as another table says."""
 
     present: tuple[Candidate, ...] = ()
+    model = Plain(first_guesses=())
     asked: frozenset[str] = frozenset()
     held_out = ("held out",)
     candidates = (LOAD, DRY, DRAG, BIAS)

@@ -1,0 +1,96 @@
+"""Terms that a base of the user's own may lack: what changes the rate of a state, by states and inputs."""
+
+import keyword
+import re
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
+import numpy as np
+
+from armdyn.discovery import shapes
+from armdyn.discovery.term import Site, Term, Variable
+from armdyn.discovery.units import over
+from armdyn.errors import InputError
+from armdyn.identify.fit import Fit
+from armdyn.physics.definition import RATE
+from armdyn.physics.model import PhysicsModel
+from armdyn.run import Run
+from armdyn.units import to_base_units
+
+SHARE = 0.05
+"""Of the rate that a state has: typical size of what is missing."""
+TAKEN = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
+"""Names that a formula has for something else."""
+
+
+def physics_terms(fit: Fit) -> Iterator[Term]:
+    """Every formula that the runs of a fit of the bare model may show."""
+    for site, variables in _states(fit):
+        yield shapes.constant(site)
+        for v in variables:
+            yield from shapes.of_anything(site, v)
+        for one, other in combinations(variables, 2):
+            what = f"{one.spoken} times {other.spoken}"
+            yield shapes.product(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
+
+
+def physics_curves(fit: Fit) -> Iterator[Term]:
+    """Smooth curves over what a rate may depend on."""
+    for site, variables in _states(fit):
+        for v in variables:
+            yield shapes.curve(site, v)
+
+
+def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
+    """Every state whose rate is no state, with states and inputs in the ranges of the runs."""
+    model = fit.problem.model
+    assert isinstance(model, PhysicsModel)
+    variables = _variables(fit, model)
+    seen: dict[str, list[np.ndarray]] = {}
+    for i, run in enumerate(fit.problem.runs):
+        for name, rate in model.rates(run, fit.problem.theta(i, fit.values)).items():
+            seen.setdefault(name, []).append(rate)
+    for name in model.rated:
+        unit = over(_plain(model.physics.states[name].unit, name), ("s", 1))
+        size = SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
+        yield Site(RATE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
+
+
+def _variables(fit: Fit, model: PhysicsModel) -> list[Variable]:
+    """States as the fit follows them, and inputs as they were recorded; what stands still is none."""
+    units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
+    samples: dict[str, list[np.ndarray]] = {name: [] for name in units}
+    for i, run in enumerate(fit.problem.runs):
+        for name, values in _followed(model, run, fit.problem.theta(i, fit.values)).items():
+            samples[name].append(values)
+    found = []
+    for name, parts in samples.items():
+        variable = Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
+        found += [variable] if variable.span > 0.0 else []
+    return found
+
+
+def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+    path = model.path(run)
+    states = model.rollout(path, theta, model.predicted_channels(run)).states[:, : len(model.physics.states)]
+    inputs = {name: path.nodes[1 + 3 * k] for k, name in enumerate(model.physics.inputs)}
+    found = {**dict(zip(model.physics.states, states.T, strict=True)), **inputs}
+    return {name: values[np.isfinite(values)] for name, values in found.items()}
+
+
+def _called(name: str) -> str:
+    """What formulas call a state or an input: a name of Python that they have not for something else."""
+    short = re.sub(r"\W", "_", name.removeprefix("extra."))
+    return f"{short}_" if short in TAKEN or keyword.iskeyword(short) else short
+
+
+def _plain(unit: str, name: str) -> str:
+    """The unit of differences of a state or an input.
+
+    Raises:
+        InputError: it is a multiple of an SI unit, so that sizes would have none.
+    """
+    base, factor, zero = to_base_units(unit)
+    if factor != 1.0:
+        raise InputError(f"discover needs SI units, and '{name}' is in {unit}: write its base in {base}")
+    return base if zero else unit

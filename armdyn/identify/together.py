@@ -1,0 +1,115 @@
+r"""Which values runs cannot tell from one another, and what would settle it.
+
+With J the derivatives of all samples over their noise, priors among the rows and every column in typical sizes, a
+singular value of J below 1 belongs to a direction v in which all values may move together by more than they typically
+are before any recording or prior objects (Golub & Van Loan, Matrix Computations, §5.3). A value that no sample depends
+on at all is such a direction by itself, and is told as not fitted; here are those that each alone would be told:
+
+    |J_i| > 1,    |J v| < 1,    |v| = 1.
+
+Standard deviations mean nothing there: an inverse that leaves such directions out makes them tiny.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.score import stacked
+from armdyn.identify.sentence import listed
+from armdyn.physics.simulated import SimulatedModel
+
+TOLD = 1.0
+"""Of a typical size: the standard deviation beyond which a direction is not determined."""
+PART = 0.02
+"""Share of the largest relative change in a direction below which a value takes no part in it."""
+
+
+@dataclass(frozen=True)
+class Together:
+    """Values that may move together, and nothing shows it.
+
+    Attributes:
+        changes: by parameter, its change in per cent of its value, or in its unit where that is 0; the first by 1.
+        units: of these, ``"%"`` or the parameter's.
+        unsure: all parameters that move with it by more than each alone would be off, these and others.
+        settled_by: states that no channel measures, with units, of which a recording would tell.
+    """
+
+    changes: dict[str, float]
+    units: dict[str, str]
+    unsure: frozenset[str]
+    settled_by: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
+        text = f"These runs do not tell {listed(list(self.changes))} from one another: together they may move "
+        text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
+        first = next(iter(self.changes))
+        text += f', --set {first}="... +/- ..."'
+        return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
+
+
+def moving_together(fit: Fit) -> tuple[Together, ...]:
+    """Directions in which the values of a fit are not determined though each alone would be; see the head.
+
+    None for models whose predictions are linear in their values: their priors and links say what is not determined.
+    """
+    problem, model = fit.problem, fit.problem.model
+    if not isinstance(model, SimulatedModel):
+        return ()
+    asked = np.flatnonzero(fit.free | (problem.fitted & ~problem.is_effect))
+    _, J = stacked(problem, problem.blocks(fit.values), fit.values)
+    J = J[:, asked] * problem.typical[asked]
+    if not np.isfinite(J).all():
+        return ()
+    alone = np.linalg.norm(J, axis=0)
+    told = np.flatnonzero(alone > TOLD)
+    if not len(told):
+        return ()
+    _, singular, rows = np.linalg.svd(J[:, told])
+    weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < TOLD]
+    return tuple(_described(fit, asked[told], direction, alone[told]) for direction in _sparse(weak))
+
+
+def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
+    """(m, n) directions that span the same as (m, n), each without the leading values of the others."""
+    if not len(weak):
+        return ()
+    _, _, order = qr(weak, pivoting=True, mode="economic")
+    leading = order[: len(weak)]
+    return list(np.linalg.solve(weak[:, leading], weak))
+
+
+def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> Together:
+    """A (n,) direction of (n,) unknowns in typical sizes, for a person; (n,) how well each `alone` would be told."""
+    problem, values = fit.problem, fit.values
+    change = direction * problem.typical[columns]
+    relative = np.where(
+        values[columns] != 0.0, 100.0 * change / np.where(values[columns] != 0.0, values[columns], 1.0), 0.0
+    )
+    part = np.abs(direction) > PART * np.abs(direction).max()
+    first = int(np.argmax(part & (np.abs(relative) > 0.0)))
+    scale = relative[first] if relative[first] else change[first]
+    changes, units = dict[str, float](), dict[str, str]()
+    for k in np.flatnonzero(part).tolist():
+        p = problem.columns[columns[k]].parameter
+        whole = abs(relative[k]) > 0.0
+        changes.setdefault(p.name, float((relative if whole else change)[k] / scale))
+        units.setdefault(p.name, "%" if whole else p.unit)
+    whole_direction = np.zeros(len(values))
+    whole_direction[columns] = change / np.abs(direction).max()
+    off = np.abs(direction) / np.linalg.norm(direction) * alone > 1.0
+    unsure = frozenset(problem.columns[k].parameter.name for k in columns[off | part])
+    return Together(changes, units, unsure, _settling(fit, whole_direction))
+
+
+def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:
+    """States that no channel measures and that move where all values move in a (P,) direction."""
+    model = fit.problem.model
+    assert isinstance(model, SimulatedModel)
+    return model.states_moved(fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction)))

@@ -1,0 +1,231 @@
+"""Bases of one's own of any physics: names and units, places of thresholds, what is not told apart, laws of a rate."""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from command import called
+from hidden_effects.own_bases import HEAD, Family, case
+from hidden_effects.own_bases_fast import FILTER, GEARED
+from hidden_effects.own_bases_slow import BATTERY, OVEN, TANKS, VESSEL
+from scipy.integrate import solve_ivp
+
+from armdyn.checked_study import CheckedStudy
+from armdyn.effects.effect import effect
+from armdyn.effects.user import available
+from armdyn.errors import InputError
+from armdyn.front import compare, discover, fit
+from armdyn.identify.prepare import noise_of_runs
+from armdyn.parameter import quantity
+from armdyn.physics import Equations, Expression, Stage, constant, physics, state
+from armdyn.physics.model import physics_model
+from armdyn.run import Channel, Run, read_run, write_run_csv
+
+
+@physics(
+    "kettle", summary="A kettle.", source="Newton 1701",
+    parameters=(constant("loss", "1/s", 0.004, lower=1e-5), constant("power", "degC/(W s)", 3e-4, lower=1e-6)),
+    states=(state("water", "degC", typical=30.0, start=20.0),),
+    inputs={"extra.heating": "W"}, outputs={"extra.water": "degC"}, held=("extra.heating",), period=300.0,
+)  # fmt: skip
+def kettle(at):
+    rate = at["power"] * at.input("extra.heating").value - at["loss"] * (at["water"] - 20.0)
+    return Equations({"water": rate}, {"extra.water": at["water"]})
+
+
+def boiled(interval: float, pulse: float = 1500.0) -> Run:
+    """Heated by pulses of one sample each, 20 s and what is left of the interval apart."""
+    time = np.arange(0.0, 1200.0, interval)
+    given = np.where(np.arange(len(time)) % round(20.0 / interval) == 0, pulse, 0.0)
+    water, found = 20.0, []
+    for watt in given:
+        found.append(water)
+        end = 20.0 + 2.5e-4 / 0.003 * watt
+        water = end + (water - end) * np.exp(-0.003 * interval)
+    noise = 0.02 * np.random.default_rng(0).normal(size=len(time))
+    channels = {"extra.heating": Channel(time, given, "W"), "extra.water": Channel(time, found + noise, "degC")}
+    return Run("kettle.csv", channels)
+
+
+def study_of(family: Family, seed: int, folder, hidden: str | None = None) -> CheckedStudy:
+    """A drawn case with two runs to fit, one to choose by, one that takes part in nothing."""
+    drawn = case(family, seed, hidden)
+    runs = drawn.runs()
+    return CheckedStudy.of(drawn.model(folder), runs[:2], runs[2:3], runs[3:])
+
+
+@pytest.mark.parametrize("interval", [5.0, 0.1])
+def test_pulses_of_a_held_command_drive_the_motion_however_fast_they_were_written(interval):
+    found = fit(physics_model(kettle), boiled(interval))
+    for name, true in {"loss": 0.003, "power": 2.5e-4}.items():
+        assert found.value(name) == pytest.approx(true, abs=4.0 * found.parameters[name].std)
+        assert found.parameters[name].std < 0.02 * true
+
+
+def test_a_recording_of_further_quantities_alone_is_compared_in_the_units_of_the_base(tmp_path):
+    write_run_csv(boiled(5.0), tmp_path / "kettle.csv")
+    (tmp_path / "kettle.toml").write_text('[noise]\n"extra.water" = "20 mK"\n')
+    run = read_run(tmp_path / "kettle.csv")
+    assert run.extra["extra.water"].unit == "K"
+    found = compare(physics_model(kettle), run)
+    assert found.channels["extra.water"].unit == "degC"
+    assert found.fit.chi2_per_sample == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_quantity_of_another_kind_is_refused():
+    run = boiled(5.0)
+    with pytest.raises(InputError, match=r"'extra.water' is in m, not in degC: mend the unit of one"):
+        compare(physics_model(kettle), replace(run, extra={**run.extra, "extra.water": Channel(*_of(run), "m")}))
+
+
+def _of(run: Run):
+    water = run.extra["extra.water"]
+    return water.time, water.value
+
+
+def test_a_slow_recording_is_refused_with_what_to_write():
+    fast = replace(kettle, period=1.0, step=0.01)
+    with pytest.raises(InputError, match="give a slow base of your own a longer 'period'"):
+        compare(physics_model(fast), replace(boiled(5.0)))
+
+
+def test_noise_is_not_told_across_the_steps_of_a_held_command(tmp_path):
+    drawn = case(BATTERY, 3)
+    model = drawn.model(tmp_path)
+    prepared = [model.prepared(run) for run in drawn.runs()]
+    for told in noise_of_runs(model, prepared).values():
+        assert told == pytest.approx(BATTERY.noise["extra.voltage"], rel=0.1)
+
+
+def test_what_a_base_calls_a_load_is_none_of_the_catalogue(tmp_path):
+    model = case(GEARED, 0).model(tmp_path)
+    names = {item.name for item in available(model) if model.lacks(item)}
+    assert names == {"backlash", "load_drag", "load_friction"}
+
+
+def test_the_place_of_a_threshold_is_found_with_its_size(tmp_path):
+    drawn = case(VESSEL, 1)
+    found = study_of(VESSEL, 1, tmp_path).repair()
+    assert [item.name for item in found.model.effects] == ["relief_valve"]
+    for name in ("relief_valve.slope", "relief_valve.opens"):
+        p = found.model.parameters[name]
+        assert abs(p.value - drawn[name]) < 3.0 * p.std
+    assert found.model.parameters["relief_valve.opens"].std < 0.01 * drawn["relief_valve.opens"]
+
+
+@pytest.mark.slow
+def test_an_overflow_is_found_in_a_tank_that_nothing_measures_and_that_may_not_reach_the_declared_edge(tmp_path):
+    drawn = case(TANKS, 1)
+    found = study_of(TANKS, 1, tmp_path).repair()
+    assert [item.name for item in found.model.effects] == ["overflow"]
+    edge = found.model.parameters["overflow.edge"]
+    assert abs(edge.value - drawn["overflow.edge"]) < 3.0 * edge.std
+
+
+@pytest.mark.parametrize(("family", "seed"), [(VESSEL, 1), (TANKS, 1), (TANKS, 2)])
+def test_no_threshold_is_named_where_there_is_none(tmp_path, family, seed):
+    assert study_of(family, seed, tmp_path, "").repair().model.effects == ()
+
+
+def test_values_that_move_together_have_no_standard_deviation_and_a_sentence(tmp_path):
+    found = study_of(FILTER, 10, tmp_path, "").compare()
+    (one,) = found.together
+    changes = [one.changes[name] for name in ("inductance", "capacity", "resistance")]
+    assert changes == pytest.approx([1.0, -1.0, 1.0], rel=0.02)
+    assert one.settled_by == ("current [A]",)
+    assert f"{one.sentence}." in found.remarks
+    assert all(found.parameters[name].std is None for name in ("inductance", "capacity", "resistance"))
+
+
+def test_a_prior_settles_what_moves_together(tmp_path):
+    drawn = case(FILTER, 10, "")
+    true = drawn["inductance"]
+    model = drawn.model(tmp_path).with_prior("inductance", true, 0.01 * true)
+    found = CheckedStudy.of(model, drawn.runs()[:2], effects=()).compare()
+    assert found.together == ()
+    for name in ("inductance", "capacity", "resistance"):
+        p = found.parameters[name]
+        assert 0.001 * drawn[name] < p.std < 0.02 * drawn[name]
+        assert abs(p.value - drawn[name]) < 3.0 * p.std
+
+
+@effect(acts_on="rate", summary="Heat that somebody else brings.", source="of its own")
+def visitor(rate, heat=quantity("K/s", typical=0.01)):
+    """An effect on the rate of a state needs no stage of the base."""
+    return rate.with_rate(heat)
+
+
+def test_an_effect_may_act_on_the_rate_of_any_state():
+    model = physics_model(kettle, own_effects=[visitor])
+    assert model.reachable(visitor) == ("water",)
+    run = boiled(5.0)
+    given = model.with_effect(visitor).with_values({"visitor.heat[water]": 0.02, "loss": 0.003, "power": 2.5e-4})
+    told = given.predict(given.prepared(run), given.theta()).values[-1]
+    plain = model.with_values({"loss": 0.003, "power": 2.5e-4})
+    told -= plain.predict(plain.prepared(run), plain.theta()).values[-1]
+    assert told == pytest.approx(0.02 / 0.003 * (1.0 - np.exp(-0.003 * 1195.0)), rel=1e-4)
+
+
+def test_a_law_of_a_rate_is_discovered_written_and_read(tmp_path):
+    drawn = case(VESSEL, 1)
+    runs = drawn.runs()
+    found = discover(drawn.model(tmp_path), runs[:2], runs[2:3])
+    (one,) = found.findings
+    place = one.values["opens" if one.effect == "relief_valve" else "place"]  # its own file has it as well
+    assert abs(place.value - drawn["relief_valve.opens"]) < 3.0 * place.std
+    (tmp_path / "bare.py").write_text(HEAD + VESSEL.text.split("@effect")[0])
+    for k, run in enumerate(runs):
+        write_run_csv(run, tmp_path / f"{k}.csv")
+    model, law, repaired = (tmp_path / name for name in ("M.toml", "law.py", "R.toml"))
+    files = tmp_path / "0.csv", tmp_path / "1.csv", "--held-out", tmp_path / "2.csv"
+    called("new", "--base", tmp_path / "bare.py", model)
+    assert called("discover", model, *files, "--output", law)[0] == 0
+    name = "discovered_threshold_above:pressure"
+    assert called("add", model, name, *files, "--effects", law, "--output", repaired)[0] == 0
+    assert "place[pressure]" in repaired.read_text()
+
+
+def test_an_oven_is_as_its_file_says(tmp_path):
+    drawn = case(OVEN, 4, "")
+    found = study_of(OVEN, 4, tmp_path, "").compare()
+    for name in OVEN.values:
+        assert abs(found.parameters[name].value - drawn[name]) < 4.0 * found.parameters[name].std
+
+
+@dataclass(frozen=True)
+class Rail(Stage):
+    speed: Expression
+    force: Expression = 0
+
+
+@effect(summary="Dry friction that turns round over 1 mm/s.", source="Coulomb 1785")
+def rubbing(rail: Rail, force=quantity("N", typical=1.0, lower=0.0)):
+    return replace(rail, force=rail.force - force * ca.tanh(rail.speed / 1e-3))
+
+
+@physics(
+    "slide", summary="A mass on a spring that is pushed.", source="Coulomb 1785",
+    parameters=(constant("mass", "kg", 1.0, lower=0.1), constant("spring", "N/m", 20.0, lower=0.1)),
+    states=(state("place", "m", typical=0.1), state("speed", "m/s", typical=0.3)),
+    inputs={"tau.push": "N"}, outputs={"q.mass": "m"},
+)  # fmt: skip
+def slide(at):
+    rail = at.stage("rail", Rail(at["speed"]))
+    force = at.input("tau.push").value - at["spring"] * at["place"] + rail.force
+    return Equations({"place": at["speed"], "speed": force / at["mass"]}, {"q.mass": at["place"]})
+
+
+def test_steps_are_short_enough_for_friction_that_turns_round_abruptly():
+    time = np.arange(0.0, 6.0, 0.01)
+    push = 3.0 * np.sin(2.0 * time) + 1.5 * np.sin(5.1 * time)
+
+    def rates(t, s):
+        return [s[1], 3.0 * np.sin(2.0 * t) + 1.5 * np.sin(5.1 * t) - 20.0 * s[0] - 1.2 * np.tanh(s[1] / 1e-3)]
+
+    place = solve_ivp(rates, (0.0, 6.0), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    run = Run("slide.csv", {"tau.push": Channel(time, push, "N"), "q.mass": Channel(time, place, "m")})
+    model = physics_model(slide, own_effects=[rubbing])
+    assert len(model.path(run).time) <= len(time)
+    stiff = model.with_effect(rubbing).with_values({"rubbing.force": 1.2})
+    assert stiff.predict(stiff.prepared(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)

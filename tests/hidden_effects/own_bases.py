@@ -1,0 +1,168 @@
+"""Bases of one's own with a hidden effect: what a user writes, and what really happens, written a second time.
+
+A base is the text of a file, as the documentation asks for it. The truth is a plain function of numbers for scipy's
+integrator, which shares nothing with it.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from armdyn.physics.model import PhysicsModel
+from armdyn.physics.user import load_base
+from armdyn.run import Channel, Run
+
+Rates = Callable[["Case", np.ndarray, float], Sequence[float]]
+
+HEAD = """
+from dataclasses import dataclass, replace
+import casadi as ca
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+from armdyn.physics import Equations, Expression, Moment, Stage, constant, physics, state
+"""
+RUNS = 4
+"""Of a case: two to fit, one to choose by, one that takes part in nothing."""
+SHOWN = 1.0
+"""Change of a recording by its hidden effect, over the noise, below which a case is drawn anew: an edge that it never
+reaches shows nothing."""
+OFF = 0.3
+"""Share by which start values are off at most."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of base.
+
+    Attributes:
+        name: of the base.
+        kind: of physics.
+        text: of the user's file, without its head.
+        values: of the base, by parameter, and within which factor they are drawn.
+        effects: hidden ones, with their true sizes by quantity.
+        rates: of the states.
+        outputs: by channel, which state is measured, or from the case, the states and the input to what is measured.
+        noise: by channel.
+        push: mean and size of the input.
+        pace: angular frequency of the input, 1/s.
+        start: typical states at the start.
+        seconds: of a run.
+        rate: Hz.
+        driven: channel of the input; empty for none.
+        unit: of the input.
+        held: whether the input is a command that steps.
+    """
+
+    name: str
+    kind: str
+    text: str
+    values: Mapping[str, float]
+    effects: Mapping[str, Mapping[str, float]]
+    rates: Rates
+    outputs: Mapping[str, int | Callable[["Case", np.ndarray, np.ndarray], np.ndarray]]
+    noise: Mapping[str, float]
+    push: tuple[float, float]
+    pace: float
+    start: tuple[float, ...]
+    seconds: float
+    rate: float
+    driven: str
+    unit: str
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """One base with its true values and one hidden effect; ``""`` is none."""
+
+    family: Family
+    seed: int
+    hidden: str
+    true: Mapping[str, float]
+
+    def __getitem__(self, name: str) -> float:
+        return self.true.get(name, 0.0)
+
+    def has(self, effect: str) -> bool:
+        """Whether this effect is the hidden one."""
+        return self.hidden == effect
+
+    @property
+    def shows(self) -> float:
+        """Root mean square of what the hidden effect changes in the first recording, over its noise."""
+        one, other = (case._run(0) for case in (self, replace(self, hidden="")))
+        off = [(c.value - other.everything[n].value) / self.family.noise[n] for n, c in one.everything.items()
+               if n in self.family.noise]  # fmt: skip
+        return float(np.sqrt(np.mean(np.square(off))))
+
+    def model(self, folder: Path, off: float = OFF) -> PhysicsModel:
+        """What the user begins with: values that are off at random."""
+        path = folder / f"{self.family.name}.py"
+        path.write_text(HEAD + self.family.text, encoding="utf-8")
+        rng = np.random.default_rng([self.seed, 1])
+        model = load_base(path)
+        begun = {n: self.true[n] * float(rng.uniform(1.0 - off, 1.0 + off)) for n in self.family.values}
+        bounds = {n: (model.parameters[n].lower, model.parameters[n].upper) for n in begun}
+        return model.with_values({n: float(np.clip(value, *bounds[n])) for n, value in begun.items()})
+
+    def runs(self) -> list[Run]:
+        """Recordings."""
+        return [self._run(k) for k in range(RUNS)]
+
+    def _run(self, k: int) -> Run:
+        f, rng = self.family, np.random.default_rng([self.seed, 2, k])
+        time = np.arange(0.0, f.seconds, 1.0 / f.rate)
+        given = self._given(rng, time)
+        start = np.array(f.start) * rng.uniform(0.5, 1.5, len(f.start))
+
+        def moves(t: float, s: np.ndarray) -> Sequence[float]:
+            return f.rates(self, s, float(given(t)))
+
+        step = 0.25 / f.rate
+        found = solve_ivp(
+            moves, (0.0, time[-1]), start, t_eval=time, max_step=step,
+            rtol=1e-8, atol=1e-9 * max(map(abs, f.start), default=1.0) + 1e-14,
+        )  # fmt: skip
+        assert found.success, (f.name, found.message)
+        u = given(time)
+        channels = {f.driven: Channel(time, u, f.unit)} if f.driven else {}
+        units = dict(re.findall(r'"([\w.]+)": "([^"]+)"', f.text.split("outputs=")[1].split("}")[0]))
+        for name, look in f.outputs.items():
+            read = found.y[look] if isinstance(look, int) else look(self, found.y, u)
+            value = read + f.noise[name] * rng.normal(size=len(time))
+            channels[name] = Channel(time, value, units[name])
+        return Run(f"{f.name}_{self.seed}_{k}.csv", channels)
+
+    def _given(self, rng: np.random.Generator, time: np.ndarray) -> Callable[[np.ndarray | float], np.ndarray]:
+        f = self.family
+        if f.held:
+            every = max(1, round(2.0 / f.pace * f.rate))
+            levels = f.push[0] + f.push[1] * rng.uniform(-1.0, 1.0, len(time) // every + 2)
+            edges = time[::every]
+            return lambda t: levels[np.clip(np.searchsorted(edges, np.asarray(t) + 1e-9, side="right") - 1, 0, None)]
+        sizes, paces = rng.uniform(0.3, 1.0, 3), f.pace * np.array([0.45, 1.0, 2.2]) * rng.uniform(0.8, 1.25, 3)
+        phases = rng.uniform(0.0, 2 * np.pi, 3)
+
+        def smooth(t: np.ndarray | float) -> np.ndarray:
+            shape = np.sin(np.multiply.outer(np.asarray(t), paces) + phases) @ sizes / sizes.sum()
+            return f.push[0] + f.push[1] * shape
+
+        return smooth
+
+
+def case(family: Family, seed: int, hidden: str | None = None) -> Case:
+    """A case drawn from a family; the hidden effect is drawn as well where it is not given."""
+    rng = np.random.default_rng([seed, 0])
+    names = list(family.effects)
+    effect = names[seed % len(names)] if hidden is None else hidden
+    while True:
+        true = {name: value * float(rng.uniform(0.75, 1.3)) for name, value in family.values.items()}
+        for name, size in (family.effects[effect] if effect else {}).items():
+            true[f"{effect}.{name}"] = size * float(rng.uniform(0.8, 1.3))
+        found = Case(family, seed, effect, true)
+        if not effect or found.shows > SHOWN:
+            return found
