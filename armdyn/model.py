@@ -399,6 +399,11 @@ class Model(Shown):
         del runs
         return self
 
+    @property
+    def open_questions(self) -> tuple[str, ...]:
+        """What recordings left open of things beside it, and what would tell, a sentence each without its full stop."""
+        return ()
+
     def reading(self, run: Run) -> Run:
         """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
         return run

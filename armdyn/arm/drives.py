@@ -61,6 +61,8 @@ class Servo:
         limit: N m or N.
         full_at: error, of the gain's unit, from which it gives all that it has; beside or in place of `limit`.
         delay: s from the command's stamp to the torque.
+        unloaded: standard deviation of the gain if nothing is carried that the model lacks; the gain's own where None.
+        determined: whether something says how large the gain is; values of its joints are ratios to it where not.
     """
 
     joints: tuple[str, ...]
@@ -71,6 +73,8 @@ class Servo:
     limit: float = np.inf
     full_at: float = np.inf
     delay: float | None = None
+    unloaded: float | None = None
+    determined: bool = True
 
     @property
     def largest(self) -> float:
@@ -190,7 +194,7 @@ def _servo(entry: _Entry, *, slides: bool) -> Servo:
     torque, way = ("N", "m") if slides else ("N m", "rad")
     told = Servo(entry.joints, law).error_unit(slides)
     units = {"full_at": told, "damping": f"{torque} s/{way}", "supply": "V", "limit": torque, "delay": "s"}
-    values = {}
+    values: dict[str, Any] = {}
     for key, unit in units.items():
         text = getattr(entry, key)
         if text is not None:
@@ -282,7 +286,8 @@ def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) 
             if not np.ptp(np.quantile(given, INFORMATIVE)) > 0.0:
                 continue  # a joint that was told nothing
             slope = np.gradient(asked, q.time)
-            off = np.hypot((servo.gain.std or 0.0) / servo.gain.value * given, TIMED * slope)
+            std = (servo.gain.std or 0.0) if servo.unloaded is None else servo.unloaded
+            off = np.hypot(servo.determined * std / servo.gain.value * given, TIMED * slope)
             unit = "N" if q.unit == "m" else "N m"
             channels[f"tau.{joint}"] = Reading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))))
     return run if len(channels) == len(run.channels) else replace(run, channels=channels)

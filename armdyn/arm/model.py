@@ -15,7 +15,7 @@ from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
-from armdyn.arm.drive_scale import settled
+from armdyn.arm.drive_scale import settled, telling
 from armdyn.arm.drives import Servo, read_drives, with_readings
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
@@ -85,6 +85,17 @@ class ArmModel(Model):
     def reading(self, run: Run) -> Run:
         """See `Model.reading`: the torques that servos gave, by their own errors."""
         return with_readings(run, self.arm.joints, tuple(self.drives.values()))
+
+    @property
+    def open_questions(self) -> tuple[str, ...]:
+        """See `Model.open_questions`: gains that nothing tells."""
+        return tuple(
+            f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
+            f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
+            f"{servo.gain.unit} alone. To tell it, {telling(self.arm, servo.joints)}"
+            for name, servo in self.drives.items()
+            if servo.gain is not None and not servo.determined
+        )
 
     @property
     def _told(self) -> frozenset[str]:

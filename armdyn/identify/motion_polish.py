@@ -108,7 +108,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
-        if gain is None or gain.std is not None:
+        if servo.determined and (gain is None or gain.std is not None):
             found.append(_Unknown(name, "gain", joints, TYPICAL["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
             found.append(_Unknown(name, "delay", joints, TYPICAL["delay"], 0.0, LATEST, (0.0, np.inf)))
