@@ -71,7 +71,7 @@ gain is less certain. Of 40 generated arms those that carry something had 6.3 an
 ROUNDS = 6
 """In which the products settle."""
 ROUNDING = 1e-12
-"""Of a column's square; of the largest column's size, below which one is none, as that of gravity on an upright axis."""
+"""Of a column's square; of the largest column, below which one is none, as that of gravity on an upright axis."""
 
 
 @dataclass(frozen=True, eq=False)
