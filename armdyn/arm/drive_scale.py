@@ -22,8 +22,9 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.drives import UNITS, Servo, error, reads
+from armdyn.arm.drives import UNITS, Servo
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.readings import error, reads
 from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
@@ -104,8 +105,8 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
     Raises:
         InputError: nothing says how large a gain is.
     """
-    found, rows = dict(drives), list[_Rows]()
-    for name, servo in drives.items():
+    found, rows = {name: _supplied(servo, runs) for name, servo in drives.items()}, list[_Rows]()
+    for name, servo in list(found.items()):
         joints = [joint for joint in servo.joints if any(reads(run, joint, servo) for run in runs)]
         if joints and (servo.gain is None or servo.gain.std is not None or servo.delay is None):
             delay, own = _timed(name, servo, arm, runs, joints)
@@ -134,6 +135,14 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
             determined=stated or relative < DETERMINED,
         )
     return found
+
+
+def _supplied(servo: Servo, runs: Sequence[Run]) -> Servo:
+    """Drives with the usual voltage of their recordings, where nothing says at which their gain holds."""
+    volts = [run.channels[n].value for run in runs for j in servo.joints if (n := f"voltage.{j}") in run.channels]
+    if not volts or servo.supply is not None or servo.reference is not None:
+        return servo
+    return replace(servo, reference=float(np.mean(np.abs(np.concatenate(volts)))))
 
 
 def telling(arm: Arm, joints: Sequence[str]) -> str:

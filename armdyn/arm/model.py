@@ -16,10 +16,11 @@ from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
 from armdyn.arm.drive_scale import settled, telling
-from armdyn.arm.drives import Servo, read_drives, with_readings
+from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun, torque_noise
+from armdyn.arm.readings import with_readings
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Bend, Model, Prediction, join_channels
@@ -97,8 +98,12 @@ class ArmModel(Model):
             if servo.gain is not None and not servo.determined
         )
 
+    def servo(self, joint: str) -> Servo | None:
+        """The drive of a joint, if it is declared."""
+        return next((servo for servo in self.drives.values() if joint in servo.joints), None)
+
     @property
-    def _told(self) -> frozenset[str]:
+    def told(self) -> frozenset[str]:
         """Joints of the declared drives."""
         return frozenset(joint for servo in self.drives.values() for joint in servo.joints)
 
@@ -115,8 +120,8 @@ class ArmModel(Model):
             UnknownNameError: it is meant for a joint that the arm lacks.
         """
         reachable = self.arm.within(effect.reach)
-        if effect.name in OF_DRIVE:
-            reachable = tuple(joint for joint in reachable if joint not in self._told)
+        if effect.name in OF_DRIVE or effect.acts_on == "drive":
+            reachable = tuple(j for j in reachable if (j in self.told) == (effect.acts_on == "drive"))
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)

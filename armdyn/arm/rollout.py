@@ -11,9 +11,10 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drives import TOLD, Servo, mean_held
+from armdyn.arm.drives import TOLD, Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.readings import mean_held, mean_told
 from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import kept_alongside
 from armdyn.run import Run
@@ -26,7 +27,8 @@ WINDOWS = (0.5, 5.0)
 """s, of what cannot be simulated as a whole."""
 LOST = 2.0 * np.pi
 """rad or m: a simulated joint that is farther from where it was has left the motion, and how far says nothing."""
-LATE = "torque_delay.time"
+LATE, TOLD_LATE = "torque_delay.time", "command_delay.time"
+"""Parameters by which a measured torque is read late, and a command acts late."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +59,9 @@ class RollOut:
     resolution: float
 
 
-def servo_of(model: ArmModel, joint: str) -> Servo | None:
-    """The drive of a joint, if it is declared."""
-    return next((servo for servo in model.drives.values() if joint in servo.joints), None)
-
-
 def closed(model: ArmModel, run: Run) -> bool:
     """Whether every joint of the arm was told its position."""
-    servos = [servo_of(model, joint) for joint in model.arm.joints]
+    servos = [model.servo(joint) for joint in model.arm.joints]
     return all(
         servo is not None and servo.law == "position" and f"q_cmd.{joint}" in run.channels
         for servo, joint in zip(servos, model.arm.joints, strict=True)
@@ -74,7 +71,7 @@ def closed(model: ArmModel, run: Run) -> bool:
 def can_roll_out(model: ArmModel, run: Run) -> bool:
     """Whether the recording says what drove every joint, and the model has nothing that depends on what was before."""
     for joint in model.arm.joints:
-        servo = servo_of(model, joint)
+        servo = model.servo(joint)
         told = servo is not None and servo.gain is not None and f"{TOLD[servo.law]}.{joint}" in run.channels
         if not told and f"tau.{joint}" not in run.channels:
             return False
@@ -133,7 +130,7 @@ def rolled(
         window: what is simulated.
         servos: by joint, in place of those of the model.
     """
-    own = [servo_of(model, joint) for joint in model.arm.joints] if servos is None else list(servos)
+    own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     step = _step(model, theta, own)
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
@@ -152,34 +149,37 @@ def _step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) ->
 
 def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray) -> Drives:
     n, m = len(edges) - 1, len(servos)
-    given, q_cmd, v_cmd, on = (np.zeros((n, m)) for _ in range(4))
+    given, q_cmd, v_cmd, on, voltage = (np.zeros((n, m)) for _ in range(5))
     limit, gain, damping = np.full((n, m), np.inf), np.zeros(m), np.zeros(m)
     middle = (edges[1:] + edges[:-1]) / 2
     for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
-        name = f"{LATE}[{joint}]"
-        late = float(theta[model.names.index(name)]) if name in model.parameters else 0.0
+        late, told_late = (
+            float(theta[model.names.index(name)]) if (name := f"{of}[{joint}]") in model.parameters else 0.0
+            for of in (LATE, TOLD_LATE)
+        )
         channels = run.channels
         if servo is None or servo.gain is None or f"{TOLD[servo.law]}.{joint}" not in channels:
             on[:, j] = 1.0
             given[:, j] = np.interp(middle + late, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
             continue
         share, scale = servo.gate(run, joint, middle)
-        told = edges - (servo.delay or 0.0) + late
+        told = edges - (servo.delay or 0.0) - told_late
+        voltage[:, j] = servo.over_reference(run, joint, middle)
         if servo.law in ("torque", "current"):
-            value = scale * servo.gain.value * mean_held(channels[f"{TOLD[servo.law]}.{joint}"], told)
+            value = scale * servo.gain.value * mean_told(run, joint, servo, told)
             given[:, j], on[:, j] = share * np.clip(value, -servo.largest, servo.largest), share
             continue
         on[:, j], limit[:, j] = share * scale, servo.largest / scale
         if servo.law == "position":
-            q_cmd[:, j] = mean_held(channels[f"q_cmd.{joint}"], told)
+            q_cmd[:, j] = mean_told(run, joint, servo, told)
             gain[j], damping[j] = servo.gain.value, servo.damping
         else:
             damping[j] = servo.gain.value
-        if damping[j] and f"v_cmd.{joint}" in channels:
+        if f"v_cmd.{joint}" in channels:
             v_cmd[:, j] = mean_held(channels[f"v_cmd.{joint}"], told)
         if f"tau_ff.{joint}" in channels:
             given[:, j] = mean_held(channels[f"tau_ff.{joint}"], told)
-    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping)
+    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping, voltage)
 
 
 def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut, ...]:

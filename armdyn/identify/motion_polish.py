@@ -16,7 +16,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import can_roll_out, closed, rolled, servo_of, windows
+from armdyn.arm.rollout import can_roll_out, closed, rolled, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 from armdyn.units import Known
@@ -189,7 +189,7 @@ class _Descent:
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """(N, nj) at (u,) values and (w, 2 nj) states, beside the measured ones, in which windows begin."""
         model = _with(self._model, self._unknowns, values)
-        servos = [servo_of(model, joint) for joint in model.arm.joints]
+        servos = [model.servo(joint) for joint in model.arm.joints]
         theta, n = model.theta(), len(servos)
         begun = [
             replace(w, start=(w.start[0] + s[:n], w.start[1] + s[n:]))

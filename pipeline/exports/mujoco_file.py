@@ -13,7 +13,6 @@ import pinocchio as pin
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, joint_axes
-from armdyn.arm.rollout import servo_of
 from armdyn.arm.symbolic import drive_readings
 from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, need_body, parts_of
@@ -58,7 +57,7 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
     limits = model.arm.model.effortLimit.tolist()
     for joint, effort, (gain, offset) in zip(parts.joints, limits, drive_readings(model), strict=True):
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
-        servo = servo_of(model, joint.name)
+        servo = model.servo(joint.name)
         if servo is not None and servo.gain is not None and servo.law in ("position", "velocity"):
             ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset))
             continue

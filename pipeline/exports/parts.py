@@ -17,13 +17,16 @@ HELD = {
     "mujoco": LINKS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
-        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "back_emf",
+        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
 WHY = {
     "torque_offset": "belongs to the drive's command, not to the arm",
     "torque_gain": "belongs to the drive's command, not to the arm",
+    "command_delay": "shift the commands by it",
+    "servo_integral": "needs what was before",
+    "supply_voltage": "the gain is that of the usual voltage",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
 

@@ -5,8 +5,8 @@ import pytest
 from hidden_effects.servo_arm import generate
 
 from armdyn.arm.drive_scale import settled
-from armdyn.arm.drives import mean_held
 from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.readings import mean_held
 from armdyn.arm.rollout import rolled, windows
 from armdyn.channels import Channel
 from armdyn.checked_study import CheckedStudy
