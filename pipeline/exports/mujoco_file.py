@@ -25,6 +25,8 @@ LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
 LEAST = 1e-12
 """kg and kg m^2; MuJoCo refuses bodies that have less than 1e-15, and no torque shows this much."""
+FINEST = 1e-4
+"""s; at shorter steps of MuJoCo's an actuator would act earlier than it should."""
 THICKNESS = 0.02
 """m; radius of the capsules that show the links."""
 
@@ -42,11 +44,9 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
     _add_drives(root, model, parts)
-    notes += [
-        f"delay of {name}, {servo.delay:.3g} s: MuJoCo's actuators act at once; shift the commands by it"
-        for name, servo in model.drives.items()
-        if servo.delay
-    ]
+    for name, servo in model.drives.items():
+        notes += [f"supply of {name}: its gain is that at {servo.supply:g} V"] if servo.supply is not None else []
+        notes += [f"rate of {name}: limit what it is told to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
@@ -58,8 +58,9 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
     for joint, effort, (gain, offset) in zip(parts.joints, limits, drive_readings(model), strict=True):
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
         servo = model.servo(joint.name)
-        if servo is not None and servo.gain is not None and servo.law in ("position", "velocity"):
-            ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset))
+        if servo is not None and servo.gain is not None:
+            late = (servo.delay or 0.0) + _value(model, "command_delay.time", joint.name)
+            ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset) | _delayed(late))
             continue
         if gain != 1.0 or offset:
             told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
@@ -70,12 +71,24 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
 
 
 def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
-    """A servo as an affine actuator: force = (k (told - is) - damping v - offset) / gain, within its limit."""
-    own = (-k, -servo.damping) if servo.law == "position" else (0.0, -k)
+    """A drive as an affine actuator: force = (k (told - is) - damping v - offset) / gain, within its limit."""
+    own = {"position": (-k, -servo.damping), "velocity": (0.0, -k)}.get(servo.law, (0.0, 0.0))
     law = {"gainprm": repr(k / gain), "biastype": "affine", "biasprm": numbers_text(np.array([-offset, *own]) / gain)}
     if np.isfinite(servo.largest):
         law["forcerange"] = f"{(-servo.largest - offset) / gain!r} {(servo.largest - offset) / gain!r}"
     return law
+
+
+def _delayed(late: float) -> dict[str, str]:
+    """What an actuator is told acts late by so many s; its buffer holds that at steps of `FINEST`."""
+    if late <= 0.0:
+        return {}
+    return {"delay": repr(late), "nsample": str(int(np.ceil(late / FINEST)) + 2), "interp": "linear"}
+
+
+def _value(model: ArmModel, quantity: str, joint: str) -> float:
+    p = model.parameters.get(f"{quantity}[{joint}]")
+    return 0.0 if p is None else p.value
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:

@@ -18,6 +18,7 @@ HELD = {
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
         "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
+        "command_delay",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
