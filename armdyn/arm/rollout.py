@@ -5,7 +5,7 @@ measured torque alone pulls nothing back, so that windows are begun anew at the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -46,6 +46,10 @@ class RollOut:
         position_is_command: rms and mean absolute error of a joint that is always where it was told to be; None where
             it was told no position.
         resolution: step of the encoder, 0 where none shows.
+        time: (n,) s of the recorded positions, increasing.
+        measured: (n,) recorded positions.
+        simulated: (n,) simulated ones.
+        told: (n,) positions that it was told; None where it was told none.
     """
 
     run: str
@@ -57,6 +61,10 @@ class RollOut:
     mae: float | None
     position_is_command: tuple[float, float] | None
     resolution: float
+    time: np.ndarray = field(repr=False, compare=False)
+    measured: np.ndarray = field(repr=False, compare=False)
+    simulated: np.ndarray = field(repr=False, compare=False)
+    told: np.ndarray | None = field(repr=False, compare=False)
 
 
 def closed(model: ArmModel, run: Run) -> bool:
@@ -193,17 +201,21 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
             parts = windows(run, model.arm.joints, length)
             with np.errstate(all="ignore"):  # what is torn away by a torque that nothing resists ends nowhere
                 errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
+            time, measured = np.concatenate([part.time for part in parts]), np.vstack([part.q for part in parts])
+            time, once = np.unique(time, return_index=True)
             for j, joint in enumerate(model.arm.joints):
                 kind = "closed_loop" if whole else f"window_{length:g}"
                 own, aside = errors[:, j], _aside(run, joint)
                 there = bool(np.all(np.abs(own) < LOST))
                 q = run.channels[f"q.{joint}"]
                 steps = np.unique(np.abs(np.diff(q.value)))
+                told = run.channels[f"q_cmd.{joint}"].held(time) if aside is not None else None
                 found.append(
                     RollOut(
                         run.name, role, kind, joint, q.unit,
                         _rms(own) if there else None, float(np.abs(own).mean()) if there else None, aside,
                         float(steps[steps > 1e-9][0]) if len(steps) < len(q) / 4 and (steps > 1e-9).any() else 0.0,
+                        time, measured[once, j], (errors + measured)[once, j], told,
                     )
                 )  # fmt: skip
     return tuple(found)

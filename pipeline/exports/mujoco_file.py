@@ -25,8 +25,8 @@ LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
 LEAST = 1e-12
 """kg and kg m^2; MuJoCo refuses bodies that have less than 1e-15, and no torque shows this much."""
-FINEST = 1e-4
-"""s; at shorter steps of MuJoCo's an actuator would act earlier than it should."""
+USUAL, FINEST = 2e-3, 1e-4
+"""s; MuJoCo's usual step, and the shortest one at which an actuator acts no earlier than it should."""
 THICKNESS = 0.02
 """m; radius of the capsules that show the links."""
 
@@ -80,8 +80,8 @@ def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
 
 
 def _delayed(late: float) -> dict[str, str]:
-    """What an actuator is told acts late by so many s; its buffer holds that at steps of `FINEST`."""
-    if late <= 0.0:
+    """What an actuator is told acts late by so many s, a step at least; its buffer holds that at steps of `FINEST`."""
+    if late < USUAL / 2:
         return {}
     return {"delay": repr(late), "nsample": str(int(np.ceil(late / FINEST)) + 2), "interp": "linear"}
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from armdyn.arm.drives import TOLD
 from armdyn.arm.model import ArmModel
+from armdyn.arm.readings import mean_held
 from armdyn.arm.rollout import Window, closed, windows
 from armdyn.run import Run
 
@@ -48,7 +49,9 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
                 mujoco.mj_initCtrlHistory(arm, data, i, times, channel.held(times))
         count = int(np.ceil((window.end - window.begin) / arm.opt.timestep)) + 1
         time = window.begin + arm.opt.timestep * np.arange(count)
-        commands = np.column_stack([channel.held(time + 1e-9) for channel in told])
+        # A step's force stands for half a step before and after it (leapfrog): so does what it is told.
+        edges = np.append(time, time[-1] + arm.opt.timestep) - 0.5 * arm.opt.timestep
+        commands = np.column_stack([mean_held(channel, edges) for channel in told])
         shares = np.column_stack([s.gate(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)])
         positions = np.empty((count, len(told)))
         for k in range(count):
