@@ -142,7 +142,8 @@ class CheckedStudy:
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
         if not trusted:
             require_usable(found)
-        chosen = known.catalogue if effects is None else tuple(effects)
+        by_hand = declared.told_beside - {effect.name for effect in coming}
+        chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.named_only() if chosen else known.file.model
         return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted, declared)
 

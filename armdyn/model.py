@@ -404,6 +404,11 @@ class Model(Shown):
         """What recordings left open of things beside it, and what would tell, a sentence each without its full stop."""
         return ()
 
+    @property
+    def told_beside(self) -> frozenset[str]:
+        """Names of effects that stand for what recordings say beside it: as candidates they would say it twice."""
+        return frozenset()
+
     def reading(self, run: Run) -> Run:
         """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
         return run

@@ -98,6 +98,17 @@ class ArmModel(Model):
             if servo.gain is not None and not servo.determined
         )
 
+    @property
+    def told_beside(self) -> frozenset[str]:
+        """See `Model.told_beside`: a joint's own gain or delay where its kind's is looked for, a supply that is known."""
+        drives = self.drives.values()
+        looked_for = {
+            "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
+            "command_delay": any(servo.delay is None for servo in drives),
+            "supply_voltage": any(servo.supply is not None for servo in drives),
+        }
+        return frozenset(name for name, told in looked_for.items() if told)
+
     def servo(self, joint: str) -> Servo | None:
         """The drive of a joint, if it is declared."""
         return next((servo for servo in self.drives.values() if joint in servo.joints), None)

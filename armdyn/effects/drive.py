@@ -108,7 +108,7 @@ def torque_limit(
         "1", typical=0.5, lower=0.0, upper=1.0, summary="share of what is beyond; 1: all of it"
     ),
     torque: Expression = quantity(
-        "N m", typical=50.0, null=50.0, lower=0.1, spread=25.0, summary="torque beyond which it is lost"
+        "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="torque beyond which it is lost"
     ),
 ) -> Joint:
     """Tau = R - l (R - clip(R, +-L))."""

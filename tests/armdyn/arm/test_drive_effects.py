@@ -116,7 +116,7 @@ def test_what_a_drive_does_is_found_in_recordings_and_moves_the_model_as_it_move
     truth, law = LAWS[name]
     *training, held_out = (moved(arm, law, seed) for seed in (1, 2, 3))
     model = driven(arm).with_effect(find("joint_viscous_friction")).with_effect(find("joint_coulomb_friction"))
-    study = CheckedStudy.of(model, training, [held_out])
+    study = CheckedStudy.of(model, training, [held_out], adding=name)
     before = np.mean([r.rms for r in study.compare().rollout if r.role == "held_out"])
     found = study.add([find(name)])
     for joint in JOINTS[:1] if name == "torque_limit" else JOINTS:  # the elbow's drive is never asked for so much
@@ -159,3 +159,14 @@ def test_a_command_that_acts_later_on_one_joint_is_found_to_first_order_and_ends
     for joint in JOINTS:
         assert found.model.value(f"command_delay.time[{joint}]") == pytest.approx(0.006, abs=5e-4)
     assert max(r.rms for r in found.after.rollout) < 1e-3
+
+
+def test_what_is_looked_for_of_a_kind_of_drives_is_no_joints_own_unless_it_is_asked_for(arm, plain):
+    told, looked_for = driven(arm), arm.with_drives({"servo": {"joints": list(JOINTS), "supply": "12 V"}})
+    assert told.told_beside == set()
+    assert looked_for.told_beside == {"servo_gain", "command_delay", "supply_voltage"}
+    candidates = {c.effect for c in CheckedStudy.of(looked_for, [plain]).study.candidates}
+    assert "dead_band" in candidates
+    assert not candidates & looked_for.told_beside
+    by_hand = CheckedStudy.of(looked_for, [plain], adding="servo_gain").study.candidates
+    assert "servo_gain" in {c.effect for c in by_hand}
