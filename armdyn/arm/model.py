@@ -100,7 +100,7 @@ class ArmModel(Model):
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """See `Model.told_beside`: a joint's own gain or delay where its kind's is looked for, a supply that is known."""
+        """See `Model.told_beside`: where its kind's is looked for, a joint's own gain or delay; a known supply."""
         drives = self.drives.values()
         looked_for = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),

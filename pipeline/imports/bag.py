@@ -42,11 +42,11 @@ def read_bag(path: Path) -> Foreign:
     for connection, received, content in messages(path, reading):
         topic = connection.topic
         try:
-            joints, told = _joints(connection.kind, content), _told(connection.kind, content)
-            if told is not None:
+            joints, command = _joints(connection.kind, content), _told(connection.kind, content)
+            if command is not None:
                 beside = [(name, value, "") for name, value in _numbers(topic, content)]
                 at = topic, connection.publisher
-                publishers.take_joints(*at, *told, _stamp(content), received, told=True, beside=beside)
+                publishers.take_joints(*at, *command, _stamp(content), received, told=True, beside=beside)
             elif joints is not None and TOLD_TOPIC & set(words_of(topic)):
                 at = topic, connection.publisher
                 publishers.take_joints(*at, *joints, _stamp(content), received, told=True)
