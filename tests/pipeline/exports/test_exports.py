@@ -251,9 +251,7 @@ def with_background(arm, named, small, own=()):
 
 
 def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
-    small, named = with_background(
-        bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", *DRIVES})
-    )
+    small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", *DRIVES}))
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
     q, v, a = states(small, 5)
