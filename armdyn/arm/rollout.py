@@ -25,6 +25,8 @@ STIFF = 0.5
 """Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
 WINDOWS = (0.5, 5.0)
 """s, of what cannot be simulated as a whole."""
+ROUNDING = 1e-6
+"""rad or m; what is less is no encoder's step: it is how a recording was written down."""
 LOST = 2.0 * np.pi
 """rad or m: a simulated joint that is farther from where it was has left the motion, and how far says nothing."""
 LATE, TOLD_LATE = "torque_delay.time", "command_delay.time"
@@ -208,17 +210,27 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
                 own, aside = errors[:, j], _aside(run, joint)
                 there = bool(np.all(np.abs(own) < LOST))
                 q = run.channels[f"q.{joint}"]
-                steps = np.unique(np.abs(np.diff(q.value)))
                 told = run.channels[f"q_cmd.{joint}"].held(time) if aside is not None else None
                 found.append(
                     RollOut(
                         run.name, role, kind, joint, q.unit,
                         _rms(own) if there else None, float(np.abs(own).mean()) if there else None, aside,
-                        float(steps[steps > 1e-9][0]) if len(steps) < len(q) / 4 and (steps > 1e-9).any() else 0.0,
+                        _resolution(q.value),
                         time, measured[once, j], (errors + measured)[once, j], told,
                     )
                 )  # fmt: skip
     return tuple(found)
+
+
+def _resolution(values: np.ndarray) -> float:
+    """Step of the encoder that gave (n,) values; 0 where their differences are no multiples of one."""
+    differences = np.abs(np.diff(values))
+    moved = np.sort(differences[differences > ROUNDING])
+    if not len(moved):
+        return 0.0
+    step = float(np.median(moved[: max(1, len(moved) // 10)]))
+    left = np.abs(moved / step - np.round(moved / step))
+    return step if np.quantile(left, 0.9) < 0.1 else 0.0
 
 
 def _aside(run: Run, joint: str) -> tuple[float, float] | None:
