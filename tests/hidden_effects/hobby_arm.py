@@ -38,10 +38,11 @@ def urdf_text() -> str:
         middle = " ".join(f"{0.5 * float(part):g}" for part in reach.split())
         size = mass * 0.12**2 / 12.0
         parts.append(
-            f'<link name="{name}_link"><inertial><origin xyz="{middle}"/><mass value="{mass}"/><inertia ixx="{size:.3g}" '
-            f'iyy="{size:.3g}" izz="{0.4 * size:.3g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<link name="{name}_link"><inertial><origin xyz="{middle}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{size:.3g}" iyy="{size:.3g}" izz="{0.4 * size:.3g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
             f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/><limit lower="-2" upper="2" effort="3.35" velocity="6"/></joint>'
+            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2" upper="2" effort="3.35" velocity="6"/></joint>'
         )
         parent = f"{name}_link"
     return "\n".join([*parts, "</robot>"]) + "\n"
