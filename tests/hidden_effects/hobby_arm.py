@@ -39,7 +39,8 @@ def urdf_text() -> str:
         size = mass * 0.12**2 / 12.0
         parts.append(
             f'<link name="{name}_link"><inertial><origin xyz="{middle}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{size:.3g}" iyy="{size:.3g}" izz="{0.4 * size:.3g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<inertia ixx="{size:.3g}" iyy="{size:.3g}" izz="{0.4 * size:.3g}" ixy="0" ixz="0" iyz="0"/></inertial>'
+            "</link>"
             f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
             f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
             '<limit lower="-2" upper="2" effort="3.35" velocity="6"/></joint>'
