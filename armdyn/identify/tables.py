@@ -256,6 +256,7 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
         *columns_of([servo for _, servo, _ in known], joints="", law=""),
         *columns_of([gain for _, _, gain in known], value=".5g"),
         Column("std", [gain.std for _, _, gain in known], ".2g", missing="given"),
+        Column("unloaded", [servo.unloaded for _, servo, _ in known], ".2g", title="std if nothing unknown is carried"),
         Column("unit", [gain.unit for _, _, gain in known]),
         Column("delay", [servo.delay for _, servo, _ in known], ".3g", title="delay [s]"),
     ]
