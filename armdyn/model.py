@@ -406,7 +406,10 @@ class Model(Shown):
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """Names of effects that stand for what recordings say beside it: as candidates they would say it twice."""
+        """Names of effects that are no candidates: recordings say beside it what they stand for, or would say it of any.
+
+        They can be added by hand.
+        """
         return frozenset()
 
     def reading(self, run: Run) -> Run:

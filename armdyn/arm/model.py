@@ -100,14 +100,14 @@ class ArmModel(Model):
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """See `Model.told_beside`: where its kind's is looked for, a joint's own gain or delay; a known supply."""
+        """See `Model.told_beside`: what a reading would explain by itself, and what its kind of drives says of a joint."""
         drives = self.drives.values()
         looked_for = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
             "command_delay": any(servo.delay is None for servo in drives),
             "supply_voltage": any(servo.supply is not None for servo in drives),
         }
-        return frozenset(name for name, told in looked_for.items() if told)
+        return OF_READING | {name for name, told in looked_for.items() if told}
 
     def servo(self, joint: str) -> Servo | None:
         """The drive of a joint, if it is declared."""
@@ -304,6 +304,9 @@ DEFORMATION = "link_inertia"
 """The effect whose parameters span all that can change in a link."""
 OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects that are what a declared drive's table holds: another gain is another table."""
+OF_READING = frozenset({"servo_integral", "torque_limit", "dead_band", "starting_duty"})
+"""Effects made of what a drive reads, which they are to predict: the larger a dead band, the more of the reading it is,
+whatever the physics. Evidence that does not count that would always choose them."""
 ROTOR = "rotor_inertia"
 """The effect that adds to the inertia of a joint by itself."""
 
