@@ -406,7 +406,7 @@ class Model(Shown):
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """Names of effects that are no candidates: recordings say beside it what they stand for, or would say it of any.
+        """Names of effects that are no candidates: recordings say it beside them, or fit any.
 
         They can be added by hand.
         """

@@ -100,7 +100,7 @@ class ArmModel(Model):
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """See `Model.told_beside`: what a reading would explain by itself, and what its kind of drives says of a joint."""
+        """See `Model.told_beside`: what a reading explains by itself, and what is said of all drives of a kind."""
         drives = self.drives.values()
         looked_for = {
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
