@@ -228,7 +228,7 @@ def _resolution(values: np.ndarray) -> float:
     moved = np.sort(differences[differences > ROUNDING])
     if not len(moved):
         return 0.0
-    step = float(np.median(moved[: max(1, len(moved) // 10)]))
+    step = float(np.median(moved / np.round(moved / moved[0])))
     left = np.abs(moved / step - np.round(moved / step))
     return step if np.quantile(left, 0.9) < 0.1 else 0.0
 

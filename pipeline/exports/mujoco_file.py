@@ -25,8 +25,9 @@ LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
 LEAST = 1e-12
 """kg and kg m^2; MuJoCo refuses bodies that have less than 1e-15, and no torque shows this much."""
-USUAL, FINEST = 2e-3, 1e-4
-"""s; MuJoCo's usual step, and the shortest one at which an actuator acts no earlier than it should."""
+USUAL, FINEST, NOTHING = 2e-3, 1e-4, 2.5e-4
+"""s; MuJoCo's usual step, than which no delay may be shorter: then the step is; the shortest step at which an actuator
+acts no earlier than it should; and a delay that is left out."""
 THICKNESS = 0.02
 """m; radius of the capsules that show the links."""
 
@@ -37,7 +38,10 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     notes = [*left_over(model, HELD["mujoco"], "MuJoCo"), "shapes: capsules stand for the links, nothing collides"]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
+    option = ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
+    step = min(late for joint in parts.joints if (late := _late(model, joint.name) or USUAL))
+    if step < USUAL:
+        option.set("timestep", repr(step))
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
     bodies = _add_bodies(world, model, parts)
@@ -59,8 +63,8 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
         servo = model.servo(joint.name)
         if servo is not None and servo.gain is not None:
-            late = (servo.delay or 0.0) + _value(model, "command_delay.time", joint.name)
-            ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset) | _delayed(late))
+            law = _law(servo, servo.gain.value, gain, offset) | _delayed(_late(model, joint.name))
+            ET.SubElement(actuators, "general", told | law)
             continue
         if gain != 1.0 or offset:
             told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
@@ -80,15 +84,17 @@ def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
 
 
 def _delayed(late: float) -> dict[str, str]:
-    """What an actuator is told acts late by so many s, a step at least; its buffer holds that at steps of `FINEST`."""
-    if late < USUAL / 2:
+    """What an actuator is told acts late by so many s; its buffer holds that at steps of `FINEST`."""
+    if not late:
         return {}
     return {"delay": repr(late), "nsample": str(int(np.ceil(late / FINEST)) + 2), "interp": "linear"}
 
 
-def _value(model: ArmModel, quantity: str, joint: str) -> float:
-    p = model.parameters.get(f"{quantity}[{joint}]")
-    return 0.0 if p is None else p.value
+def _late(model: ArmModel, joint: str) -> float:
+    """How late the drive of a joint acts, s; 0 where that is next to nothing."""
+    servo, own = model.servo(joint), model.parameters.get(f"command_delay.time[{joint}]")
+    late = (servo.delay or 0.0 if servo is not None else 0.0) + (own.value if own is not None else 0.0)
+    return late if late > NOTHING else 0.0
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:

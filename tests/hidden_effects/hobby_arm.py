@@ -25,7 +25,7 @@ JOINTS = {  # axis, where it is in the joint before, mass of its link, kg, and h
 }
 GAIN, DELAY, FPS, SECONDS, STEP = 8.3, 0.018, 30, 40.0, 5e-4
 HIDDEN = {
-    "joint_viscous_friction.coefficient": 0.35, "joint_coulomb_friction.torque": 0.09, "rotor_inertia.inertia": 0.009,
+    "joint_viscous_friction.coefficient": 0.25, "joint_coulomb_friction.torque": 0.12, "rotor_inertia.inertia": 0.012,
 }  # fmt: skip
 CENTRE = np.array([0.0, 0.5, 0.7, -0.4, 0.0])
 WIDTH = np.array([0.9, 0.5, 0.6, 0.7, 1.0])
