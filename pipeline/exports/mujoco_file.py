@@ -35,7 +35,10 @@ THICKNESS = 0.02
 def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """The model as text, and what it cannot hold."""
     arm, parts = model.arm.model, parts_of(model)
-    notes = [*left_over(model, HELD["mujoco"], "MuJoCo"), "shapes: capsules stand for the links, nothing collides"]
+    notes = [
+        *left_over(model, HELD["mujoco"], "MuJoCo", told=model.told),
+        "shapes: capsules stand for the links, nothing collides",
+    ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     option = ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
@@ -63,7 +66,8 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
         servo = model.servo(joint.name)
         if servo is not None and servo.gain is not None:
-            law = _law(servo, servo.gain.value, gain, offset) | _delayed(_late(model, joint.name))
+            # A friction that differs by direction is one that does not, and an offset, also at rest.
+            law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven) | _delayed(_late(model, joint.name))
             ET.SubElement(actuators, "general", told | law)
             continue
         if gain != 1.0 or offset:

@@ -42,6 +42,7 @@ class JointParts:
         described: (10,) as the URDF has them.
         damping: torque per speed, N m s/rad; with that of a motor that is on.
         friction: size of the dry friction, N m.
+        uneven: what it is more forwards than that, and less backwards, N m.
         armature: of the rotor behind the gears, kg m^2.
         spring: factors of sin q and of cos q in what the drive gives, N m.
         stiffness: of a spring in the joint, N m/rad.
@@ -53,6 +54,7 @@ class JointParts:
     described: np.ndarray
     damping: float
     friction: float
+    uneven: float
     armature: float
     spring: tuple[float, float]
     stiffness: float
@@ -89,6 +91,10 @@ def parts_of(model: ArmModel) -> ArmParts:
             friction=of("joint_coulomb_friction", "torque", name)
             + (of("joint_asymmetric_friction", "positive", name) + of("joint_asymmetric_friction", "negative", name))
             / 2,
+            uneven=(
+                of("joint_asymmetric_friction", "positive", name) - of("joint_asymmetric_friction", "negative", name)
+            )
+            / 2,
             armature=of("rotor_inertia", "inertia", name),
             spring=(of("gravity_spring", "sine", name), of("gravity_spring", "cosine", name)),
             stiffness=of("joint_spring", "stiffness", name),
@@ -110,7 +116,9 @@ def need_body(link: str, inertia: np.ndarray) -> None:
         raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 
 
-def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True) -> list[str]:
+def left_over(
+    model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True, told: Collection[str] = ()
+) -> list[str]:
     """A sentence for each effect that a format cannot hold, and one for all of the background.
 
     Args:
@@ -118,6 +126,7 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
         held: names of effects that it holds.
         whose: what the format is called.
         symmetric: whether its friction is the same in both directions.
+        told: joints whose drives hold what differs.
     """
     sentences = []
     named = model.named_only()
@@ -128,7 +137,7 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
             why = WHY.get(effect.name, f"{whose} has no place for it")
             sentences.append(f"{effect.name}{where}: {why}")
         elif symmetric and effect.name == "joint_asymmetric_friction":
-            unequal = [j for j in joints if _of(model, "positive", j) != _of(model, "negative", j)]
+            unequal = [j for j in joints if j not in told and _of(model, "positive", j) != _of(model, "negative", j)]
             if unequal:
                 sentences.append(
                     f"{effect.name} ({', '.join(unequal)}): {whose} has one friction for both directions; their mean "
