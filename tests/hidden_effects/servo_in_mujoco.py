@@ -34,6 +34,7 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
     """
     arm = mujoco.MjModel.from_xml_string(text)
     arm.opt.timestep = step or arm.opt.timestep
+    arm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT  # generated arms go on where a description ends
     gains, biases, limits = (a.copy() for a in (arm.actuator_gainprm, arm.actuator_biasprm, arm.actuator_forcerange))
     offsets = biases[:, :1].copy()  # no share of the supply
     servos = [model.servo(joint) for joint in model.arm.joints]
