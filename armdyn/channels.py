@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -236,16 +236,19 @@ class Reading(Channel):
 
     Attributes:
         off: standard deviation by which the whole of it may be off, as the drive's gain and delay are known, in `unit`.
+        told: (5, n) what the drive was told at the stamps, as `armdyn.arm.physics.Told` has it.
     """
 
     off: float = 0.0
+    told: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __reduce__(self) -> Any:
-        return Reading, (self.time, self.value, self.unit, self.off)
+        return Reading, (self.time, self.value, self.unit, self.off, self.told)
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
         """See `Channel.kept`."""
-        return replace(self, time=self.time[which], value=self.value[which])
+        told = self.told[:, which] if len(self.told) else self.told
+        return replace(self, time=self.time[which], value=self.value[which], told=told)
 
 
 def check_clock(time: FloatArray) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import RollOut, roll_outs
+from armdyn.arm.rollout import roll_outs
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
@@ -143,7 +143,8 @@ class CheckedStudy:
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
         if not trusted:
             require_usable(found)
-        chosen = known.catalogue if effects is None else tuple(effects)
+        by_hand = declared.told_beside - {effect.name for effect in coming}
+        chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.named_only() if chosen else known.file.model
         return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted, declared)
 
@@ -160,7 +161,7 @@ class CheckedStudy:
         found = compare(self.study)
         model = compared_model(self.study.model, found)
         self._require_plausible(model)
-        return replace(found, rollout=self._rollout(model))
+        return self._moving(replace(found, left_out=(*found.left_out, *model.open_questions)), model)
 
     def diagnose(self, say: Say | None = None) -> Diagnosis:
         """Find out which effect the model lacks."""
@@ -195,18 +196,20 @@ class CheckedStudy:
                 if n in model.names
             }
             after = replace(after, parameters={**after.parameters, **values})
-        return replace(found, model=model, after=replace(after, rollout=self._rollout(model)))
+        return replace(found, model=model, after=self._moving(after, model))
 
     @one_thread
-    def _rollout(self, model: Model) -> tuple[RollOut, ...]:
+    def _moving(self, found: Comparison, model: Model) -> Comparison:
+        """A comparison that tells what the drives are, and how far the model's motion is from the recorded one."""
         if not isinstance(model, ArmModel):
-            return ()
+            return found
         roles = {"training": self.study.runs, "held_out": self.study.held_out, "exam": self.study.exam}
-        return roll_outs(model, [(run.recording, role) for role, runs in roles.items() for run in runs])
+        every = [(run.recording, role) for role, runs in roles.items() for run in runs]
+        return replace(found, rollout=roll_outs(model, every), drives=model.drives)
 
     def _telling(self, found: Comparison) -> Comparison:
-        """A comparison that tells what was set aside."""
-        return replace(found, left_out=(*found.left_out, *self.set_aside))
+        """A comparison that tells what was set aside, and what stays open."""
+        return replace(found, left_out=(*found.left_out, *self.set_aside, *self.study.model.open_questions))
 
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:

@@ -389,6 +389,19 @@ class Model(Shown):
         """The run with those of its further quantities as channels that the model predicts or follows."""
         return run
 
+    @property
+    def open_questions(self) -> tuple[str, ...]:
+        """What recordings left open of things beside it, and what would tell, a sentence each without its full stop."""
+        return ()
+
+    @property
+    def told_beside(self) -> frozenset[str]:
+        """Names of effects that are no candidates: recordings say it beside them, or fit any.
+
+        They can be added by hand.
+        """
+        return frozenset()
+
     def reading(self, run: Run) -> Run:
         """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
         return run

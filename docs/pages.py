@@ -27,6 +27,11 @@ OTHERWISE = 0.02
 NOT_RUN = ("pip ", "armdyn workbench ")
 """How commands begin that end nowhere, or in another environment."""
 
+HOBBY_ARM = """PYTHONPATH=ROOT/tests:ROOT python - <<'EOF'
+from pathlib import Path
+from hidden_effects.hobby_arm import write
+write(Path("."))
+EOF"""
 UR5 = (
     "armdyn import ROOT/examples/ur5/*.csv --output . --guess --robot ur5",
     "armdyn import ROOT/examples/ur5/*.csv --output . --map map.toml",
@@ -79,6 +84,7 @@ PAGES = {
     "docs/your_robot.md": ("cp -r ROOT/examples .",),
     "docs/inspect.md": (*UR5, MISTAKEN),
     "docs/your_own_base.md": ("cp ROOT/examples/tanks.py .", TANKS),
+    "docs/servo_arm.md": (HOBBY_ARM,),
     "docs/batch.md": (LAB,),
     "docs/discover.md": (
         "cp ROOT/examples/pendulum/* ROOT/examples/*.py .",
@@ -136,6 +142,7 @@ PICTURES = {
     "swing_repaired.png": Picture("README.md", "out/trial/swing.png"),
     "investigation.png": Picture("README.md", "out/trial/report.html", 910, "what-the-model-lacked"),
     "arm_report.png": Picture("docs/your_robot.md", "repair.html", 1180, "tab=tau.elbow_joint"),
+    "servo_report.png": Picture("docs/servo_arm.md", "repair.html", 870, "drives"),
     "inspect_report.png": Picture("docs/inspect.md", "inspect.html", 1250),
     "batch_report.png": Picture("docs/batch.md", "lab/report.html", 1560),
 }

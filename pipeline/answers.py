@@ -12,7 +12,6 @@ from armdyn.preparation import of_all_runs
 from pipeline.fields import fields, number, plain
 
 if TYPE_CHECKING:
-    from armdyn.arm.rollout import RollOut
     from armdyn.identify.compare import Comparison, Correction
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.explained import RepairStep
@@ -34,7 +33,7 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
         "model": model_answer(study),
         **fields(found, "verdict explained sentence"),
         **fit_answer(found),
-        **rollout_answer(found.rollout),
+        **rollout_answer(found),
         "correction": _correction(found.correction),
         "missing_force": missing_force_answer(found.missing_force),
     }
@@ -63,7 +62,7 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         "effects": [effect.name for effect in found.model.named_effects],
         **fit_answer(found.after),
         **background_answer(found.model),
-        **rollout_answer(found.after.rollout),
+        **rollout_answer(found.after),
         "steps": [step_answer(step) for step in found.path],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
@@ -181,14 +180,20 @@ def background_answer(model: Model) -> dict[str, Any]:
     return {"background": {"width": model.background.width, "values": values}}
 
 
-def rollout_answer(found: Sequence[RollOut]) -> dict[str, Any]:
-    """How far the motion of an arm is from the recorded one; nothing where that cannot be said."""
+def rollout_answer(compared: Comparison) -> dict[str, Any]:
+    """What an arm's drives are, and how far its motion is from the recorded one; nothing where that cannot be said."""
+    drives = {
+        name: fields(servo, "law gain= determined delay", gain=servo.gain and fields(servo.gain, "value std unit"))
+        for name, servo in compared.drives.items()
+    }
+    found = compared.rollout
     if not found:
-        return {}
+        return {"drives": drives} if drives else {}
     aside = [r.position_is_command for r in found]
     told = [None if a is None else {"rms": number(a[0]), "mae": number(a[1])} for a in aside]
     names = "run role kind joint unit rms mae position_is_command="
-    return {"rollout": [fields(r, names, position_is_command=a) for r, a in zip(found, told, strict=True)]}
+    moved = [fields(r, names, position_is_command=a) for r, a in zip(found, told, strict=True)]
+    return {**({"drives": drives} if drives else {}), "rollout": moved}
 
 
 def places_answer(places: Sequence[Place]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
-from armdyn.channels import Channel
+from armdyn.channels import Channel, Reading
 from armdyn.parameter import RecordedColumn
 
 OF_BASE = -1
@@ -58,7 +58,7 @@ class Stretch:
         model: the arm as described.
         motion: at the stamps.
         time: (n,) s since the start of the run.
-        extra: further recorded quantities by name, see `Run.extra`, and when drives were on.
+        extra: further recorded quantities by name, see `Run.extra`, when drives were on, and what they read.
     """
 
     model: pin.Model
@@ -126,11 +126,13 @@ class Stretch:
         return link == joint
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(10 + c, n) inputs of a joint's functions, with the load of the arm as described, and c more quantities."""
+        """(15 + c, n) inputs of a joint's functions, with the load of the arm as described, and c more quantities."""
         m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
-        enabled = self.extra.get(f"enabled.{self.model.names[joint + 1]}")
+        enabled, read = (self.extra.get(f"{kind}.{self.model.names[joint + 1]}") for kind in ("enabled", "tau"))
         rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held(m.time) > 0.5).astype(float))
+        told = read.told if isinstance(read, Reading) else np.zeros((0, 0))
+        rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

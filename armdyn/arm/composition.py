@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.memory import Remembered
-from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour
+from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
@@ -20,8 +20,11 @@ from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.readout import Sensor
 
-INPUTS = ("time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on")
-DIRECTION, LOAD = INPUTS.index("direction"), INPUTS.index("load")
+INPUTS = (
+    "time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on",
+    *("told torque", "told rate", "told total", "told velocity", "voltage"),
+)  # fmt: skip
+DIRECTION, LOAD, TOLD = (INPUTS.index(name) for name in ("direction", "load", "told torque"))
 
 
 class Term:
@@ -29,7 +32,7 @@ class Term:
 
     Args:
         expression: of inputs and parameters.
-        inputs: (10 + c,) symbols in the order of `INPUTS`, then those of `recorded`.
+        inputs: (15 + c,) symbols in the order of `INPUTS`, then those of `recorded`.
         theta: (k,) symbols.
         remembered: states of the joint's effects, on which the expression may depend.
         recorded: c further recorded quantities that the joint's effects read.
@@ -71,13 +74,13 @@ class Term:
         self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
-        """(n, linear) columns over (10 + c, n) inputs; `size` is the number of parameters."""
+        """(n, linear) columns over (15 + c, n) inputs; `size` is the number of parameters."""
         if not self.linear:
             return np.zeros((inputs.shape[1], 0))
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, 2 + nonlinear) over (10 + c, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
+        """(n, 2 + nonlinear) over (15 + c, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
 
         It depends on the entries `nonlinear` of (k,) `theta` only.
         """
@@ -187,11 +190,25 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     columns = columns_of(effects)
     inputs, shape = ca.SX.sym("w", len(INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
-    time, q, v, a, direction, load, *inner, on = symbols[: len(INPUTS)]
+    time, q, v, a, direction, load, *inner, on = symbols[:TOLD]
+    told = Told(*symbols[TOLD : len(INPUTS)])
     recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
     zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
     joint = Joint(
-        time, q, v, a, direction, load, Neighbour(*inner), Link(shape, ca.SX(4, 4)), zero, zero, one, zero, on=on
+        time,
+        q,
+        v,
+        a,
+        direction,
+        load,
+        Neighbour(*inner),
+        Link(shape, ca.SX(4, 4)),
+        zero,
+        zero,
+        one,
+        zero,
+        on=on,
+        told=told,
     )
     added = []
     for e in effects:

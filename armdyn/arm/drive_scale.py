@@ -4,13 +4,16 @@ A servo's error e stands on the left and the physics on the right, both low-pass
 
     e(t - d) = c [T(q, v, a) + P(q, v, a) m] + D v + I a + (F + mu |T| + S exp(-(v/v_s)^2)) sign(v) + b,      c = 1/k,
 
-with mass and first moments m of what the last link may carry, that every joint feels through its regressor P; linear
-but for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a kind of
-drives is the one that leaves least of all its joints together, whatever each alone says of c and m. The error is what
-is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how
-large c is: where the motion of a joint does not show it, joints with the same drive say it.
+with the ten inertial parameters m of what the last link may carry, that every joint feels through its regressor P;
+linear but for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a
+kind of drives is the one that leaves least of all its joints together, whatever each alone says of c and m. The error
+is what is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known,
+says how large c is: where the motion of a joint does not show it, joints with the same drive say it. What an arm
+carries and nobody wrote down passes for a gain where few joints feel it: the deviation that is told counts a usual load
+in, as far as the recordings leave room for one.
 """
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,9 +22,11 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.drives import UNITS, Servo, error, reads
+from armdyn.arm.drives import UNITS, Servo
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rigid import inverse_dynamics, torque_regressor
+from armdyn.arm.readings import error, reads
+from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
+from armdyn.effects.joint import payload
 from armdyn.errors import InputError
 from armdyn.kept import kept_alongside
 from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
@@ -48,8 +53,14 @@ SATURATED = 0.95
 WORSE = 3.0
 """Factor by which frictions that no column holds make deviations worse than what is left says: thighs of a Go2 were
 28 % off at a stated 2 to 3 %, and with it the gain that is stated of an SO-101 hardly moves."""
-LOAD, CARRIED = 4, slice(7, 11)
-"""Columns of the friction that grows with the load, and of what the last link carries."""
+LOAD, OWN = 4, 7
+CARRIED = slice(OWN, OWN + SIZE)
+"""Columns of the friction that grows with the load, how many are the joint's own, and those of what the last link
+carries."""
+MASS, PLACE = payload.quantities["mass"].typical, payload.quantities["x"].spread or 0.0
+USUAL = MASS * PLACE ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+"""Standard deviations of what an arm carries unknown to its description: mass, first and second moments, of the frame's
+origin."""
 USUAL_LOSS = 0.1
 """Friction that grows with the load, usually: without it, a joint that lifts as much as it lowers would take any gain
 for any friction."""
@@ -61,7 +72,7 @@ gain is less certain. Of 40 generated arms those that carry something had 6.3 an
 ROUNDS = 6
 """In which the products settle."""
 ROUNDING = 1e-12
-"""Of the columns' squares, for those that the motion does not show."""
+"""Of a column's square; of the largest column, below which one is none, as that of gravity on an upright axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +81,7 @@ class _Rows:
 
     Attributes:
         drive: name of its kind.
-        X: (n, 11) columns of the physics: load, v, a, sign, load friction, offset, friction near standstill, carried.
+        X: (n, 17) columns of the physics: load, v, a, sign, load friction, offset, friction near standstill, carried.
         y: (n,) errors.
         part: (n,) int, the stretch of the recordings that each sample is of.
         left: square of the mean size that its own values leave, gain and carried mass among them; 0 where it says
@@ -94,8 +105,8 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
     Raises:
         InputError: nothing says how large a gain is.
     """
-    found, rows = dict(drives), list[_Rows]()
-    for name, servo in drives.items():
+    found, rows = {name: _supplied(servo, runs) for name, servo in drives.items()}, list[_Rows]()
+    for name, servo in list(found.items()):
         joints = [joint for joint in servo.joints if any(reads(run, joint, servo) for run in runs)]
         if joints and (servo.gain is None or servo.gain.std is not None or servo.delay is None):
             delay, own = _timed(name, servo, arm, runs, joints)
@@ -104,19 +115,44 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
     if not rows:
         return found
     asked = {name: found[name].gain for name in dict.fromkeys(row.drive for row in rows)}
-    for name, (compliance, std) in _weighed(rows, asked).items():
+    for name, (compliance, std, loaded) in _weighed(rows, asked).items():
         servo = found[name]
         if servo.gain is not None and servo.gain.std is None:
             continue
         unit = UNITS[servo.law][arm.slides[arm.joints.index(servo.joints[0])]]
-        if not (servo.gain is not None or 0.0 < std < DETERMINED * compliance):
+        if not 0.0 < std < compliance:
             raise InputError(
                 f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of "
                 f"{', '.join(servo.joints)} moves a known weight against gravity far enough to tell: write gain = "
-                f'"... {unit}", or record postures that lift a known load'
+                f'"... {unit}", or {telling(arm, servo.joints)}'
             )
-        found[name] = replace(servo, gain=Known(1.0 / compliance, std / compliance**2, unit))
+        stated = servo.gain is not None and (servo.gain.std or 0.0) <= DETERMINED * servo.gain.value
+        gain, relative = 1.0 / compliance, std / compliance
+        found[name] = replace(
+            servo,
+            gain=Known(gain, loaded / compliance * gain, unit),
+            unloaded=relative * gain,
+            determined=stated or relative < DETERMINED,
+        )
     return found
+
+
+def _supplied(servo: Servo, runs: Sequence[Run]) -> Servo:
+    """Drives with the usual voltage of their recordings, where nothing says at which their gain holds."""
+    volts = [run.channels[n].value for run in runs for j in servo.joints if (n := f"voltage.{j}") in run.channels]
+    if not volts or servo.supply is not None or servo.reference is not None:
+        return servo
+    return replace(servo, reference=float(np.mean(np.abs(np.concatenate(volts)))))
+
+
+def telling(arm: Arm, joints: Sequence[str]) -> str:
+    """What would tell the gain of these joints' drives, to be recorded."""
+    heavy = " or ".join(joints)
+    described = shlex.join(["--robot", arm.robot.name] if arm.file is None else ["--urdf", str(arm.file)])
+    return (
+        f"record a known load on the last link, written into the description, or {heavy} lifting the arm's own weight "
+        f"through its range: armdyn excite {described} --for torque_gain:{','.join(joints)} --output lift.csv"
+    )
 
 
 def _timed(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> tuple[float, list[_Rows]]:
@@ -141,7 +177,7 @@ def _timed(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Seque
     return delay, [row for row in at(delay) if row.noise > 0.0]
 
 
-NOT_NEGATIVE = (True, True, True, True, True, False, True, False, False, False, False)
+NOT_NEGATIVE = (True, True, True, True, True, False, True, True) + (SIZE - 1) * (False,)
 """Columns whose factors are not."""
 
 
@@ -158,7 +194,9 @@ def _alone(X: np.ndarray, y: np.ndarray) -> tuple[float, float, tuple[float, flo
 
 
 def _least(A: np.ndarray, b: np.ndarray, positive: Sequence[bool]) -> BoundedSolution:
-    A = A + ROUNDING * max(float(np.trace(A)), ROUNDING) * np.eye(len(A))
+    size = np.diag(A)
+    shown = size > ROUNDING**2 * size.max()
+    A = A + np.diag(np.where(shown, ROUNDING * size, 1.0))
     return solve_bounded(A, b, np.where(positive, 0.0, -np.inf), np.inf)
 
 
@@ -171,8 +209,8 @@ def _variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     return found
 
 
-def _weighed(rows: Sequence[_Rows], asked: Mapping[str, Known | None]) -> dict[str, tuple[float, float]]:
-    """By kind of drive, 1/k and its standard deviation, of all joints together.
+def _weighed(rows: Sequence[_Rows], asked: Mapping[str, Known | None]) -> dict[str, tuple[float, float, float]]:
+    """By kind of drive, of all joints together, 1/k, its standard deviation, and the same if a load may be unknown.
 
     A mass is carried where it predicts what it was not fitted to. What values differ by without a part of the
     recordings is their error as much as noise is: models are never whole (jackknife, Efron 1979).
@@ -184,10 +222,9 @@ def _weighed(rows: Sequence[_Rows], asked: Mapping[str, Known | None]) -> dict[s
         told.append((sum(one.left_of(part) for one, part in zip(without, parts, strict=True)), without))
     carried = told[0][0] > WORTH * told[1][0]
     whole, values = _Weighing(rows, asked, carried=carried, left_out=None), np.array([w.c for w in told[carried][1]])
-    differ = (len(parts) - 1) * np.var(values, axis=0)
-    return {
-        k: (c, float(np.hypot(std, np.sqrt(d)))) for k, c, std, d in zip(asked, whole.c, whole.std, differ, strict=True)
-    }
+    differ = np.sqrt((len(parts) - 1) * np.var(values, axis=0))
+    stds = np.hypot([whole.std, whole.loaded], differ)
+    return {k: (c, *both) for k, c, both in zip(asked, whole.c.tolist(), stds.T.tolist(), strict=True)}
 
 
 class _Weighing:
@@ -196,40 +233,53 @@ class _Weighing:
     Attributes:
         c: (kinds,) 1/k.
         std: (kinds,) their standard deviations.
+        loaded: (kinds,) the same where a usual load may be carried that was not found.
     """
 
     def __init__(
         self, rows: Sequence[_Rows], asked: Mapping[str, Known | None], *, carried: bool, left_out: int | None
     ) -> None:
-        self._rows, self._kinds = rows, list(asked)
-        count, own = len(asked), CARRIED.start - 1
-        self._first = first = count + 4
-        values = np.zeros(first + own * len(rows))
+        self._rows, self._kinds, self._asked = rows, list(asked), asked
+        count = len(asked)
+        self._first = first = count + SIZE
+        values = np.zeros(first + (OWN - 1) * len(rows))
         values[:count] = [_first_guess(rows, kind, gain) for kind, gain in asked.items()]
-        positive = [True] * count + [True, False, False, False] + list(NOT_NEGATIVE[1 : own + 1]) * len(rows)
+        positive = [True] * count + list(NOT_NEGATIVE[CARRIED]) + list(NOT_NEGATIVE[1:OWN]) * len(rows)
+        load = np.zeros(len(values), dtype=bool)
+        load[count:first] = True
         for _ in range(ROUNDS):
-            A, b = np.zeros((len(values), len(values))), np.zeros(len(values))
-            for i, gain in enumerate(asked.values()):
-                if gain is not None:
-                    A[i, i] = (gain.value**2 / (gain.std or 1e-6 * gain.value)) ** 2
-                    b[i] = A[i, i] / gain.value
-            for k, row in enumerate(rows):
-                X, y = self._linear(k, values, carried)
-                use = row.part != left_out
-                A += X[use].T @ X[use]
-                b += X[use].T @ y[use]
-                load = first + own * k + LOAD - 1
-                A[load, load] += 1.0 / (USUAL_LOSS * values[self._kinds.index(row.drive)]) ** 2
-            A[count:first, count:first] += 0.0 if carried else np.eye(4)
+            A, b = self._sums(values, carried, left_out)
+            A[load, load] += 0.0 if carried else 1.0
             solution = _least(A, b, positive)
             values = np.append(np.maximum(solution.x[:count], 0.1 * values[:count]), solution.x[count:])
-        self.c, self.std = values[:count], np.sqrt(_variance(A, solution.held == 0)[:count])
-        self._values, self._carried = values, carried
+        free = solution.held == 0
+        self.c, self.std = values[:count], np.sqrt(_variance(A, free)[:count])
+        self._values, self._carried, self.loaded = values, carried, self.std
+        if not carried:
+            A, _ = self._sums(values, carried=True, left_out=left_out)
+            A[load, load] += 1.0 / USUAL**2
+            self.loaded = np.sqrt(_variance(A, free | load)[:count])
+
+    def _sums(self, values: np.ndarray, carried: bool, left_out: int | None) -> tuple[np.ndarray, np.ndarray]:
+        """Information about all unknowns and its product with them, around values, what is known of them counted in."""
+        A, b = np.zeros((len(values), len(values))), np.zeros(len(values))
+        for i, gain in enumerate(self._asked.values()):
+            if gain is not None:
+                A[i, i] = (gain.value**2 / (gain.std or 1e-6 * gain.value)) ** 2
+                b[i] = A[i, i] / gain.value
+        for k, row in enumerate(self._rows):
+            X, y = self._linear(k, values, carried)
+            use = row.part != left_out
+            A += X[use].T @ X[use]
+            b += X[use].T @ y[use]
+            load = self._first + (OWN - 1) * k + LOAD - 1
+            A[load, load] += 1.0 / (USUAL_LOSS * values[self._kinds.index(row.drive)]) ** 2
+        return A, b
 
     def _linear(self, k: int, values: np.ndarray, carried: bool) -> tuple[np.ndarray, np.ndarray]:
         """(n, unknowns) and (n,) of a joint, over its noise, linear around values in the product of 1/k and mass."""
         row, i = self._rows[k], self._kinds.index(self._rows[k].drive)
-        own, first = CARRIED.start - 1, self._first
+        own, first = OWN - 1, self._first
         m, P, X = values[len(self._kinds) : first], row.X[:, CARRIED], np.zeros((len(row.y), len(values)))
         X[:, i] = row.X[:, 0] + P @ m
         X[:, len(self._kinds) : first] = values[i] * P if carried else 0.0
@@ -288,7 +338,7 @@ def _read(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, de
 
 @kept_alongside
 def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) times, (n, 11) columns of the physics, low-passed, and (n,) where the friction's sign is known."""
+    """(n,) times, (n, 17) columns of the physics, low-passed, and (n,) where the friction's sign is known."""
     motion, j = measured_motion(run, arm.joints), arm.joints.index(joint)
     time, torque, carried = _bodies(run, arm)
     at = motion.at(time)
@@ -301,11 +351,11 @@ def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np
 
 @kept_alongside
 def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) times, (n, nj) torques of the arm as described, (n, nj, 4) per mass and first moment of the last link."""
+    """(n,) times, (n, nj) torques of the arm as described, (n, nj, 10) per inertial parameter of the last link."""
     motion = measured_motion(run, arm.joints)
     time = np.arange(motion.start, motion.end, STEP)
     at = motion.at(time)
-    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at)[:, :, -1, :4]
+    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at)[:, :, -1]
 
 
 def _low(signal: np.ndarray) -> np.ndarray:

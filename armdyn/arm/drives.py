@@ -7,15 +7,12 @@ the velocity, its own damping and the back-EMF of its motor, cannot be told from
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from armdyn.arm.motion import measured_motion
-from armdyn.channels import Channel, Reading
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.kept import kept_alongside
 from armdyn.run import Run
 from armdyn.units import Known, parse_quantity
 from urdf.table_file import read_as
@@ -32,11 +29,6 @@ TOLD: Mapping[Law, str] = {"position": "q_cmd", "velocity": "v_cmd", "torque": "
 """Channel that a drive of each law obeys, or records."""
 SCALE = "extra.gain_scale"
 """Further column: the gain that was set over the model's, where it was changed."""
-
-TIMED = 2e-4
-"""s by which a delay is usually off that recordings say: the median of 40 generated arms."""
-INFORMATIVE = (0.1, 0.9)
-"""Quantiles of a reading that differ where it says anything: a joint that stands reads one value, but for a few."""
 
 KNOWN: Mapping[str, Mapping[str, str]] = {
     # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
@@ -61,6 +53,10 @@ class Servo:
         limit: N m or N.
         full_at: error, of the gain's unit, from which it gives all that it has; beside or in place of `limit`.
         delay: s from the command's stamp to the torque.
+        rate: rad/s or m/s at which a position servo follows what it is told at most.
+        reference: V of the recordings that told the gain, where that does not follow the supply; see `supply_voltage`.
+        unloaded: standard deviation of the gain if nothing is carried that the model lacks; the gain's own where None.
+        determined: whether something says how large the gain is; values of its joints are ratios to it where not.
     """
 
     joints: tuple[str, ...]
@@ -71,6 +67,10 @@ class Servo:
     limit: float = np.inf
     full_at: float = np.inf
     delay: float | None = None
+    rate: float = np.inf
+    reference: float | None = None
+    unloaded: float | None = None
+    determined: bool = True
 
     @property
     def largest(self) -> float:
@@ -94,6 +94,13 @@ class Servo:
             scale = run.extra[SCALE].held(time)
         return share, scale
 
+    def over_reference(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:
+        """(n,) recorded voltage at (n,) times over the one at which the gain holds, less one; 0 where none is."""
+        volts, at = run.channels.get(f"voltage.{joint}"), self.supply or self.reference
+        if volts is None or at is None:
+            return np.zeros(len(time))
+        return np.asarray(np.interp(time, volts.time, np.abs(volts.value)) / at - 1.0)
+
     def error_unit(self, slides: bool) -> str:
         """Of what it is told."""
         turning = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"}[self.law]
@@ -112,6 +119,8 @@ class Servo:
             "limit": (self.limit, turning, np.inf),
             "full_at": (self.full_at, self.error_unit(slides), np.inf),
             "delay": (self.delay, "s", None),
+            "rate": (self.rate, f"{sliding}/s", np.inf),
+            "reference": (self.reference, "V", None),
         }
         return found | {key: f"{value:.6g} {unit}" for key, (value, unit, none) in values.items() if value != none}
 
@@ -126,6 +135,8 @@ class _Entry:
     limit: str | None = None
     full_at: str | None = None
     delay: str | None = None
+    rate: str | None = None
+    reference: str | None = None
 
 
 def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[str, Servo]:
@@ -190,13 +201,14 @@ def _servo(entry: _Entry, *, slides: bool) -> Servo:
     torque, way = ("N", "m") if slides else ("N m", "rad")
     told = Servo(entry.joints, law).error_unit(slides)
     units = {"full_at": told, "damping": f"{torque} s/{way}", "supply": "V", "limit": torque, "delay": "s"}
-    values = {}
+    units |= {"rate": f"{way}/s", "reference": "V"}
+    values: dict[str, Any] = {}
     for key, unit in units.items():
         text = getattr(entry, key)
         if text is not None:
             with at(key):
                 values[key] = parse_quantity(text, unit).value
-                if values[key] < 0.0 or (values[key] == 0.0 and key in ("supply", "limit", "full_at")):
+                if values[key] < 0.0 or (values[key] == 0.0 and key not in ("damping", "delay")):
                     raise InputError(f"'{text}': write one that is positive")
     gain = None
     if entry.gain is not None:
@@ -205,84 +217,3 @@ def _servo(entry: _Entry, *, slides: bool) -> Servo:
             if gain.value <= 0.0:
                 raise InputError(f"'{entry.gain}': write one that is positive")
     return Servo(entry.joints, law, gain, **values)
-
-
-def mean_held(channel: Channel, edges: np.ndarray) -> np.ndarray:
-    """(n,) means between (n + 1,) rising times of what holds from its stamp to the next one, smooth in the times."""
-    time, value = channel.time, channel.value
-    area = np.concatenate([[0.0], np.cumsum(np.diff(time) * value[:-1])])
-    inside = np.clip(edges, time[0], time[-1])
-    whole = np.interp(inside, time, area) + np.where(edges < time[0], value[0] * (edges - time[0]), 0.0)
-    whole = whole + np.where(edges > time[-1], value[-1] * (edges - time[-1]), 0.0)
-    return np.asarray(np.diff(whole) / np.diff(edges))
-
-
-def reads(run: Run, joint: str, servo: Servo) -> bool:
-    """Whether a run holds what a drive's reading is made of, and no measured torque."""
-    return f"tau.{joint}" not in run.channels and f"{TOLD[servo.law]}.{joint}" in run.channels
-
-
-def error(
-    run: Run, joints: tuple[str, ...], joint: str, servo: Servo, delay: float, time: np.ndarray, *, smooth: bool
-) -> np.ndarray:
-    """(n,) what a drive reads at (n,) times before its gain, its share of the torque and its limit.
-
-    Between stamps a command steps, at a moment that the delay moves: told and recorded are means around each time.
-
-    Args:
-        run: a recording.
-        joints: all joints of the arm.
-        joint: which.
-        servo: its drive.
-        delay: s.
-        time: (n,) s.
-        smooth: whether a position is taken as smoothed rather than as recorded.
-    """
-    middles = 0.5 * (time[1:] + time[:-1])
-    edges = np.concatenate([[2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]])
-    told = mean_held(run.channels[f"{TOLD[servo.law]}.{joint}"], edges - delay)
-    if servo.law == "position" and not smooth:
-        q = run.channels[f"q.{joint}"]
-        at = [np.interp(t, q.time, q.value) for t in (edges[:-1], time, edges[1:])]
-        return told - 0.25 * (at[0] + 2.0 * at[1] + at[2])
-    if servo.law in ("position", "velocity"):
-        motion = measured_motion(run, joints)
-        curve = motion.joints[joints.index(joint)].curve
-        ends, inner = (curve(np.clip(t, motion.start, motion.end), 0)[:, 0] for t in (edges, time))
-        if servo.law == "velocity":
-            return told - np.diff(ends) / np.diff(edges)
-        return told - (ends[:-1] + 4.0 * inner + ends[1:]) / 6.0  # Simpson's rule
-    return told
-
-
-@kept_alongside
-def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) -> Run:
-    """The run with `tau.<joint>` of the drives that recorded no torque.
-
-    Args:
-        run: a recording.
-        joints: all joints of the arm.
-        servos: with their gains and delays.
-    """
-    channels = dict(run.channels)
-    for servo in servos:
-        for joint in servo.joints:
-            if not reads(run, joint, servo) or servo.gain is None or f"q.{joint}" not in run.channels:
-                continue
-            q = run.channels[f"q.{joint}"]
-            share, scale = servo.gate(run, joint, q.time)
-            asked = (
-                scale * servo.gain.value * error(run, joints, joint, servo, servo.delay or 0.0, q.time, smooth=False)
-            )
-            if servo.damping and servo.law == "position":
-                v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
-                told = run.channels.get(f"v_cmd.{joint}")
-                asked += servo.damping * ((0.0 if told is None else told.held(q.time - (servo.delay or 0.0))) - v)
-            given = share * np.clip(asked, -servo.largest, servo.largest)
-            if not np.ptp(np.quantile(given, INFORMATIVE)) > 0.0:
-                continue  # a joint that was told nothing
-            slope = np.gradient(asked, q.time)
-            off = np.hypot((servo.gain.std or 0.0) / servo.gain.value * given, TIMED * slope)
-            unit = "N" if q.unit == "m" else "N m"
-            channels[f"tau.{joint}"] = Reading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))))
-    return run if len(channels) == len(run.channels) else replace(run, channels=channels)

@@ -25,7 +25,7 @@ class Remembered:
 
     Args:
         memory: of the joint's stage.
-        inputs: (10,) symbols in the order of `composition.INPUTS`.
+        inputs: (15,) symbols in the order of `composition.INPUTS`.
         load: the one of them that a state cannot follow.
         theta: (k,) symbols.
 
@@ -49,7 +49,7 @@ class Remembered:
             self._step = _step(self.symbols, rates, inputs, theta)
 
     def over(self, inputs: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, n) states over (10, n) inputs at (k,) theta, and (m, k, n) their derivatives."""
+        """(m, n) states over (15, n) inputs at (k,) theta, and (m, k, n) their derivatives."""
         m, k, n = self.symbols.numel(), len(theta), inputs.shape[1]
         if not m:
             return np.zeros((0, n)), np.zeros((0, k, n))

@@ -15,11 +15,12 @@ from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
-from armdyn.arm.drive_scale import settled
-from armdyn.arm.drives import Servo, read_drives, with_readings
+from armdyn.arm.drive_scale import settled, telling
+from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
 from armdyn.arm.prepared import PreparedRun, torque_noise
+from armdyn.arm.readings import with_readings
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model, Prediction, join_channels
@@ -87,7 +88,33 @@ class ArmModel(Model):
         return with_readings(run, self.arm.joints, tuple(self.drives.values()))
 
     @property
-    def _told(self) -> frozenset[str]:
+    def open_questions(self) -> tuple[str, ...]:
+        """See `Model.open_questions`: gains that nothing tells."""
+        return tuple(
+            f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
+            f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
+            f"{servo.gain.unit} alone. To tell it, {telling(self.arm, servo.joints)}"
+            for name, servo in self.drives.items()
+            if servo.gain is not None and not servo.determined
+        )
+
+    @property
+    def told_beside(self) -> frozenset[str]:
+        """See `Model.told_beside`: what a reading explains by itself, and what is said of all drives of a kind."""
+        drives = self.drives.values()
+        looked_for = {
+            "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
+            "command_delay": any(servo.delay is None for servo in drives),
+            "supply_voltage": any(servo.supply is not None for servo in drives),
+        }
+        return OF_READING | {name for name, told in looked_for.items() if told}
+
+    def servo(self, joint: str) -> Servo | None:
+        """The drive of a joint, if it is declared."""
+        return next((servo for servo in self.drives.values() if joint in servo.joints), None)
+
+    @property
+    def told(self) -> frozenset[str]:
         """Joints of the declared drives."""
         return frozenset(joint for servo in self.drives.values() for joint in servo.joints)
 
@@ -104,8 +131,8 @@ class ArmModel(Model):
             UnknownNameError: it is meant for a joint that the arm lacks.
         """
         reachable = self.arm.within(effect.reach)
-        if effect.name in OF_DRIVE:
-            reachable = tuple(joint for joint in reachable if joint not in self._told)
+        if effect.name in OF_DRIVE or effect.acts_on == "drive":
+            reachable = tuple(j for j in reachable if (j in self.told) == (effect.acts_on == "drive"))
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)
@@ -271,6 +298,9 @@ class ArmModel(Model):
 
 OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects that are what a declared drive's table holds: another gain is another table."""
+OF_READING = frozenset({"servo_integral", "torque_limit", "dead_band", "starting_duty"})
+"""Effects made of what a drive reads, which they are to predict: the larger a dead band, the more of the reading it is,
+whatever the physics. Evidence that does not count that would always choose them."""
 ROTOR = "rotor_inertia"
 """The effect that adds to the inertia of a joint by itself."""
 

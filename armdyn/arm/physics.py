@@ -4,13 +4,13 @@ Each stage is an immutable bundle of CasADi expressions, scalar unless a shape i
 that turns; one that slides has N for N m, m for rad and kg for kg m^2.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
 from armdyn.physics.definition import NONE, Expression, Timed
 
-__all__ = ["Base", "Expression", "Joint", "Link", "Neighbour"]
+__all__ = ["Base", "Expression", "Joint", "Link", "Neighbour", "Told"]
 
 ONE: Expression = ca.SX(1)
 
@@ -81,6 +81,25 @@ class Neighbour:
 
 
 @dataclass(frozen=True)
+class Told:
+    """What a drive was told; nothing, 0, of one whose torque was measured.
+
+    Attributes:
+        torque: that its law asks for, within its limit and while it is on, N m.
+        rate: of that, by the command alone, N m/s: what a command that acts later asks for less, per time.
+        total: of that since the run's start, N m s.
+        velocity: that it was told, rad/s.
+        voltage: of its supply over the one at which its gain holds, less one.
+    """
+
+    torque: Expression = NONE
+    rate: Expression = NONE
+    total: Expression = NONE
+    velocity: Expression = NONE
+    voltage: Expression = NONE
+
+
+@dataclass(frozen=True)
 class Joint(Timed):
     """One joint, its drive and its torque sensor.
 
@@ -95,9 +114,10 @@ class Joint(Timed):
         link: the link that the joint moves.
         torque: what the drive gives beyond `load`, N m.
         inner_torque: what the inner neighbour's drive gives beyond its own, N m.
-        gain: the sensor's reading per torque.
+        gain: the sensor's reading per torque; what a drive asks for, per torque that it gives.
         offset: its reading without torque, N m.
         on: 1 while the drive is on, 0 while its windings are open.
+        told: what the drive was told.
     """
 
     time: Expression
@@ -113,6 +133,7 @@ class Joint(Timed):
     gain: Expression = ONE
     offset: Expression = NONE
     on: Expression = ONE
+    told: Told = field(default_factory=Told)
 
     def with_torque(self, torque: Expression) -> "Joint":
         """Let the drive give this much more, N m: positive where friction opposes a positive velocity."""
@@ -131,5 +152,5 @@ class Joint(Timed):
         return replace(self, gain=self.gain * gain)
 
     def with_offset(self, offset: Expression) -> "Joint":
-        """Add to the sensor's reading, N m."""
+        """Add to the sensor's reading, N m, or to what a drive asks for beyond the torque that it gives."""
         return replace(self, offset=self.offset + offset)

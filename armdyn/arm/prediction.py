@@ -11,6 +11,7 @@ from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, standing_joints
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, motion_in, prepare, recorded, settled
 from armdyn.arm.reduction import Earlier, Reduction, Rest, Signal
+from armdyn.channels import Reading
 from armdyn.errors import InputError
 from armdyn.faults import without_spikes
 from armdyn.kept import kept_alongside
@@ -262,5 +263,5 @@ def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
     motion = motion_in(run, arm.joints)
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
-    enabled = {key: c for key, c in recording.channels.items() if key.startswith("enabled.")}
-    return Stretch(arm.model, motion.at(time), time - start, {**recording.extra, **enabled})
+    drives = {key: c for key, c in recording.channels.items() if key.startswith("enabled.") or isinstance(c, Reading)}
+    return Stretch(arm.model, motion.at(time), time - start, {**recording.extra, **drives})

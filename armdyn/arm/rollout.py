@@ -5,15 +5,16 @@ measured torque alone pulls nothing back, so that windows are begun anew at the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drives import TOLD, Servo, mean_held
+from armdyn.arm.drives import TOLD, Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
+from armdyn.arm.readings import mean_held, mean_told
 from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import kept_alongside
 from armdyn.run import Run
@@ -24,9 +25,12 @@ STIFF = 0.5
 """Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
 WINDOWS = (0.5, 5.0)
 """s, of what cannot be simulated as a whole."""
+ROUNDING = 1e-6
+"""rad or m; what is less is no encoder's step: it is how a recording was written down."""
 LOST = 2.0 * np.pi
 """rad or m: a simulated joint that is farther from where it was has left the motion, and how far says nothing."""
-LATE = "torque_delay.time"
+LATE, TOLD_LATE = "torque_delay.time", "command_delay.time"
+"""Parameters by which a measured torque is read late, and a command acts late."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,10 @@ class RollOut:
         position_is_command: rms and mean absolute error of a joint that is always where it was told to be; None where
             it was told no position.
         resolution: step of the encoder, 0 where none shows.
+        time: (n,) s of the recorded positions, increasing.
+        measured: (n,) recorded positions.
+        simulated: (n,) simulated ones.
+        told: (n,) positions that it was told; None where it was told none.
     """
 
     run: str
@@ -55,16 +63,15 @@ class RollOut:
     mae: float | None
     position_is_command: tuple[float, float] | None
     resolution: float
-
-
-def servo_of(model: ArmModel, joint: str) -> Servo | None:
-    """The drive of a joint, if it is declared."""
-    return next((servo for servo in model.drives.values() if joint in servo.joints), None)
+    time: np.ndarray = field(repr=False, compare=False)
+    measured: np.ndarray = field(repr=False, compare=False)
+    simulated: np.ndarray = field(repr=False, compare=False)
+    told: np.ndarray | None = field(repr=False, compare=False)
 
 
 def closed(model: ArmModel, run: Run) -> bool:
     """Whether every joint of the arm was told its position."""
-    servos = [servo_of(model, joint) for joint in model.arm.joints]
+    servos = [model.servo(joint) for joint in model.arm.joints]
     return all(
         servo is not None and servo.law == "position" and f"q_cmd.{joint}" in run.channels
         for servo, joint in zip(servos, model.arm.joints, strict=True)
@@ -74,7 +81,7 @@ def closed(model: ArmModel, run: Run) -> bool:
 def can_roll_out(model: ArmModel, run: Run) -> bool:
     """Whether the recording says what drove every joint, and the model has nothing that depends on what was before."""
     for joint in model.arm.joints:
-        servo = servo_of(model, joint)
+        servo = model.servo(joint)
         told = servo is not None and servo.gain is not None and f"{TOLD[servo.law]}.{joint}" in run.channels
         if not told and f"tau.{joint}" not in run.channels:
             return False
@@ -133,7 +140,7 @@ def rolled(
         window: what is simulated.
         servos: by joint, in place of those of the model.
     """
-    own = [servo_of(model, joint) for joint in model.arm.joints] if servos is None else list(servos)
+    own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
     step = _step(model, theta, own)
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
@@ -152,34 +159,37 @@ def _step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) ->
 
 def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray) -> Drives:
     n, m = len(edges) - 1, len(servos)
-    given, q_cmd, v_cmd, on = (np.zeros((n, m)) for _ in range(4))
+    given, q_cmd, v_cmd, on, voltage = (np.zeros((n, m)) for _ in range(5))
     limit, gain, damping = np.full((n, m), np.inf), np.zeros(m), np.zeros(m)
     middle = (edges[1:] + edges[:-1]) / 2
     for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
-        name = f"{LATE}[{joint}]"
-        late = float(theta[model.names.index(name)]) if name in model.parameters else 0.0
+        late, told_late = (
+            float(theta[model.names.index(name)]) if (name := f"{of}[{joint}]") in model.parameters else 0.0
+            for of in (LATE, TOLD_LATE)
+        )
         channels = run.channels
         if servo is None or servo.gain is None or f"{TOLD[servo.law]}.{joint}" not in channels:
             on[:, j] = 1.0
             given[:, j] = np.interp(middle + late, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
             continue
         share, scale = servo.gate(run, joint, middle)
-        told = edges - (servo.delay or 0.0) + late
+        told = edges - (servo.delay or 0.0) - told_late
+        voltage[:, j] = servo.over_reference(run, joint, middle)
         if servo.law in ("torque", "current"):
-            value = scale * servo.gain.value * mean_held(channels[f"{TOLD[servo.law]}.{joint}"], told)
+            value = scale * servo.gain.value * mean_told(run, joint, servo, told)
             given[:, j], on[:, j] = share * np.clip(value, -servo.largest, servo.largest), share
             continue
         on[:, j], limit[:, j] = share * scale, servo.largest / scale
         if servo.law == "position":
-            q_cmd[:, j] = mean_held(channels[f"q_cmd.{joint}"], told)
+            q_cmd[:, j] = mean_told(run, joint, servo, told)
             gain[j], damping[j] = servo.gain.value, servo.damping
         else:
             damping[j] = servo.gain.value
-        if damping[j] and f"v_cmd.{joint}" in channels:
+        if f"v_cmd.{joint}" in channels:
             v_cmd[:, j] = mean_held(channels[f"v_cmd.{joint}"], told)
         if f"tau_ff.{joint}" in channels:
             given[:, j] = mean_held(channels[f"tau_ff.{joint}"], told)
-    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping)
+    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping, voltage)
 
 
 def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut, ...]:
@@ -193,20 +203,34 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
             parts = windows(run, model.arm.joints, length)
             with np.errstate(all="ignore"):  # what is torn away by a torque that nothing resists ends nowhere
                 errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
+            time, measured = np.concatenate([part.time for part in parts]), np.vstack([part.q for part in parts])
+            time, once = np.unique(time, return_index=True)
             for j, joint in enumerate(model.arm.joints):
                 kind = "closed_loop" if whole else f"window_{length:g}"
                 own, aside = errors[:, j], _aside(run, joint)
                 there = bool(np.all(np.abs(own) < LOST))
                 q = run.channels[f"q.{joint}"]
-                steps = np.unique(np.abs(np.diff(q.value)))
+                told = run.channels[f"q_cmd.{joint}"].held(time) if aside is not None else None
                 found.append(
                     RollOut(
                         run.name, role, kind, joint, q.unit,
                         _rms(own) if there else None, float(np.abs(own).mean()) if there else None, aside,
-                        float(steps[steps > 1e-9][0]) if len(steps) < len(q) / 4 and (steps > 1e-9).any() else 0.0,
+                        _resolution(q.value),
+                        time, measured[once, j], (errors + measured)[once, j], told,
                     )
                 )  # fmt: skip
     return tuple(found)
+
+
+def _resolution(values: np.ndarray) -> float:
+    """Step of the encoder that gave (n,) values; 0 where their differences are no multiples of one."""
+    differences = np.abs(np.diff(values))
+    moved = np.sort(differences[differences > ROUNDING])
+    if not len(moved):
+        return 0.0
+    step = float(np.median(moved / np.round(moved / moved[0])))
+    left = np.abs(moved / step - np.round(moved / step))
+    return step if np.quantile(left, 0.9) < 0.1 else 0.0
 
 
 def _aside(run: Run, joint: str) -> tuple[float, float] | None:

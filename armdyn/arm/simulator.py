@@ -1,7 +1,7 @@
 r"""An arm that moves: under given torques, or in closed loop with its servos, from the model that explains recordings.
 
-A model says which torques T(q, v, a) a motion takes, effects counted in, and how a drive's torque is read:
-reading = gain T + offset. Solved for the motion over a step h, with q' = q + h v/2 and v' = v + h a/2 at its middle:
+A model says which torques T(q, v, a) a motion takes, effects counted in, and what a drive asks for, or reads, while it
+gives them: R = gain T + offset. Solved for the motion over a step h, with q' = q + h v/2, v' = v + h a/2 at its middle:
 
     (A + h/2 D) v_next + h F sign(v_next) = A v + h (u - T(q', v', 0) + D (v' - v/2)),    q_next = q' + h v_next/2
 
@@ -21,8 +21,9 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.arm import Arm
+from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
-from armdyn.arm.physics import Expression
+from armdyn.arm.physics import Expression, Told
 from armdyn.arm.symbolic import added_torques, rigid_torques
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.effects.effect import Effect
@@ -33,13 +34,13 @@ NEWTON = 3
 """Guesses of which joints stick and which way the others slide; each but the last is nearly always right."""
 SWEEPS = 2
 """Over the coordinates, after which what is left of a wrong guess is friction's error in one step."""
-PER_JOINT = 5
+PER_JOINT = 6
 """Inputs of a joint: see `Drives`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """What drives an arm's joints over n steps: reading = given + on clip(k (q_cmd - q) + d (v_cmd - v), +-limit).
+    """What drives an arm's joints over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), +-limit).
 
     Attributes:
         given: (n, nj) N m or N: a measured torque, or one that is asked for beside a command.
@@ -49,6 +50,7 @@ class Drives:
         on: (n, nj) share of its torque that a drive gives, 0 where it is off.
         gain: (nj,) k, N m/rad or N/m.
         damping: (nj,) d, N m s/rad or N s/m.
+        voltage: (n, nj) of supplies over the ones at which the gains hold, less one; 0 where None.
     """
 
     given: np.ndarray
@@ -58,6 +60,7 @@ class Drives:
     on: np.ndarray
     gain: np.ndarray
     damping: np.ndarray
+    voltage: np.ndarray | None = None
 
 
 def simulate(
@@ -79,15 +82,16 @@ def simulate(
         InputError: an effect depends on time or has states of its own.
     """
     count, joints = drives.given.shape
-    function = _compiled(model.arm, model.effects, model.names)
+    function = _compiled(model.arm, model.told, model.effects, model.names)
     links = model.arm.described.copy()
     for i, (change, _) in model.changed_links(theta).items():
         links[i] += change
     gravity = model.gravity_at(theta)
     values = np.concatenate([links.ravel(), gravity, theta, drives.gain, drives.damping, [step]])
-    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, FREE), drives.on])
-    state = np.concatenate([*start, np.zeros(joints)])
-    found = np.empty((count + 1, 3 * joints))
+    volts = np.zeros(drives.given.shape) if drives.voltage is None else drives.voltage
+    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, FREE), drives.on, volts])
+    state = np.concatenate([*start, np.zeros(2 * joints)])
+    found = np.empty((count + 1, len(state)))
     found[0] = state
     inputs = np.zeros((PER_JOINT * joints, BLOCK))
     for begin in range(0, count, BLOCK):
@@ -105,10 +109,10 @@ FREE = 1e30
 
 
 @lru_cache(maxsize=16)
-def _compiled(arm: Arm, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
+def _compiled(arm: Arm, told: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
     """``(state, inputs, p) -> states`` of `BLOCK` steps."""
     nameless: Any = dict.fromkeys(names)  # values are inputs of the function
-    step = _step(ArmModel(effects, nameless, arm))
+    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(told))}))
     name = f"arm_{len(arm.joints)}_steps"
     block = step.mapaccum(name, BLOCK)
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), BLOCK)
@@ -118,12 +122,15 @@ def _compiled(arm: Arm, effects: tuple[Effect, ...], names: tuple[str, ...]) -> 
 
 
 def _step(model: ArmModel) -> ca.Function:
-    """``(state, inputs, p) -> state`` of one step; the state is q, v and the mean acceleration of the last step."""
+    """``(state, inputs, p) -> state`` of one step.
+
+    The state is q, v, the mean acceleration of the last step, and what drives asked for until now, added up.
+    """
     n, size = len(model.arm.joints), len(model.names)
-    state, inputs = ca.SX.sym("x", 3 * n), ca.SX.sym("w", PER_JOINT * n)
+    state, inputs = ca.SX.sym("x", 4 * n), ca.SX.sym("w", PER_JOINT * n)
     p = ca.SX.sym("p", 12 * n + 4 + size)
-    q, v, last = (state[i * n : (i + 1) * n] for i in range(3))
-    given, q_cmd, v_cmd, limit, on = (inputs[i * n : (i + 1) * n] for i in range(PER_JOINT))
+    q, v, last, total = (state[i * n : (i + 1) * n] for i in range(4))
+    given, q_cmd, v_cmd, limit, on, volts = (inputs[i * n : (i + 1) * n] for i in range(PER_JOINT))
     links, rest = [p[10 * i : 10 * (i + 1)] for i in range(n)], p[10 * n :]
     gravity, theta, gain, damping, h = (
         rest[:3], rest[3 : 3 + size], rest[3 + size : 3 + size + n], rest[3 + size + n : 3 + size + 2 * n], rest[-1],
@@ -132,24 +139,30 @@ def _step(model: ArmModel) -> ca.Function:
     qs, vs, a, way, load, live = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load", "live"))
     rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
     mass = ca.jacobian(rigid, a)
-    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, live, theta)
+    told = [ca.SX.sym(name, n) for name in ("asked", "total", "told_v", "volts")]
+    drives = [Told(told[0][i], ca.SX(0), *(part[i] for part in told[1:])) for i in range(n)]
+    added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, live, theta, drives)
     by_a, zero = ca.jacobian(added, a), ca.SX.zeros(n)
     still = ca.substitute(added, a, zero)
     free = ca.substitute(still, way, zero)
     forwards, backwards = (ca.substitute(still, way, sign * ca.SX.ones(n)) for sign in (1, -1))
-    own = ca.vertcat(*(ca.jacobian(free[i], vs[i]) for i in range(n)))
+    own = ca.vertcat(*(ca.jacobian(free[i], vs[i]) + ca.jacobian(offset[i], vs[i]) / sensor_gain[i] for i in range(n)))
     bias = ca.substitute(rigid, a, zero)
     parts = ca.Function(
         "parts",
-        [qs, vs, load, live, p],
+        [qs, vs, load, live, *told, p],
         [mass, bias, by_a, free, forwards - free, free - backwards, own, sensor_gain, offset],
     )
     loads = ca.Function("loads", [qs, vs, p], [mass, bias])
     M, b = loads(qm, vm, p)
-    M, b, more, free, up, down, own, sensor_gain, offset = parts(qm, vm, b + M @ last, ca.if_else(on > 0, 1, 0), p)
-    asked = gain * (q_cmd - qm) + damping * (v_cmd - vm)
-    within = on * (ca.fabs(asked) < limit)
-    u = (given + on * ca.fmax(-limit, ca.fmin(limit, asked)) - offset) / sensor_gain
+    wanted = gain * (q_cmd - qm) + damping * (v_cmd - vm)
+    within = on * (ca.fabs(wanted) < limit)
+    asked = given + on * ca.fmax(-limit, ca.fmin(limit, wanted))
+    live = ca.if_else(on > 0, 1, 0)
+    M, b, more, free, up, down, own, sensor_gain, offset = parts(
+        qm, vm, b + M @ last, live, asked, total, v_cmd, volts, p
+    )
+    u = (asked - offset) / sensor_gain
     D = own + within * damping / sensor_gain
     A = M + more
     H = A + ca.diag(h / 2 * D)
@@ -157,7 +170,7 @@ def _step(model: ArmModel) -> ca.Function:
     v_next = _sliding(H, r, h * up, h * down, v)
     stops = v_next == 0
     a_next = ca.if_else(stops, 0, (v_next - v) / h)
-    following = ca.vertcat(qm + h / 2 * v_next, v_next, a_next)
+    following = ca.vertcat(qm + h / 2 * v_next, v_next, a_next, total + h * asked)
     return ca.Function("step", [state, inputs, p], [ca.densify(following)])
 
 

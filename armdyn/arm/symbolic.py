@@ -14,12 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.physics import Expression, Joint, Link, Neighbour
+from armdyn.arm.physics import Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import joint_axes, parents
 from armdyn.errors import InputError
 
-DRIVE = frozenset({"torque_offset", "torque_gain"})
-"""Effects between a drive's torque and what it is told and reads."""
+DRIVE = frozenset({"torque_offset", "torque_gain", "servo_gain"})
+"""Effects between a drive's torque and what it is told and reads, whatever that is."""
 
 
 _Reading = tuple[Expression, Expression]
@@ -51,22 +51,26 @@ def drive_command_function(model: ArmModel) -> ca.Function:
 def servo_torque_function(model: ArmModel) -> ca.Function:
     """``(q, v, q_cmd, v_cmd) -> tau``, (n,) each: what servos give, on and in time; 0 of joints without one.
 
-    The torque is (clip(k (q_cmd - q) + d (v_cmd - v), +-limit) - offset) / gain, see `Servo`.
+    The torque is (R - offset) / gain with R = clip(k (q_cmd - q) + d (v_cmd - v), +-limit), see `Servo`.
     """
     joints = model.arm.joints
     q, v, q_cmd, v_cmd = (ca.SX.sym(name, len(joints)) for name in ("q", "v", "q_cmd", "v_cmd"))
-    tau = [ca.SX(0)] * len(joints)
-    for i, (joint, (gain, offset)) in enumerate(zip(joints, drive_readings(model), strict=True)):
-        servo = next((s for s in model.drives.values() if joint in s.joints), None)
+    asked, driven = [ca.SX(0)] * len(joints), ca.DM.zeros(len(joints))
+    for i, joint in enumerate(joints):
+        servo = model.servo(joint)
         if servo is None or servo.gain is None or servo.law not in ("position", "velocity"):
             continue
         k, d = (servo.gain.value, servo.damping) if servo.law == "position" else (0.0, servo.gain.value)
-        asked = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
+        driven[i] = 1
+        asked[i] = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
         if np.isfinite(servo.largest):
-            asked = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked))
-        tau[i] = (asked - offset) / gain
+            asked[i] = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked[i]))
+    told = [Told(R, velocity=v_cmd[i]) for i, R in enumerate(asked)]
+    none, on, theta = ca.SX.zeros(len(joints)), ca.SX.ones(len(joints)), ca.SX(model.theta())
+    _, gain, offset = added_torques(model, (q, v, none), ca.sign(v), none, on, theta, told)
+    tau = driven * (ca.vertcat(*asked) - offset) / gain
     names = ["q", "v", "q_cmd", "v_cmd"], ["tau"]
-    return ca.Function("servo_torque", [q, v, q_cmd, v_cmd], [ca.densify(ca.vertcat(*tau))], *names)
+    return ca.Function("servo_torque", [q, v, q_cmd, v_cmd], [ca.densify(tau)], *names)
 
 
 def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
@@ -93,6 +97,7 @@ def added_torques(
     load: Expression,
     on: Expression,
     theta: Expression,
+    told: Sequence[Told] = (),
 ) -> tuple[Expression, Expression, Expression]:
     """What effects add to the drives' torques, (n,), and gain and offset, (n,) each, of the readings of these.
 
@@ -103,6 +108,7 @@ def added_torques(
         load: (n,) torques that the rigid bodies ask of the joints.
         on: (n,) 1 where the drive is on, 0 where it is off.
         theta: (p,) parameters of the model.
+        told: what the drive of each joint was told; nothing if not given.
 
     Raises:
         InputError: an effect depends on time or has states of its own.
@@ -110,7 +116,7 @@ def added_torques(
     n = len(model.arm.joints)
     torque, gain, offset = [ca.SX(0)] * n, [], []
     for i in range(n):
-        joint, inner = _with_effects(model, i, motion, direction[i], load[i], on[i], theta)
+        joint, inner = _with_effects(model, i, motion, direction[i], load[i], on[i], theta, told[i] if told else Told())
         torque[i] += joint.torque
         if inner >= 0:
             torque[inner] += joint.inner_torque
@@ -175,13 +181,14 @@ def _with_effects(
     load: Expression,
     on: Expression,
     theta: Expression,
+    told: Told,
 ) -> tuple[Joint, int]:
     """A joint with its effects at (p,) parameters, and its neighbour towards the base, -1 for none."""
     name, zero, time = model.arm.joints[i], ca.SX(0), ca.SX.sym("time")
     inner = parents(model.arm.model)[i]
     neighbour = Neighbour(*(part[inner] if inner >= 0 else zero for part in motion))
     q, v, a = (part[i] for part in motion)
-    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)), on=on)
+    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)), on=on, told=told)
     for effect in model.effects:
         if effect.reach == "base" or name not in model.joints_with(effect.name):
             continue

@@ -16,7 +16,7 @@ class OverTime:
 
     Args:
         expressions: (m,).
-        inputs: (10,) symbols.
+        inputs: (15,) symbols.
         theta: (k,) symbols.
 
     Raises:
@@ -41,7 +41,7 @@ class OverTime:
         return defined["evaluate"]
 
     def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(m, n) for (10, n) inputs and (k,) parameters."""
+        """(m, n) for (15, n) inputs and (k,) parameters."""
         result = np.zeros((self._function.size1_out(0), inputs.shape[1]))
         with np.errstate(all="ignore"):  # a fit tries values where nothing is finite, and sees it in the result
             self._evaluate((inputs, theta), result)

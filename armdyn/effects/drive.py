@@ -1,11 +1,56 @@
 """Effects of drives that do what they are told, see `[drives]` of a model file; one value a joint.
 
-Gain, supply, limit and delay are what a drive *is* and stand in its table. What it adds while it is on is here.
+What a drive *is*, the gain of its kind, supply, limit, delay and rate, stands in its table. Here is what it does to
+what its law asks of its motor, R, on the way to the torque that it gives, tau, and what its motor adds while it is on.
+Sizes are written for an effort limit of 50 N m, see `joint`.
 """
+
+import casadi as ca
 
 from armdyn.arm.physics import Expression, Joint
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
+
+
+@effect(
+    acts_on="drive",
+    summary="The gain of a joint's drive is another one than its kind's, by a constant share.",
+    source="sensitivity error: JCGM 200 (VIM), §4.12, of the servo as a torque sensor",
+)
+def servo_gain(
+    joint: Joint,
+    error: Expression = quantity("1", typical=0.05, lower=-0.5, upper=1.0, summary="share that is asked too much"),
+) -> Joint:
+    """R = (1 + e) tau."""
+    return joint.with_gain(1 + error)
+
+
+@effect(
+    acts_on="drive",
+    summary="A position servo damps the error of the velocity that it was told.",
+    source="proportional-derivative control: Siciliano, Sciavicco, Villani & Oriolo, Robotics, 2009, §8.5.1; of one "
+    "that is told no velocity it is joint_viscous_friction",
+    needs=("v_cmd",),
+)
+def servo_damping(
+    joint: Joint,
+    coefficient: Expression = quantity("N m s/rad", typical=2.0, lower=0.0, summary="torque per error of velocity"),
+) -> Joint:
+    """Tau = R + d (v_cmd - v) while on."""
+    return joint.with_offset(coefficient * (joint.velocity - joint.told.velocity) * joint.on)
+
+
+@effect(
+    acts_on="drive",
+    summary="The drive adds up its error, and gives torque in proportion to the sum.",
+    source="integral action: Åström & Murray, Feedback Systems, 2008, §10.1; the sum is none when a recording begins",
+)
+def servo_integral(
+    joint: Joint,
+    rate: Expression = quantity("1/s", typical=0.5, lower=0.0, upper=50.0, summary="over that of the error itself"),
+) -> Joint:
+    """Tau = R + r int R dt."""
+    return joint.with_offset(-rate * joint.told.total)
 
 
 @effect(
@@ -21,3 +66,79 @@ def back_emf(
 ) -> Joint:
     """Tau = c v while on."""
     return joint.with_torque(coefficient * joint.velocity * joint.on)
+
+
+@effect(
+    acts_on="drive",
+    summary="A joint's command acts later than those of its kind.",
+    source="pure dead time: Åström & Murray, Feedback Systems, 2008, §9.2; in what is read to first order, in motion "
+    "whole",
+)
+def command_delay(
+    joint: Joint,
+    time: Expression = quantity("s", typical=0.005, lower=-0.05, upper=0.2, summary="how much later"),
+) -> Joint:
+    """Tau = R - T dR/dt, by the command alone."""
+    return joint.with_offset(time * joint.told.rate)
+
+
+@effect(
+    acts_on="drive",
+    summary="What a drive gives follows the voltage of its supply.",
+    source="a duty cycle is a share of the supply: Mohan, Undeland & Robbins, Power Electronics, 2003, §7.7; with "
+    "[drives] supply it follows wholly",
+    needs=("voltage",),
+)
+def supply_voltage(
+    joint: Joint,
+    share: Expression = quantity("1", typical=0.5, lower=-2.0, upper=2.0, summary="1 where it follows wholly"),
+) -> Joint:
+    """Tau = R (1 + s (V/V_0 - 1))."""
+    return joint.with_offset(-share * joint.told.voltage * joint.told.torque)
+
+
+@effect(
+    acts_on="drive",
+    summary="Beyond some torque a drive gives less than it asks for.",
+    source="saturation: Khalil, Nonlinear Systems, 2002, §1.2.7",
+)
+def torque_limit(
+    joint: Joint,
+    lost: Expression = quantity(
+        "1", typical=0.5, lower=0.0, upper=1.0, summary="share of what is beyond; 1: all of it"
+    ),
+    torque: Expression = quantity(
+        "N m", typical=50.0, null=50.0, lower=0.1, upper=50.0, spread=25.0, summary="torque beyond which it is lost"
+    ),
+) -> Joint:
+    """Tau = R - l (R - clip(R, +-L))."""
+    asked = joint.told.torque
+    return joint.with_offset(lost * (asked - ca.fmax(-torque, ca.fmin(torque, asked))))
+
+
+@effect(
+    acts_on="drive",
+    summary="A small error gives no torque: a dead zone around what the drive was told.",
+    source="dead zone: Khalil, Nonlinear Systems, 2002, §1.2.7",
+)
+def dead_band(
+    joint: Joint,
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="what it asks for in vain"),
+) -> Joint:
+    """Tau = R - clip(R, +-B)."""
+    asked = joint.told.torque
+    return joint.with_offset(ca.fmax(-torque, ca.fmin(torque, asked)))
+
+
+@effect(
+    acts_on="drive",
+    summary="The smallest error already gives a torque that starts the motor.",
+    source="against friction, as registers of hobby servos set it: Armstrong-Hélouvry, Dupont & Canudas de Wit, "
+    "Automatica 30, 1994, §4.3",
+)
+def starting_duty(
+    joint: Joint,
+    torque: Expression = quantity("N m", typical=1.0, lower=0.0, summary="beyond what it asks for"),
+) -> Joint:
+    """Tau = R + S sign(R)."""
+    return joint.with_offset(-torque * ca.sign(joint.told.torque))

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.physics import Base, Joint, Link, Neighbour
+from armdyn.arm.physics import Base, Joint, Link, Neighbour, Told
 from armdyn.channels import is_further
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
@@ -189,11 +189,12 @@ def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[fl
 
 def _joint(*w: Expression) -> Joint:
     link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
-    time, q, v, a, direction, load, *inner, on = w
-    return Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on)
+    time, q, v, a, direction, load, inner_q, inner_v, inner_a, on, *told = w
+    inner = Neighbour(inner_q, inner_v, inner_a)
+    return Joint(time, q, v, a, direction, load, inner, link, on=on, told=Told(*told))
 
 
-JOINT = [0.0] * 10, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0]
+JOINT = [0.0] * 15, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
 """At rest and in motion."""
 STAGES = {
     "gripper": _stage(

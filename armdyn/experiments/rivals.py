@@ -55,7 +55,7 @@ def require_gripper(study: Study) -> None:
     if not isinstance(study.model, PendulumModel):
         raise InputError(
             f"experiments are designed for pendulums, and this model is of base '{study.model.base}': for an arm, "
-            "'armdyn excite' designs the motion"
+            f"'armdyn excite' designs the motion{''.join(f'. {text}' for text in study.model.open_questions)}"
         )
     for run in study.runs:
         if "gripper_x" not in run.channels:

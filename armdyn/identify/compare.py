@@ -1,10 +1,12 @@
 """Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
+from armdyn.arm.drives import Servo
 from armdyn.arm.rollout import RollOut
 from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import columns_of
@@ -23,6 +25,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     channel_table,
     curves_of,
+    drive_section,
     missing_force_columns,
     motion_section,
     parameter_table,
@@ -112,6 +115,7 @@ class Comparison(Shown):
         bands: where samples should be; None where the fit is lost.
         rollout: how far the motion of an arm's model is from the recorded one; nothing where nothing says what drove
             every joint.
+        drives: of an arm that says what they were told, with what recordings say of them.
     """
 
     fit: Fit
@@ -130,6 +134,7 @@ class Comparison(Shown):
     lost: str = ""
     bands: Bands | None = None
     rollout: tuple[RollOut, ...] = ()
+    drives: Mapping[str, Servo] = field(default_factory=dict)
 
     def document(self) -> Document:
         """Its parameters and channels, and where the model fails."""
@@ -142,6 +147,7 @@ class Comparison(Shown):
                 " ".join([*self.remarks, *held]),
                 tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
+            *([drive_section(self.drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
             *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
         ]

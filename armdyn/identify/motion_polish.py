@@ -16,7 +16,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import can_roll_out, closed, rolled, servo_of, windows
+from armdyn.arm.rollout import can_roll_out, closed, rolled, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 from armdyn.units import Known
@@ -108,7 +108,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         joints = tuple(model.arm.joints.index(joint) for joint in servo.joints)
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
-        if gain is None or gain.std is not None:
+        if servo.determined and (gain is None or gain.std is not None):
             found.append(_Unknown(name, "gain", joints, TYPICAL["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
             found.append(_Unknown(name, "delay", joints, TYPICAL["delay"], 0.0, LATEST, (0.0, np.inf)))
@@ -189,7 +189,7 @@ class _Descent:
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """(N, nj) at (u,) values and (w, 2 nj) states, beside the measured ones, in which windows begin."""
         model = _with(self._model, self._unknowns, values)
-        servos = [servo_of(model, joint) for joint in model.arm.joints]
+        servos = [model.servo(joint) for joint in model.arm.joints]
         theta, n = model.theta(), len(servos)
         begun = [
             replace(w, start=(w.start[0] + s[:n], w.start[1] + s[n:]))

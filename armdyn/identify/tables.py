@@ -15,6 +15,7 @@ from armdyn.identify.sentence import MOST_JOINTS, totals
 from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
+    from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkChange
     from armdyn.arm.rollout import RollOut
     from armdyn.identify.bands import Bands
@@ -249,6 +250,40 @@ KINDS = {
     "window_0.5": "windows of 0.5 s",
     "window_5": "windows of 5 s",
 }
+
+
+def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]) -> Section:
+    """What drives are by the recordings; values that hold per gain alone, where nothing says how large a gain is."""
+    known = [(name, servo, servo.gain) for name, servo in drives.items() if servo.gain is not None]
+    columns = [
+        Column("drive", [name for name, _, _ in known]),
+        *columns_of([servo for _, servo, _ in known], joints="", law=""),
+        *columns_of([gain for _, _, gain in known], value=".5g"),
+        Column("std", [gain.std for _, _, gain in known], ".2g", missing="given"),
+        Column("unloaded", [servo.unloaded for _, servo, _ in known], ".2g", title="std if nothing unknown is carried"),
+        Column("unit", [gain.unit for _, _, gain in known]),
+        Column("delay", [servo.delay for _, servo, _ in known], ".3g", title="delay [s]"),
+    ]
+    tables = [Table(columns, name="drives")]
+    ratios = [
+        (name, p, gain) for _, servo, gain in known if not servo.determined
+        for name, p in parameters.items() if p.joint in servo.joints and ("N" in p.unit or p.unit.startswith("kg"))
+    ]  # fmt: skip
+    if ratios:
+        tables.append(
+            Table(
+                [
+                    Column("ratio to k_p", [name for name, _, _ in ratios]),
+                    Column("value", [p.value / gain.value for _, p, gain in ratios], ".5g"),
+                    Column("std", [None if p.std is None else p.std / gain.value for _, p, gain in ratios], ".2g"),
+                    Column("unit", [f"{p.unit} per {gain.unit}" for _, p, gain in ratios]),
+                ],
+                "No recording says how large these gains are: what is right are the ratios to them.",
+                "ratios",
+            )
+        )
+    text = "Gain, and delay from a command to its torque; ± counts a usual load that nobody wrote down:"
+    return Section("Drives", text, tables=tables)
 
 
 def motion_section(found: Sequence["RollOut"]) -> Section:

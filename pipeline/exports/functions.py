@@ -26,8 +26,8 @@ from pipeline.exports.format import Format
 from pipeline.exports.parts import background_left_over, left_over
 
 PENDULUM_SENSOR = "sensor"
-LATE = "torque_delay"
-"""The effect that no function of one instant has."""
+LATE = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
+"""Effects that no function of one instant has."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
                 {"tau": f"torques, {unit}"},
             )
         )
-    return found, left_over(model, held - {LATE}, "a function", symmetric=False)
+    return found, left_over(model, held - LATE, "a function", symmetric=False)
 
 
 def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
@@ -239,7 +239,7 @@ def _written(
 
 
 def _held(model: Model) -> frozenset[str]:
-    return frozenset(effect.name for effect in model.effects) - {LATE}
+    return frozenset(effect.name for effect in model.effects) - LATE
 
 
 def _compile(_: Model, output: Path) -> str:

@@ -13,7 +13,6 @@ import pinocchio as pin
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, joint_axes
-from armdyn.arm.rollout import servo_of
 from armdyn.arm.symbolic import drive_readings
 from pipeline.exports.format import Format, arm_of
 from pipeline.exports.parts import HELD, ArmParts, child_link, left_over, need_body, parts_of
@@ -26,6 +25,9 @@ LEVER = 0.1
 """m from the joint's axis to either end of a spring; its stiffness follows."""
 LEAST = 1e-12
 """kg and kg m^2; MuJoCo refuses bodies that have less than 1e-15, and no torque shows this much."""
+USUAL, FINEST, NOTHING = 2e-3, 1e-4, 2.5e-4
+"""s; MuJoCo's usual step, than which no delay may be shorter: then the step is; the shortest step at which an actuator
+acts no earlier than it should; and a delay that is left out."""
 THICKNESS = 0.02
 """m; radius of the capsules that show the links."""
 
@@ -33,21 +35,25 @@ THICKNESS = 0.02
 def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """The model as text, and what it cannot hold."""
     arm, parts = model.arm.model, parts_of(model)
-    notes = [*left_over(model, HELD["mujoco"], "MuJoCo"), "shapes: capsules stand for the links, nothing collides"]
+    notes = [
+        *left_over(model, HELD["mujoco"], "MuJoCo", told=model.told),
+        "shapes: capsules stand for the links, nothing collides",
+    ]
     root = ET.Element("mujoco", model=arm.name or "arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
+    option = ET.SubElement(root, "option", gravity=numbers_text(parts.gravity), integrator="implicitfast")
+    step = min(late for joint in parts.joints if (late := _late(model, joint.name) or USUAL))
+    if step < USUAL:
+        option.set("timestep", repr(step))
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 3", directional="true")
     bodies = _add_bodies(world, model, parts)
     _add_shapes(bodies, model)
     _add_springs(root, bodies, model, parts)
     _add_drives(root, model, parts)
-    notes += [
-        f"delay of {name}, {servo.delay:.3g} s: MuJoCo's actuators act at once; shift the commands by it"
-        for name, servo in model.drives.items()
-        if servo.delay
-    ]
+    for name, servo in model.drives.items():
+        notes += [f"supply of {name}: its gain is that at {servo.supply:g} V"] if servo.supply is not None else []
+        notes += [f"rate of {name}: limit what it is told to {servo.rate:g} per s"] if np.isfinite(servo.rate) else []
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n", notes
 
@@ -58,9 +64,11 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
     limits = model.arm.model.effortLimit.tolist()
     for joint, effort, (gain, offset) in zip(parts.joints, limits, drive_readings(model), strict=True):
         told, kind = {"name": joint.name, "joint": joint.name}, "motor"
-        servo = servo_of(model, joint.name)
-        if servo is not None and servo.gain is not None and servo.law in ("position", "velocity"):
-            ET.SubElement(actuators, "general", told | _law(servo, servo.gain.value, gain, offset))
+        servo = model.servo(joint.name)
+        if servo is not None and servo.gain is not None:
+            # A friction that differs by direction is one that does not, and an offset, also at rest.
+            law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven) | _delayed(_late(model, joint.name))
+            ET.SubElement(actuators, "general", told | law)
             continue
         if gain != 1.0 or offset:
             told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
@@ -71,12 +79,26 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: ArmParts) -> None:
 
 
 def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:
-    """A servo as an affine actuator: force = (k (told - is) - damping v - offset) / gain, within its limit."""
-    own = (-k, -servo.damping) if servo.law == "position" else (0.0, -k)
+    """A drive as an affine actuator: force = (k (told - is) - damping v - offset) / gain, within its limit."""
+    own = {"position": (-k, -servo.damping), "velocity": (0.0, -k)}.get(servo.law, (0.0, 0.0))
     law = {"gainprm": repr(k / gain), "biastype": "affine", "biasprm": numbers_text(np.array([-offset, *own]) / gain)}
     if np.isfinite(servo.largest):
         law["forcerange"] = f"{(-servo.largest - offset) / gain!r} {(servo.largest - offset) / gain!r}"
     return law
+
+
+def _delayed(late: float) -> dict[str, str]:
+    """What an actuator is told acts late by so many s; its buffer holds that at steps of `FINEST`."""
+    if not late:
+        return {}
+    return {"delay": repr(late), "nsample": str(int(np.ceil(late / FINEST)) + 2), "interp": "linear"}
+
+
+def _late(model: ArmModel, joint: str) -> float:
+    """How late the drive of a joint acts, s; 0 where that is next to nothing."""
+    servo, own = model.servo(joint), model.parameters.get(f"command_delay.time[{joint}]")
+    late = (servo.delay or 0.0 if servo is not None else 0.0) + (own.value if own is not None else 0.0)
+    return late if late > NOTHING else 0.0
 
 
 def _add_bodies(world: ET.Element, model: ArmModel, parts: ArmParts) -> list[ET.Element]:

@@ -17,13 +17,17 @@ HELD = {
     "mujoco": LINKS
     | {
         "base_tilt", "joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_friction", "rotor_inertia",
-        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "back_emf",
+        "gravity_spring", "joint_spring", "torque_offset", "torque_gain", "servo_gain", "back_emf",
+        "command_delay",
     },
 }  # fmt: skip
 """Effects that a format holds, by format."""
 WHY = {
     "torque_offset": "belongs to the drive's command, not to the arm",
     "torque_gain": "belongs to the drive's command, not to the arm",
+    "command_delay": "shift the commands by it",
+    "servo_integral": "needs what was before",
+    "supply_voltage": "the gain is that of the usual voltage",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
 
@@ -38,6 +42,7 @@ class JointParts:
         described: (10,) as the URDF has them.
         damping: torque per speed, N m s/rad; with that of a motor that is on.
         friction: size of the dry friction, N m.
+        uneven: what it is more forwards than that, and less backwards, N m.
         armature: of the rotor behind the gears, kg m^2.
         spring: factors of sin q and of cos q in what the drive gives, N m.
         stiffness: of a spring in the joint, N m/rad.
@@ -49,6 +54,7 @@ class JointParts:
     described: np.ndarray
     damping: float
     friction: float
+    uneven: float
     armature: float
     spring: tuple[float, float]
     stiffness: float
@@ -85,6 +91,10 @@ def parts_of(model: ArmModel) -> ArmParts:
             friction=of("joint_coulomb_friction", "torque", name)
             + (of("joint_asymmetric_friction", "positive", name) + of("joint_asymmetric_friction", "negative", name))
             / 2,
+            uneven=(
+                of("joint_asymmetric_friction", "positive", name) - of("joint_asymmetric_friction", "negative", name)
+            )
+            / 2,
             armature=of("rotor_inertia", "inertia", name),
             spring=(of("gravity_spring", "sine", name), of("gravity_spring", "cosine", name)),
             stiffness=of("joint_spring", "stiffness", name),
@@ -106,7 +116,9 @@ def need_body(link: str, inertia: np.ndarray) -> None:
         raise InputError(f"link '{link}': {wrong}: correct its <inertia>, it is not exported")
 
 
-def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True) -> list[str]:
+def left_over(
+    model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True, told: Collection[str] = ()
+) -> list[str]:
     """A sentence for each effect that a format cannot hold, and one for all of the background.
 
     Args:
@@ -114,6 +126,7 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
         held: names of effects that it holds.
         whose: what the format is called.
         symmetric: whether its friction is the same in both directions.
+        told: joints whose drives hold what differs.
     """
     sentences = []
     named = model.named_only()
@@ -124,7 +137,7 @@ def left_over(model: ArmModel, held: Collection[str], whose: str, *, symmetric: 
             why = WHY.get(effect.name, f"{whose} has no place for it")
             sentences.append(f"{effect.name}{where}: {why}")
         elif symmetric and effect.name == "joint_asymmetric_friction":
-            unequal = [j for j in joints if _of(model, "positive", j) != _of(model, "negative", j)]
+            unequal = [j for j in joints if j not in told and _of(model, "positive", j) != _of(model, "negative", j)]
             if unequal:
                 sentences.append(
                     f"{effect.name} ({', '.join(unequal)}): {whose} has one friction for both directions; their mean "

@@ -5,6 +5,7 @@ topic and field. Stamps are the header's, else the time at which the message was
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,15 @@ from armdyn.errors import InputError
 from pipeline.imports.foreign import Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from pipeline.imports.messages import Reading, messages
-from pipeline.imports.publishers import FIELDS, JOINT_STATE, Publishers
+from pipeline.imports.publishers import FIELDS, JOINT_STATE, TOLD, Publishers
+from pipeline.imports.words import COMMANDED, words_of
 from urdf.bounds import MOST_COLUMNS
 
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+TOLD_TOPIC = COMMANDED - {"as", "action", "plan", "planned", "nominal", "demand"}
+"""Words of topics on which joint states are what joints are told."""
 LONGEST_ARRAY = 64
 """Numbers of an array that become columns; longer ones are images and clouds."""
 
@@ -36,8 +42,15 @@ def read_bag(path: Path) -> Foreign:
     for connection, received, content in messages(path, reading):
         topic = connection.topic
         try:
-            joints = _joints(connection.kind, content)
-            if joints is not None:
+            joints, command = _joints(connection.kind, content), _told(connection.kind, content)
+            if command is not None:
+                beside = [(name, value, "") for name, value in _numbers(topic, content)]
+                at = topic, connection.publisher
+                publishers.take_joints(*at, *command, _stamp(content), received, told=True, beside=beside)
+            elif joints is not None and TOLD_TOPIC & set(words_of(topic)):
+                at = topic, connection.publisher
+                publishers.take_joints(*at, *joints, _stamp(content), received, told=True)
+            elif joints is not None:
                 publishers.take_joints(topic, connection.publisher, *joints, _stamp(content), received)
             elif topic not in crowded:
                 entries = [(name, value, "") for name, value in _numbers(topic, content)]
@@ -56,7 +69,7 @@ def read_bag(path: Path) -> Foreign:
     columns, accounts, told = publishers.columns(reading.unread)
     nothing = [f"{topic}: nothing can be read of its {n} messages" for topic, n in reading.unread.items()]
     notes += [said for said, topic in zip(nothing, reading.unread, strict=True) if topic not in accounts]
-    columns, more = _chosen(columns)
+    columns, more = _chosen(_measured(columns))
     if not columns:
         raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")
     return Foreign(path.stem, columns, (*notes, *told, *more), accounts=accounts)
@@ -75,6 +88,36 @@ def _joints(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] 
     if kind == JOINT_STATE or (isinstance(content, dict) and isinstance(names, list) and "position" in content):
         return names, {part: _field(content, part) for part, _ in FIELDS}
     return None
+
+
+def _told(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
+    """Names and fields of what a message tells joints to do now; None of any other.
+
+    A controller's state says what it was told, as it interpolates it; a trajectory of one point is a command, one of
+    many is a plan, which its controller's state tells.
+    """
+    parts = {"position": "positions", "velocity": "velocities", "effort": "effort"}
+    point: Any = None
+    if kind == CONTROLLER_STATE:
+        point = _field(content, "reference") or _field(content, "desired")
+    elif kind == TRAJECTORY:
+        points = _field(content, "points")
+        point = points[0] if points is not None and len(points) == 1 else None
+    if point is None:
+        return None
+    return _field(content, "joint_names"), {part: _field(point, name) for part, name in parts.items()}
+
+
+def _measured(columns: Mapping[str, Column]) -> Mapping[str, Column]:
+    """Columns, of which what joints were told counts as measured where nothing says where they went."""
+    if any(column.channel.startswith("q.") for column in columns.values()):
+        return columns
+    back = {told: quantity for quantity, told in TOLD.items()}
+    found = {}
+    for name, column in columns.items():
+        quantity, _, joint = column.channel.partition(".")
+        found[name] = replace(column, channel=f"{back[quantity]}.{joint}") if quantity in back else column
+    return found
 
 
 def _field(content: Any, name: str) -> Any:

@@ -34,7 +34,7 @@ from urdf.table_file import join_problems
 
 YEARS = 2000, 2100
 """Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
-MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1}
+MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
 """Power of the gear ratio by which a motor's value is multiplied to be the joint's."""
 Rows = npt.NDArray[np.intp]
 

@@ -5,6 +5,7 @@ numbers: positions against the joints' ranges, speeds against the slopes of the 
 efforts. A line that names or numbers leave open says CHECK.
 """
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -24,8 +25,8 @@ from pipeline.imports.words import IDLE, Label, fits, label_of, words_in, words_
 from urdf.infer import is_gripper
 
 TIME_WORDS = words_in("time t timestamp timestamps stamp clock seconds secs sec zeit duration elapsed utime ts epoch")
-LEROBOT_STATE = "observation.state"
-"""What LeRobot calls the measured positions: degrees, radians, or shares of a joint's range."""
+LEROBOT_STATE, LEROBOT_TOLD = "observation.state", "action"
+"""What LeRobot calls the measured positions: degrees, radians, or shares of a joint's range; and commands."""
 STEPS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 FASTEST, SLOWEST = 5e-5, 0.5
 """s between samples that a robot's recording has."""
@@ -100,7 +101,7 @@ def _again(name: str, columns: Collection[str]) -> bool:
     return name.rpartition("#")[0] in columns
 
 
-SLIDING = {"q": "m", "v": "m/s", "a": "m/s^2", "tau": "N"}
+SLIDING = {"q": "m", "v": "m/s", "a": "m/s^2", "tau": "N", "q_cmd": "m", "v_cmd": "m/s", "tau_ff": "N"}
 """Units of what a message says of a joint that slides."""
 
 
@@ -161,8 +162,45 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
             else "write a mapping, --map"
         )
         raise InputError(f"{first.name}: none of its columns ({shown}) looks like a channel: {how}")
+    entries |= _commands(labels, entries, known, first.texts)
     kept = {name: entries[name] for name in columns if name in entries}
     return ColumnMap(kept, time, unit, why=why, check=check, rate=rate)
+
+
+def _commands(
+    labels: Mapping[str, Label], entries: Mapping[str, Entry], known: Joints, texts: Mapping[str, str]
+) -> dict[str, Entry]:
+    """What joints were told, of recordings that hold no torque: there a drive's error stands for one.
+
+    Args:
+        labels: of the columns that nothing has claimed.
+        entries: of those that are measured.
+        known: joints of the robot.
+        texts: of the recording's columns of text.
+    """
+    by_channel = {entry.channel: entry for entry in entries.values()}
+    if any(channel.startswith("tau.") for channel in by_channel):
+        return {}
+    arm = tuple(channel.removeprefix("q.") for channel in by_channel if channel.startswith("q."))
+    lerobot = {name for name in labels if re.split(r"[/.]", name, maxsplit=1)[0] == LEROBOT_TOLD}
+    told = {
+        name: replace(label, measured=True, quantity=label.quantity or ("q" if name in lerobot else ""))
+        for name, label in labels.items()
+        if label.told
+    }
+    claims = _joint_claims(_of_joints(told, replace(known, arm=known.arm or arm)), replace(known, arm=arm), texts)
+    found = {}
+    for claim in best_claims(claims):
+        quantity, _, joint = claim.channel.partition(".")
+        at = by_channel.get(f"q.{joint}")
+        if quantity not in ("q", "v") or at is None or f"{quantity}_cmd.{joint}" in by_channel:
+            continue
+        unit = claim.label.unit or at.unit + ("/s" if quantity == "v" else "")
+        same = replace(at, unit=unit) if quantity == "q" else Entry("", unit, at.sign, gear_ratio=at.gear_ratio)
+        why = "what the joint was told, in its position's unit" if not claim.label.unit else "what the joint was told"
+        doubts = [at.check if quantity == "q" and not claim.label.unit else "", *claim.doubts]
+        found[claim.column] = replace(same, channel=f"{quantity}_cmd.{joint}", check=in_one(doubts), why=why)
+    return found
 
 
 def _by_place(foreign: Foreign, time: str, known: Joints) -> list[Claim]:

@@ -24,15 +24,19 @@ FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
 """Of a JointState, and the quantity of each."""
 INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "tau", "torque": "tau"}
 """Of ros2_control, whose names of states are ``joint/interface``."""
-UNITS = {"q": "rad", "v": "rad/s", "a": "rad/s^2", "tau": "N m"}
+TOLD = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
+"""What a joint was told, by the quantity that it is."""
+UNITS = {"q": "rad", "v": "rad/s", "a": "rad/s^2", "tau": "N m", "q_cmd": "rad", "v_cmd": "rad/s", "tau_ff": "N m"}
 UNREADABLE = "of which nothing can be read"
 """Why messages are left out; for a sentence."""
 Entry: TypeAlias = tuple[str, float, str]
 """Column, value and channel of one number; no channel where the message does not say which."""
 
 
-def _joint_entries(topic: str, names: Sequence[str], values: Mapping[str, Sequence[float] | None]) -> Iterator[Entry]:
-    """The numbers of a message with joints; see `Publishers.take_joints`."""
+def joint_entries(
+    topic: str, names: Sequence[str], values: Mapping[str, Sequence[float] | None], *, told: bool
+) -> Iterator[Entry]:
+    """The numbers of a message with joints, measured or `told`; see `Publishers.take_joints`."""
     interfaces = [name.rpartition("/")[2] for name in names if "/" in name]
     of_control = any(interface in INTERFACES for interface in interfaces)
     for part, quantity in FIELDS:
@@ -42,7 +46,7 @@ def _joint_entries(topic: str, names: Sequence[str], values: Mapping[str, Sequen
         for name, value in zip(names, found, strict=True):
             joint, _, interface = name.rpartition("/")
             if not (of_control and joint):
-                yield f"{topic}/{part}/{name}", float(value), f"{quantity}.{name}"
+                yield f"{topic}/{part}/{name}", float(value), f"{TOLD[quantity] if told else quantity}.{name}"
             elif part == "position":
                 channel = f"{INTERFACES[interface]}.{joint}" if interface in INTERFACES else ""
                 yield f"{topic}/{name}", float(value), channel
@@ -144,6 +148,9 @@ class Publishers:
         values: Mapping[str, Sequence[float] | None],
         stamp: float,
         received: float,
+        *,
+        told: bool = False,
+        beside: Sequence[Entry] = (),
     ) -> None:
         """Take in one message of joints.
 
@@ -155,6 +162,8 @@ class Publishers:
             values: by field of a JointState; a field without a value for every name says nothing.
             stamp: s, of its header; nan where it has none.
             received: s.
+            told: whether it is what they were told.
+            beside: its other numbers.
 
         Raises:
             InputError: there are too many messages.
@@ -163,10 +172,10 @@ class Publishers:
         for part, found in values.items():
             if found is not None and len(found) not in (0, len(names)):
                 self._odd[topic, part, len(found), len(names)] += 1
-        entries = list(_joint_entries(topic, names, values))
+        entries = list(joint_entries(topic, names, values, told=told))
         if not entries:
             raise ValueError("it says nothing of its joints")
-        self.take(topic, publisher, stamp, received, entries, tuple(names))
+        self.take(topic, publisher, stamp, received, [*entries, *beside], tuple(names))
 
     def take(
         self,

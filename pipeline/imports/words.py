@@ -87,6 +87,7 @@ class Label:
         measured: False for what is commanded, estimated from a model, or of something else than a joint.
         rest: words and numbers that may say which joint it is.
         doubt: why its quantity needs a person; empty where it does not.
+        told: whether it is what a joint was told, and would be measured but for that.
     """
 
     words: tuple[str, ...]
@@ -95,6 +96,7 @@ class Label:
     measured: bool
     rest: tuple[str, ...]
     doubt: str = ""
+    told: bool = False
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -158,8 +160,9 @@ def _without_unit(text: str, unit: str) -> Label:
     letters = [word for word in rest if not word.isdigit()]
     coordinates = bool(letters) and set(letters) <= CARTESIAN and len(letters) == len(rest)
     coordinates |= quantity in ("force", "tau") and bool({"x", "y", "z"} & set(letters))
-    measured = not (commanded or OTHER & set(words) or coordinates)
-    return Label(words, quantity, unit, measured, rest, doubt)
+    of_joint = not (OTHER & set(words) or coordinates)
+    told = of_joint and bool(commanded)
+    return Label(words, quantity, unit, of_joint and not commanded, rest, doubt, told)
 
 
 def _completed(label: Label) -> Label:

@@ -15,6 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
 from pipeline.report.fit import dependence_section, error_section, key_figures, runs_of
 from pipeline.report.missing_force import missing_force_sections
+from pipeline.report.motion import illustrated
 from pipeline.report.overlay import Overlays, of_fits
 
 
@@ -24,7 +25,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
     shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
-    return replace(made, title=title, sections=[*made.sections, *_formula_sections(found)])
+    return replace(made, title=title, sections=illustrated([*made.sections, *_formula_sections(found)], found.rollout))
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
@@ -49,8 +50,11 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     if len(found.path) > 1:
         whose = WHOSE[study.judges[0]].rstrip(",")
         figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
-    title = "Repair: add what is missing, watch the error fall"
-    return replace(made, title=title, key_figures=figures, next_steps=next_steps)
+    title, sections = (
+        "Repair: add what is missing, watch the error fall",
+        illustrated(made.sections, found.after.rollout),
+    )
+    return replace(made, title=title, sections=sections, key_figures=figures, next_steps=next_steps)
 
 
 def _illustrated(

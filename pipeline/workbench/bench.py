@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from armdyn.arm.model import ArmModel
+from armdyn.arm.rollout import RollOut, roll_outs
 from armdyn.channels import FloatArray
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
@@ -217,6 +219,17 @@ class Workbench:
             [replace(u, value=of) for u, of in zip(given, left, strict=True)],
             [replace(u, value=u.value - of) for u, of in zip(given, left, strict=True)],
         )
+
+    def motion(self, effects: Sequence[Atom]) -> tuple[RollOut, ...]:
+        """How an arm with these effects, fitted, moves by what its joints were told or given; nothing of others."""
+        fit, study = self.fit(effects), self.study
+        model = study.model_with((*study.present, *merged(self._candidates_of(effects))))
+        if not isinstance(model, ArmModel):
+            return ()
+        values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}
+        roles = {"training": study.runs, "held_out": study.held_out}
+        every = [(run.recording, role) for role, runs in roles.items() for run in runs]
+        return roll_outs(model.with_values(values), every)
 
     @cached_property
     def _unexplained(self) -> list[Unexplained]:

@@ -103,6 +103,7 @@ class Page(Tab):
         if fitted is not None and asked == self._asked:
             self._show(fitted)
             await self._show_missing_force(fitted)
+            await self._show_motion(self._ticked)
 
     async def _knob(self, args: dict[str, Any]) -> None:
         session, _, bench = self._opened()

@@ -14,6 +14,7 @@ from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
 from pipeline.console.inputs import Inputs
 from pipeline.report.missing_force import missing_force_charts
+from pipeline.report.motion import motion_charts
 from pipeline.report.overlay import Overlays, changed
 from pipeline.report.page import LOOK, tabs_html, widget_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
@@ -113,6 +114,7 @@ class Tab:
             await session.ready()
             if session is self._session:
                 self._call("panel", "effects", panels.effects_panel(bench, ()))
+                await self._show_motion(())
         except WrongRecordingError as error:
             self._call("panel", "checks", panels.checks_panel(error.inspection))
             self._call("show", "trust", True)
@@ -149,6 +151,15 @@ class Tab:
         shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts}
         if asked == self._asked:
             self._call("missing", shown)
+
+    async def _show_motion(self, effects: Sequence[Atom]) -> None:
+        """Last, as an arm's simulator is compiled; of what is fitted, nothing where another answer is wanted."""
+        bench, asked = self._opened().bench, self._asked
+        if not isinstance(bench.study.model, ArmModel):
+            return
+        charts = await asyncio.to_thread(lambda: motion_charts(bench.motion(effects)))
+        if asked == self._asked:
+            self._call("motion", {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
 
     def _opened(self) -> Opened:
         if self._open is None:

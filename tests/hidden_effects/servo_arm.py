@@ -95,8 +95,8 @@ def _described(robot: str) -> tuple[Plant, ArmModel]:
     return plant, arm_model(**own, joints=plant.joints[:JOINTS])
 
 
-def generate(seed: int) -> ServoArm:
-    """One arm; kinds of robots and laws follow the seed in turn.
+def generate(seed: int, effects: tuple[str, ...] = EFFECTS) -> ServoArm:
+    """One arm with some of these effects; kinds of robots and laws follow the seed in turn.
 
     Where nothing shows what is hidden, or a loop does not keep its arm on its path, another one is drawn.
     """
@@ -128,7 +128,7 @@ def generate(seed: int) -> ServoArm:
         table |= {"limit": f"{1.5 * saturation * peak:.6g} N m"} if limited else {}
         tables[kind] = table | ({"gain": told} if told else {})
         true_tables[kind] = table | {"gain": f"{gain:.10g} {unit}", "delay": f"{delay:.10g} s"}
-    truth = _hidden(rng, arm.with_drives(true_tables), ways, largest)
+    truth = _hidden(rng, arm.with_drives(true_tables), ways, largest, effects)
     encoder = 2.0 * np.pi / float(rng.choice(TURN))
     records = []
     for k, way in enumerate(ways):
@@ -142,15 +142,17 @@ def generate(seed: int) -> ServoArm:
     except InputError:  # carried off
         truth = truth.with_only(())
     if not truth.effects:
-        return generate(seed + 1_000_000)
+        return generate(seed + 1_000_000, effects)
     return ServoArm(seed, robot, law, arm.with_drives(tables), truth, tuple(runs))
 
 
-def _hidden(rng: np.random.Generator, arm: ArmModel, ways: list, largest: np.ndarray) -> ArmModel:
+def _hidden(
+    rng: np.random.Generator, arm: ArmModel, ways: list, largest: np.ndarray, effects: tuple[str, ...]
+) -> ArmModel:
     """The arm with some effects on all its joints, in sizes that follow their loads."""
     speed, acceleration = (np.sqrt(np.mean(np.vstack([w[k] for w in ways]) ** 2, axis=0)) for k in (1, 2))
     inertia = np.diag(pin.crba(arm.arm.model, arm.arm.model.createData(), ways[0][0].mean(axis=0)))
-    chosen = set(rng.choice(EFFECTS, int(rng.integers(1, 5)), replace=False).tolist())
+    chosen = set(rng.choice(effects, int(rng.integers(1, 5)), replace=False).tolist())
     position = next(iter(arm.drives.values())).law == "position"
     chosen |= {"joint_viscous_friction"} if position else set()
     values: dict[str, float] = {}

@@ -66,6 +66,16 @@ const armdynBench = (() => {
     if (!drawn) at("missing").on("plotly_click", () => emitEvent("discover", {}));
     at("missing").dataset.drawn = "yes";
   };
+  // How the joint whose curves are shown moves.
+  const motion = (pictures) => { state.motion = pictures; drawMotion(); };
+  const drawMotion = () => {
+    const picture = state.motion?.[state.shown?.channel];
+    at("motion-section").hidden = !picture;
+    if (!picture || !state.figures) return;
+    at("moved").textContent = picture.caption;
+    at("motion").style.height = `${picture.figure.layout.height}px`;
+    state.figures.draw(at("motion"), picture.figure);
+  };
   const ticks = (labels) => {
     const on = new Set(labels);
     document.querySelectorAll("[data-pick]:not(:disabled)").forEach((box) => { box.checked = on.has(box.dataset.pick); });
@@ -97,7 +107,7 @@ const armdynBench = (() => {
     const other = state.shown && state.shown.run !== detail.run;
     const elsewhere = state.shown?.channel !== detail.channel;
     state.shown = detail;
-    if (elsewhere) drawMissing();
+    if (elsewhere) { drawMissing(); drawMotion(); }
     state.view?.marks(failing(detail));
     if (other && state.view) emitEvent("scene", { run: detail.run });
   });
@@ -144,5 +154,5 @@ const armdynBench = (() => {
       emitEvent(button.id, values);
     }
   });
-  return { panel, say, busy, open, update, missing, ticks, scene, turned, latencies, show: (id, on) => { at(id).hidden = !on; } };
+  return { panel, say, busy, open, update, missing, motion, ticks, scene, turned, latencies, show: (id, on) => { at(id).hidden = !on; } };
 })();

@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
+from hidden_effects.servo_arm import generate
 
-from armdyn.arm.drives import mean_held
+from armdyn.arm.drive_scale import settled
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.rollout import rolled, windows
+from armdyn.arm.readings import mean_held
+from armdyn.arm.rollout import _resolution, rolled, windows
 from armdyn.channels import Channel
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
+from armdyn.experiments.rivals import require_gripper
 from armdyn.run import Run
+from pipeline.answers import repair_answer
 from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
@@ -127,12 +131,47 @@ def test_the_exported_python_function_holds_the_servos_law(arm):
     assert scope["servo_torque"](q[0], v[0], [9.0, 0.0], v_cmd)[0] == pytest.approx(4.0 - 0.7)
 
 
-def test_a_gain_that_nothing_tells_is_refused_and_not_guessed(tmp_path, runs):
+def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(tmp_path, runs):
     upright = [(name, kind, "0 0 1", place) for name, kind, _, place in urdfs.DOUBLE]  # no gravity about these axes
     (tmp_path / "flat.urdf").write_text(urdfs.chain(upright))
     flat = arm_model(tmp_path / "flat.urdf").with_drives(joined())
-    with pytest.raises(InputError, match=r"drives.servo.*without its gain every value would be a ratio to it"):
-        CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
+    study = CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
+    found = study.add([find("joint_viscous_friction")])
+    servo = found.model.drives["servo"]
+    assert not servo.determined
+    (said,) = [text for text in found.after.left_out if "ratios to k_p" in text]
+    assert "a known load" in said
+    assert "--for torque_gain:swing,elbow" in said
+    ratios = next(table.values for table in found.document().tables if table.name == "ratios")
+    value = found.model.value("joint_viscous_friction.coefficient[elbow]")
+    assert ratios["value"][1] == pytest.approx(value / servo.gain.value)
+    assert ratios["unit"][1] == "N m s/rad per N m/rad"
+    answer = repair_answer(found)["drives"]["servo"]
+    assert answer["gain"]["unit"] == "N m/rad"
+    assert answer["determined"] is False
+    with pytest.raises(InputError, match="ratios to k_p"):
+        require_gripper(study.study)
+
+
+def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm):
+    """It passes for a gain: of a chain of two joints no motion tells one from the other."""
+    carrying = true_model(arm).with_effect(find("payload"))
+    carrying = carrying.with_values({"payload.mass[elbow]": 0.5, "payload.x[elbow]": 0.2})
+    loaded = [simulated(mujoco_text(carrying)[0], seed, DELAY) for seed in (1, 2)]
+    servo = settled(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
+    assert GAIN - servo.gain.value > 10.0 * servo.unloaded
+    assert abs(GAIN - servo.gain.value) < 2.0 * servo.gain.std
+    assert servo.determined
+
+
+@pytest.mark.parametrize("seed", [5, 7, 13, 19])
+def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_something_is_carried(seed):
+    made = generate(seed)
+    for name, servo in settled(made.known.drives, made.known.arm, made.runs[:-1]).items():
+        true = made.truth.drives[name].gain.value
+        assert abs(servo.gain.value - true) < 2.5 * servo.gain.std
+        assert servo.gain.std < (0.08 if servo.determined else 0.6) * true
+        assert servo.determined or (seed, name) == (13, "shoulder")
 
 
 def test_a_command_holds_until_the_next_stamp():
@@ -154,3 +193,12 @@ def test_a_command_holds_until_the_next_stamp():
 def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, said):
     with pytest.raises(InputError, match=rf"\[drives.servo\].*{said}"):
         arm.with_drives(joined(**entries))
+
+
+def test_the_step_of_an_encoder_shows_also_where_its_values_were_rounded_in_degrees():
+    step, time = 2.0 * np.pi / 4096, np.linspace(0.0, 20.0, 2001)
+    q = np.round(np.sin(time) / step) * step
+    assert _resolution(q) == pytest.approx(step)
+    assert _resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
+    assert _resolution(np.sin(time)) == 0.0
+    assert _resolution(np.zeros(100)) == 0.0

@@ -32,7 +32,9 @@ from pipeline.exports.urdf_file import urdf_text
 from .conftest import by_formulas, states, with_effects
 
 IN_FUNCTIONS = [name for name, e in CATALOGUE.items() if e.acts_on == "joint" and name != "torque_delay"]
-IN_MUJOCO = sorted(HELD["mujoco"] - {"joint_asymmetric_friction", "back_emf"})
+DRIVES = {name for name, e in CATALOGUE.items() if e.acts_on == "drive"}
+"""Effects of arms that say what their drives are told; see test_drives."""
+IN_MUJOCO = sorted(HELD["mujoco"] - {"joint_asymmetric_friction", *DRIVES})
 
 
 def mujoco_torques(model, q, v, a):
@@ -249,7 +251,7 @@ def with_background(arm, named, small, own=()):
 
 
 def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
-    small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", "back_emf"}))
+    small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", *DRIVES}))
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
     q, v, a = states(small, 5)

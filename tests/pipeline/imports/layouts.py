@@ -139,8 +139,8 @@ def column(header: str, kind: str | None, joint: int, name: str, unit: str = "")
     slides = unit in ("m", "mm", "N")
     base = unit or {"tau": "N m", "current": "A"}.get(kind, "rad")
     quantity = "tau" if kind == "current" else kind
-    value = signal(kind, joint) * (0.2 if slides and kind == "q" else 1.0) * FACTORS[base]
-    return Made(header, value, f"{quantity}.{name}", base + PER.get(kind, ""))
+    value = signal(kind.removesuffix("_cmd"), joint) * (0.2 if slides and kind == "q" else 1.0) * FACTORS[base]
+    return Made(header, value, f"{quantity}.{name}", base + PER.get(kind.removesuffix("_cmd"), ""))
 
 
 def named(headers: str, kind: str | None, unit: str = "", joints: Sequence[int] | None = None):
@@ -222,7 +222,7 @@ LAYOUTS = [
     Layout("UR in capitals", UR5, named("|".join(f"{name.upper()}_POS_DEG" for name in UR), "q", "deg"), time="TIME_MS", unit="ms"),
     Layout("MATLAB table", UR5, all_of(many("q_{1}", "q"), many("dq_{1}", "v"), many("ddq_{1}", "a"), many("tau_{1}", "tau")), time="t"),
     Layout("MATLAB, dots", ABB, all_of(many("theta{1}", "q"), many("theta{1}_dot", "v"), many("theta{1}_ddot", "a"), many("tau{1}", "tau")), time="Time"),
-    Layout("MATLAB, desired besides", ABB, all_of(many("q{1}", "q"), many("q{1}_des", None), many("qdot{1}", "v"), many("qdot{1}_des", None), many("u{1}", None)), time="Time"),
+    Layout("MATLAB, desired besides", ABB, all_of(many("q{1}", "q"), many("q{1}_des", "q_cmd"), many("qdot{1}", "v"), many("qdot{1}_des", "v_cmd"), many("u{1}", None)), time="Time"),
     Layout("libfranka's log", PANDA, all_of(beside("success_rate"), many("state.q[{0}]", "q"), many("state.q_d[{0}]", None), many("state.dq[{0}]", "v"), many("state.dq_d[{0}]", None), many("state.tau_J[{0}]", "tau"), many("state.tau_ext_hat_filtered[{0}]", None), many("cmd.q_d[{0}]", None), many("cmd.dq_d[{0}]", None), many("cmd.O_T_EE_d[{0}]", None, count=8), many("cmd.tau_J_d[{0}]", None)), time="time", unit="ms"),
     Layout("Panda with its fingers", PANDA, all_of(many("{n}_position", "q"), many("{n}_velocity", "v"), many("{n}_effort", "tau"), beside("panda_finger_joint1_position", "panda_finger_joint2_position", "panda_finger_joint1_effort"))),
     Layout("Panda, short names", PANDA, all_of(many("q{1}", "q"), many("dq{1}", "v"), many("tau_J_{1}", "tau"), many("tau_ext_{1}", None)), time="t"),
@@ -230,7 +230,7 @@ LAYOUTS = [
     Layout("polymetis", PANDA, all_of(many("joint_positions_{0}", "q"), many("joint_velocities_{0}", "v"), many("motor_torques_measured_{0}", "tau"), many("motor_torques_external_{0}", None), many("motor_torques_desired_{0}", None)), time="timestamp"),
     Layout("franka_ros2's names on a Panda", PANDA, all_of(many("fer_joint{1}_position", "q"), many("fer_joint{1}_effort", "tau"))),
     Layout("robosuite", PANDA, all_of(many("robot0_joint_pos_{0}", "q"), many("robot0_joint_vel_{0}", "v"), beside("robot0_gripper_qpos_0", "robot0_gripper_qpos_1", "robot0_eef_pos_0", "robot0_eef_pos_1", "robot0_eef_pos_2")), time="time"),
-    Layout("DROID", PANDA, all_of(many("observation/robot_state/joint_positions/{0}", "q"), many("observation/robot_state/joint_velocities/{0}", "v"), many("observation/robot_state/joint_torques_computed/{0}", None), many("action/joint_position/{0}", None), beside("observation/robot_state/gripper_position", "observation/robot_state/cartesian_position/0"))),
+    Layout("DROID", PANDA, all_of(many("observation/robot_state/joint_positions/{0}", "q"), many("observation/robot_state/joint_velocities/{0}", "v"), many("observation/robot_state/joint_torques_computed/{0}", None), many("action/joint_position/{0}", "q_cmd"), beside("observation/robot_state/gripper_position", "observation/robot_state/cartesian_position/0"))),
     Layout("MuJoCo's sensors", PANDA, all_of(many("{n}_position", "q"), many("{n}_velocity", "v"), many("{n}_torque", "tau"), beside("wrist_force_x", "wrist_force_y", "wrist_torque_z")), time="time"),
     Layout("Isaac, fingers counted", PANDA, all_of(many("dof_pos_{0}", "q"), many("dof_vel_{0}", "v"), many("dof_torque_{0}", "tau"), beside("dof_pos_7", "dof_pos_8", "dof_vel_7", "dof_vel_8", "dof_torque_7", "dof_torque_8")), time="time"),
     Layout("seven of eight joints", robot(["rail", *(f"j{i}" for i in range(1, 8))]), named("q1|q2|q3|q4|q5|q6|q7", "q", joints=range(1, 8)), time="t"),
@@ -253,9 +253,9 @@ LAYOUTS = [
     Layout("xArm's SDK", XARM, all_of(many("joint{1}_angle_deg", "q", "deg"), many("joint{1}_speed_deg_s", "v", "deg"), many("joint{1}_torque_Nm", "tau")), time="time_s"),
     Layout("xArm, units between words", XARM, all_of(many("pos_rad_{1}", "q"), many("vel_rad_per_s_{1}", "v"), many("current_A_{1}", "current")), time="t_ms", unit="ms"),
     Layout("xArm's messages by name", XARM, all_of(many("{n}/position", "q"), many("{n}/velocity", "v"), many("{n}/effort", "tau"), beside("drive_joint/position", "drive_joint/effort"))),
-    Layout("LeRobot SO-101", SO, all_of(many("observation.state/{n}.pos", "q", "deg"), many("action/{n}.pos", None), beside("observation.state/gripper.pos", "action/gripper.pos"))),
-    Layout("LeRobot, first names", SO, all_of(many("observation.state/main_{n}", "q", "deg"), many("action/main_{n}", None), beside("observation.state/main_gripper"))),
-    Layout("LeRobot, motors counted", ABB, all_of(many("observation.state/{0}", "q"), many("action/{0}", None))),
+    Layout("LeRobot SO-101", SO, all_of(many("observation.state/{n}.pos", "q", "deg"), many("action/{n}.pos", "q_cmd", "deg"), beside("observation.state/gripper.pos", "action/gripper.pos"))),
+    Layout("LeRobot, first names", SO, all_of(many("observation.state/main_{n}", "q", "deg"), many("action/main_{n}", "q_cmd", "deg"), beside("observation.state/main_gripper"))),
+    Layout("LeRobot, motors counted", ABB, all_of(many("observation.state/{0}", "q"), many("action/{0}", "q_cmd"))),
     Layout("LIBERO", PANDA, all_of(many("observation.states.joint_state/joint_{0}", "q"), beside(*(f"observation.state/{c}" for c in ("x", "y", "z", "roll", "pitch", "yaw", "gripper")), *(f"action/{c}" for c in "xyz")))),
     Layout("ALOHA, two arms and one robot", ALOHA, all_of(many("observation.state/left_{n}", "q"), many("observation.state/right_{n}", None), many("observation.effort/left_{n}", "tau"), beside("observation.state/left_gripper"))),
     Layout("voraus", ABB, all_of(many("target_position_{1}", None), many("target_torque_{1}", None), many("computed_inertia_{1}", None), many("computed_torque_{1}", None), many("motor_position_{1}", None), many("motor_velocity_{1}", None), many("joint_position_{1}", "q"), many("joint_velocity_{1}", "v"), many("motor_torque_{1}", None), many("torque_sensor_a_{1}", "tau"), many("torque_sensor_b_{1}", None), many("motor_iq_{1}", None), many("motor_id_{1}", None), many("power_motor_el_{1}", None)), time="time"),
@@ -276,7 +276,7 @@ LAYOUTS = [
     Layout("Pinocchio's letters", PANDA, all_of(many("q_{0}", "q"), many("v_{0}", "v"), many("a_{0}", "a"), many("tau_{0}", "tau")), time="t"),
     Layout("torques in mN m", ABB, all_of(many("joint{1}_pos_rad", "q"), many("joint{1}_torque_mNm", "tau", "mN m")), time="time"),
     Layout("torques in mN m, not said", ABB, all_of(many("joint{1}_pos_rad", "q"), many("joint{1}_torque", "tau", "mN m")), time="time"),
-    Layout("Dynamixel's registers", ABB, all_of(lambda _: [Made(f"Present_Position_{i}", 2048 + 400 * signal("q", i - 1), f"q.joint_{i}", "counts") for i in range(1, 7)], many("Present_Load_{1}", None), many("Present_Voltage_{1}", None), many("Goal_Position_{1}", None)), time="time"),
+    Layout("Dynamixel's registers", ABB, all_of(lambda _: [Made(f"Present_Position_{i}", 2048 + 400 * signal("q", i - 1), f"q.joint_{i}", "counts") for i in range(1, 7)], many("Present_Load_{1}", None), many("Present_Voltage_{1}", None), lambda _: [Made(f"Goal_Position_{i}", 2048 + 400 * signal("q", i - 1), f"q_cmd.joint_{i}", "counts") for i in range(1, 7)]), time="time"),
     Layout("torques of six axes, numbers of two", ABB, all_of(many("J{1}", None, count=2), many("tau{1}", "tau")), time="t"),
     Layout("q_d without a dq", ABB, all_of(many("q_{1}", "q"), many("q_d_{1}", "v")), time="t"),
     Layout("whole seconds since 1970", ABB, many("q{1}", "q"), time="time", start=1.7e9),

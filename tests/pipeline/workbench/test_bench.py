@@ -73,6 +73,16 @@ def test_the_missing_force_as_ticked_is_flat_when_what_is_hidden_is_ticked(bench
         assert now == pytest.approx(0.5 * given, rel=0.2)
 
 
+def test_the_motion_as_ticked_is_nearer_to_the_recorded_one_when_what_is_hidden_is_ticked(bench):
+    def off(effects):
+        found = [r for r in bench.motion(effects) if (r.role, r.kind) == ("held_out", "window_0.5")]
+        assert {r.joint for r in found} == set(bench.study.model.joints)
+        return np.median([np.median(np.abs(r.simulated - r.measured)) for r in found])  # some are carried off
+
+    hidden = [atom for atom in bench.atoms if atom.effect == HIDDEN]
+    assert off(hidden) < 0.5 * off(())
+
+
 def test_turning_a_parameter_predicts_with_it(bench):
     fitted = bench.refit(FRICTION)
     name = f"{HIDDEN}.coefficient[right_s0]"

@@ -1,0 +1,65 @@
+"""Pictures of an arm's motion: where its joints were, where the model says they were, what they were told."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from armdyn.arm.rollout import RollOut
+from armdyn.channels import Channel, FloatArray
+from armdyn.document import Chart, Section
+from armdyn.identify.tables import KINDS, ROLES
+from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
+
+TITLE = "Motion"
+HEIGHT = 380
+SPLIT, GAP = 0.42, 0.06
+"""Shares of a picture's height: of the error below, and between it and the positions."""
+
+
+def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
+    """A picture for each joint, of the last run of those that are most independent of the fit."""
+    if not found:
+        return []
+    role = next(role for role in ROLES if any(r.role == role for r in found))
+    name = [r.run for r in found if r.role == role][-1]
+    by_joint = {r.joint: r for r in found if (r.role, r.run) == (role, name)}  # of several kinds the longest windows
+    captions = {
+        joint: f"{joint} in {name} ({ROLES[role]}), simulated in {KINDS[r.kind]}." for joint, r in by_joint.items()
+    }
+    return [Chart(_picture(r), captions[joint], f"tau.{joint}") for joint, r in by_joint.items()]
+
+
+def illustrated(sections: Sequence[Section], found: Sequence[RollOut]) -> list[Section]:
+    """Sections of a document, that of the motion with its pictures."""
+    charts = motion_charts(found)
+    tabs = {chart.tab: short_name(chart.tab) for chart in charts}
+    return [replace(s, charts=charts, tabs=tabs) if s.title == TITLE and charts else s for s in sections]
+
+
+def _picture(of: RollOut) -> dict[str, Any]:
+    """Positions above, their error below, on one axis of time; without `go.Figure`, whose checks take long."""
+    layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
+    layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
+    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + GAP, 1.0]}
+    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - GAP], "anchor": "x"}
+    told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
+    traces = [
+        *([_line(of, of.told, "told", told)] if of.told is not None else []),
+        _line(of, of.measured, "measured", MEASURED),
+        _line(of, of.simulated, "the model", ACTUAL),
+    ]
+    if of.told is not None:
+        traces.append(_line(of, 1e3 * (of.told - of.measured), "told", {**told, "showlegend": False}, "y2"))
+    zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
+    traces.append(_line(of, np.zeros(len(of.time)), "measured", zero, "y2"))
+    traces.append(_line(of, 1e3 * (of.simulated - of.measured), "the model", {**ACTUAL, "showlegend": False}, "y2"))
+    return {"data": traces, "layout": layout}
+
+
+def _line(of: RollOut, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y") -> dict[str, Any]:
+    there = np.isfinite(value)
+    time, shown = thinned(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MOST_POINTS)
+    drawn = {"x": time.round(4).tolist(), "y": [float(f"{v:.5g}") for v in shown.tolist()]}
+    return {"type": "scatter", "name": name, "legendgroup": name, "yaxis": axis, **drawn, **look}

@@ -1,0 +1,27 @@
+"""A servo arm in MuJoCo moves as the model does: laws of every kind, delays, limits and sagging supplies."""
+
+import mujoco
+import numpy as np
+import pytest
+from hidden_effects.servo_arm import EFFECTS, generate
+from hidden_effects.servo_in_mujoco import errors_in_mujoco, stretches
+
+from armdyn.arm.rollout import rolled
+from pipeline.exports.mujoco_file import mujoco_text
+from pipeline.exports.parts import HELD
+
+
+@pytest.mark.parametrize("seed", [0, 8, 12])  # told positions, velocities, torques
+def test_an_exported_arm_is_as_far_from_its_recording_in_mujoco_as_the_model_is(seed):
+    made = generate(seed, tuple(effect for effect in EFFECTS if effect in HELD["mujoco"]))
+    text, notes = mujoco_text(made.truth)
+    run = made.runs[-1]
+    own = [rolled(made.truth, made.truth.theta(), window) - window.q for window in stretches(made.truth, run)]
+    there = errors_in_mujoco(text, made.truth, run, 2.5e-4)
+    assert np.sqrt(np.mean(there**2)) < 1.05 * np.sqrt(np.mean(np.vstack(own) ** 2))
+    arm = mujoco.MjModel.from_xml_string(text)
+    late = [made.truth.servo(joint).delay for joint in made.truth.joints]
+    assert arm.actuator_delay.tolist() == pytest.approx(late)
+    assert [note for note in notes if "supply" in note] == [
+        f"supply of {name}: its gain is that at 12 V" for name, s in made.truth.drives.items() if s.supply
+    ]

@@ -1,0 +1,149 @@
+"""What joints were told, beside where they went: LeRobot's actions, and topics of commands in bags."""
+
+import json
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import parquet
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from pipeline.imports import read_foreign
+from pipeline.imports.conversion import imported
+from pipeline.imports.guess import guess_map, known_columns
+
+from .conftest import JOINTS, TIME, motion
+
+START, LATE = 1_700_000_000, 0.005
+CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+DEFINITIONS = {
+    "trajectory_msgs/msg/JointTrajectoryPoint": "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
+    "float64[] effort\nbuiltin_interfaces/Duration time_from_start",
+    "trajectory_msgs/msg/JointTrajectory": "std_msgs/Header header\nstring[] joint_names\n"
+    "trajectory_msgs/JointTrajectoryPoint[] points",
+    CONTROLLER: "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint desired\n"
+    "trajectory_msgs/JointTrajectoryPoint actual\ntrajectory_msgs/JointTrajectoryPoint error",
+}
+"""As the messages' packages have them, of ROS 1 and 2 but for how they write a duration."""
+
+
+def commands() -> np.ndarray:
+    """(n, 2) rad: every fourth sample something new."""
+    return np.repeat(motion()[0][::4] + 0.05, 4, axis=0)[: len(TIME)]
+
+
+@pytest.mark.parametrize("names", ["{0}.pos", "main_{0}", ""])
+def test_the_actions_of_a_lerobot_data_set_are_what_the_joints_were_told(names, tmp_path):
+    q, told = motion()[0], commands()
+    about = {"dtype": "float32", "shape": [2], **({"names": [names.format(j) for j in JOINTS]} if names else {})}
+    (tmp_path / "meta").mkdir()
+    features = {"observation.state": about, "action": about}
+    (tmp_path / "meta/info.json").write_text(json.dumps({"fps": 100, "features": features}))
+    rows = {
+        "observation.state": [list(row) for row in np.rad2deg(q)],
+        "action": [list(row) for row in np.rad2deg(told)],
+        "timestamp": TIME.astype(np.float32),
+        "episode_index": np.zeros(len(TIME), int),
+    }
+    (tmp_path / "data").mkdir()
+    parquet.write_table(pyarrow.table(rows), tmp_path / "data/episode_000000.parquet")
+    recordings = read_foreign(tmp_path)
+    found = guess_map(recordings)
+    states, actions = ([e for c, e in found.entries.items() if c.startswith(s)] for s in ("observation", "action"))
+    assert [e.channel for e in actions] == [e.channel.replace("q.", "q_cmd.") for e in states]
+    assert len(actions) == len(JOINTS)
+    run = imported(recordings[0], found).run
+    for i, entry in enumerate(actions):
+        assert entry.check == states[i].check  # degrees or radians: answered of both
+        np.testing.assert_allclose(run.channels[entry.channel].value, told[:, i], atol=1e-6)
+
+
+def test_commands_beside_torques_stay_out(tmp_path):
+    q, _, tau = motion()
+    columns = {"time": TIME, **{f"q_{j}": q[:, i] for i, j in enumerate(JOINTS)}}
+    columns |= {f"{kind}_{j}": tau[:, i] for i, j in enumerate(JOINTS) for kind in ("torque", "q_target")}
+    header = ",".join(columns)
+    np.savetxt(tmp_path / "a.csv", np.column_stack(list(columns.values())), delimiter=",", header=header, comments="")
+    found = guess_map(read_foreign(tmp_path / "a.csv"))
+    assert {entry.channel.partition(".")[0] for entry in found.entries.values()} == {"q", "tau"}
+
+
+def message(types, kind: str, told, header):
+    """A command: a trajectory of one point, a controller's state, or joint states under a name of their own."""
+    if kind == "sensor_msgs/msg/JointState":
+        none = np.zeros(0)
+        return types[kind](header=header, name=list(JOINTS), position=told, velocity=none, effort=none)
+    duration = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=10_000_000)
+
+    def point(positions):
+        own = {"positions": positions, "velocities": np.zeros(2), "accelerations": np.zeros(0), "effort": np.zeros(0)}
+        return types["trajectory_msgs/msg/JointTrajectoryPoint"](**own, time_from_start=duration)
+
+    if kind == CONTROLLER:
+        parts = {"desired": point(told), "actual": point(told - 0.05), "error": point(0.0 * told + 0.05)}
+        return types[kind](header=header, joint_names=list(JOINTS), **parts)
+    return types[kind](header=header, joint_names=list(JOINTS), points=[point(told)])
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [
+        ("/joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
+        ("/arm_controller/state", CONTROLLER),
+        ("/joint_command", "sensor_msgs/msg/JointState"),
+        ("/leader/joint_states", "sensor_msgs/msg/JointState"),
+    ],
+)
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(topic, kind, ros, tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE if ros == 2 else Stores.ROS1_NOETIC)
+    for name, text in DEFINITIONS.items():
+        if name not in store.types:
+            text = text if ros == 2 else text.replace("builtin_interfaces/Duration", "duration")
+            store.register(get_types_from_msg(text, name))
+    types, told = store.types, commands()
+    path = tmp_path / ("a" if ros == 2 else "a.bag")
+    serialize = store.serialize_cdr if ros == 2 else store.serialize_ros1
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) if ros == 2 else Writer1(path) as writer:
+        kinds = {"/joint_states": "sensor_msgs/msg/JointState", topic: kind}
+        connections = {name: writer.add_connection(name, of, typestore=store) for name, of in kinds.items()}
+        for i, t in enumerate(TIME):
+            for name, late in (("/joint_states", 0.0), *([(topic, LATE)] if i % 4 == 0 else [])):
+                at = t + late
+                stamp = types["builtin_interfaces/msg/Time"](sec=START + int(at), nanosec=round((at % 1.0) * 1e9))
+                extra = {"seq": i} if ros == 1 else {}
+                header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
+                if name == topic:
+                    made = message(types, kind, told[i], header)
+                else:
+                    q, v, _ = motion()
+                    made = types[kinds[name]](
+                        header=header, name=list(JOINTS), position=q[i], velocity=v[i], effort=np.zeros(0)
+                    )
+                writer.write(connections[name], round((START + at) * 1e9), serialize(made, kinds[name]))
+    (foreign,) = read_foreign(path)
+    run = imported(foreign, known_columns(foreign)).run
+    for i, joint in enumerate(JOINTS):
+        channel = run.channels[f"q_cmd.{joint}"]
+        np.testing.assert_allclose(channel.time, TIME[::4] + LATE, atol=1e-5)
+        np.testing.assert_allclose(channel.value, told[::4, i], atol=1e-9)
+        # It holds until the next stamp: between two of them it is the first one's.
+        assert channel.held(np.array([TIME[4] + LATE + 0.03]))[0] == pytest.approx(told[4, i])
+        np.testing.assert_allclose(run.channels[f"q.{joint}"].value, motion()[0][:, i], atol=1e-9)
+
+
+def test_joint_states_of_a_leader_alone_are_where_it_went(tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    path, kind = tmp_path / "a", "sensor_msgs/msg/JointState"
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/leader/joint_states", kind, typestore=store)
+        for t, q in zip(TIME, motion()[0], strict=True):
+            stamp = store.types["builtin_interfaces/msg/Time"](sec=START + int(t), nanosec=round((t % 1.0) * 1e9))
+            header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+            made = message(store.types, kind, q, header)
+            writer.write(connection, round((START + t) * 1e9), store.serialize_cdr(made, kind))
+    (foreign,) = read_foreign(path)
+    assert set(imported(foreign, known_columns(foreign)).run.channels) == {f"q.{joint}" for joint in JOINTS}
