@@ -87,11 +87,8 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
         scorer = study.scorer(near)
         sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
         small = [c for c in scorer.candidates if scorer.makes_up(c) == 1]
-        width = max(WIDTHS, key=lambda s: scorer.predicted(scorer.widths(sure.effects, s, small)))
-        if scorer.predicted(scorer.widths(sure.effects, width, small)) < PRICE + scorer.predicted(
-            scorer.widths(sure.effects, 0.0)
-        ):
-            width = 0.0
+        by_width = {s: scorer.predicted(scorer.widths(sure.effects, s, small)) - PRICE * (s > 0.0) for s in WIDTHS}
+        width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width, small)
         say(f"fitting {np.count_nonzero(widths)} values")
         found = FullModel(scorer, sure, width, widths, *_fitted(study, scorer, widths))
@@ -108,12 +105,13 @@ def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | 
     scorer, before = full.scorer, study.scorer(told.fit)
     named = before.within(told.effects)
     unnamed = before.errors_predicted(before.widths(named, 0.0))
-    if scorer.predicted(full.widths) < scorer.log_likelihood(unnamed) + PRICE:
-        return None
-    if study.squared_error(full.fit) >= study.squared_error(told.fit):
+    gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
+    if gained < PRICE or study.squared_error(full.fit) >= study.squared_error(told.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
     own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
+    if len(own) == 0:
+        return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
     in_turn = () if study.held_out else tuple(_in_turn(study, scorer, full.widths))
     return SmallValues(full.width, values, full.fit, full.covariance, in_turn)

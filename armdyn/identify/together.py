@@ -20,6 +20,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.score import stacked
 from armdyn.identify.sentence import listed
 from armdyn.physics.simulated import SimulatedModel
+from armdyn.threads import one_thread
 
 TOLD = 1.0
 """Of a typical size: the standard deviation beyond which a direction is not determined."""
@@ -54,6 +55,7 @@ class Together:
         return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
 
 
+@one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
     """Directions in which the values of a fit are not determined though each alone would be; see the head.
 

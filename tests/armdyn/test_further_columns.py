@@ -109,9 +109,11 @@ def test_what_cannot_be_used_is_one_line(refused, tmp_path, column, cells, said)
     assert said in refused("inspect", write(tmp_path, column, [cells] * 50))
 
 
-def test_a_recording_of_further_columns_alone_is_refused(tmp_path):
+def test_a_recording_of_further_columns_alone_may_belong_to_a_base_of_ones_own(tmp_path):
     path = tmp_path / "alone.csv"
     path.write_text("\n".join(["time [s],extra.temperature [K]", *(f"{t},290" for t in TIME)]))
+    assert not read_run(path).channels
+    path.write_text("\n".join(["time [s]", *map(str, TIME)]))
     with pytest.raises(InputError, match="nothing but time"):
         read_run(path)
 

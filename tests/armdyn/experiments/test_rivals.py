@@ -94,7 +94,7 @@ def test_names_that_cannot_be_rivals_are_refused(windy):
     with pytest.raises(UnknownNameError, match="nonsense"):
         named(windy, ["nonsense"])
     with pytest.raises(InputError, match="armdyn excite"):
-        require_gripper(SimpleNamespace(model=SimpleNamespace(base="arm"), runs=()))
+        require_gripper(SimpleNamespace(model=SimpleNamespace(base="arm", open_questions=()), runs=()))
     time = np.arange(20.0)
     free = Run("free.csv", {"swing_angle": Channel(time, np.sin(time), "rad")})
     with pytest.raises(InputError, match="gripper_x"):
