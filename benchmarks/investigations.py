@@ -1,6 +1,6 @@
 """Does a robot that does not know what its model lacks find it out by itself, and land?
 
-    python benchmarks/investigations.py [--seeds N] [--first-seed N] [--workers N] [--only EFFECT,...] [--json FILE]
+    python benchmarks/investigations.py [--seeds N] [--first-seed N] [--processes N] [--only EFFECT,...] [--json FILE]
 
 For every effect and seed: `armdyn trial --investigate 4 --hidden EFFECT=VALUE`. The plant is MuJoCo's and shares no
 code with the models; arm, delays and encoders are as in any trial. Right is: the verdict that stands names the hidden

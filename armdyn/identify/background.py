@@ -95,7 +95,10 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
         # Sums foretell little of what is far from linear.
         if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
-        best, effects, near = found, sure.effects, found.fit
+        known, best = scorer.within(effects), found
+        if width == 0.0 and set(known) == set(sure.effects):
+            break
+        effects, near = sure.effects, found.fit
     assert best is not None
     return best
 

@@ -34,14 +34,16 @@ def whole_story(study: Study, given: Step, say: Progress) -> tuple[LinearScorer,
     around = study.scorer(given.fit)
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
     full = fit_full_model(study, leading.effects, leading.fit, say)
-    sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
+    sure = leading
+    if set(full.sure.effects) != set(full.scorer.within(leading.effects)):
+        sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
         sure = _to_fixed_point(leading, _sure, say)  # a set whose own place is far from that of all effects
+    first: tuple[Candidate, ...] = ()
     if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
-        sure = _with_links_looked_at_anew(sure, say)
-        first = leading.scorer.within(leading.effects)
-        found = replace(sure, leading=tuple(c for c in first if c in sure.whole.effects))
-    return around, [given, *found.with_ties(found.steps(say))], full
+        found = _with_links_looked_at_anew(sure, say)
+        first = tuple(c for c in leading.scorer.within(leading.effects) if c in found.whole.effects)
+    return around, [given, *found.with_ties(found.steps(say, first))], full
 
 
 def _is_few(sure: Appraisal, leading: Path) -> bool:

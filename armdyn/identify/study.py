@@ -1,5 +1,6 @@
 """A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
 
+from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
@@ -29,6 +30,8 @@ QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
 MOST_TOLD = 5
 """Times of glitches that are listed."""
+SCORERS = 3
+"""Scorers that are kept: a search goes back to the last ones."""
 LITTLE = 0.125
 """Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
 public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
@@ -90,7 +93,7 @@ class Study:
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
-        self._scorer: tuple[Fit, LinearScorer] | None = None
+        self._scorers: deque[tuple[Fit, LinearScorer]] = deque(maxlen=SCORERS)
         self._present_names = [name for c in self.present for name in c.names]
 
     @cached_property
@@ -266,17 +269,19 @@ class Study:
         return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
-        """What sets of effects are worth, from sums around a fit; the last one is kept.
+        """What sets of effects are worth, from sums around a fit; the last few are kept.
 
         Args:
             at: the fit.
             given_misfit: see `LinearScorer`; None where this is the model as given.
         """
-        if self._scorer is None or self._scorer[0] is not at:
-            self._scorer = at, self._scorer_around(at)
+        found = next((scorer for fit, scorer in self._scorers if fit is at), None)
+        if found is None:
+            found = self._scorer_around(at)
+            self._scorers.append((at, found))
         if given_misfit is not None:
-            self._scorer[1].given_misfit = given_misfit
-        return self._scorer[1]
+            found.given_misfit = given_misfit
+        return found
 
     def _scorer_around(self, at: Fit) -> LinearScorer:
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)

@@ -46,7 +46,6 @@ class Path:
         whole: the set, each effect on one joint.
         before: effects of the model as given.
         ahead: the fit around which the scorer's sums are.
-        leading: effects of the set that are told first, on one joint each.
     """
 
     study: Study
@@ -54,7 +53,6 @@ class Path:
     whole: Appraisal
     before: tuple[Candidate, ...]
     ahead: Fit
-    leading: tuple[Candidate, ...] = ()
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
@@ -72,11 +70,14 @@ class Path:
         assert isinstance(self.scorer, LinearScorer)
         return self.study.scorer(self.fit, self.scorer.given_misfit)
 
-    def steps(self, say: Progress) -> list[Step]:
-        """Every step, refitted to all samples, without ties; `say` is told each."""
+    def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
+        """Every step, refitted to all samples, without ties; `say` is told each.
+
+        Effects of the set that are `leading`, on one joint each, are told first.
+        """
         study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
-        way = ordered_steps(self.scorer, self.leading, given)
-        way += ordered_steps(self.scorer, self.whole.effects, (*given, *self.leading))
+        way = ordered_steps(self.scorer, leading, given)
+        way += ordered_steps(self.scorer, self.whole.effects, (*given, *leading))
         for i, rise in enumerate(way):
             effects = self._with(effects, rise.added)
             say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
