@@ -85,12 +85,18 @@ class Model(Shown):
     parameters: Mapping[str, Parameter]
     background: Background | None = field(default=None, kw_only=True)
 
-    step = 0.005
-    """s; of a simulation, about: how long a recording can be simulated follows from it."""
-    settled_window = 3.0
-    """s; in a shorter part of a run friction and creep are told too little to be fitted there."""
     linear = False
     """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
+
+    @property
+    def step(self) -> float:
+        """Of a simulation, s, about: how long a recording can be simulated follows from it."""
+        return 0.005
+
+    @property
+    def settled_window(self) -> float:
+        """In a shorter part of a run, s, friction and creep are told too little to be fitted there."""
+        return 3.0
 
     def __str__(self) -> str:
         """One line: the base, its values, its effects."""

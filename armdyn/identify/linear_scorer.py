@@ -2,8 +2,8 @@ r"""What sets of effects are worth to a model that is linear around one fit, as 
 
 With X the derivatives of the predictions by every unknown and r the residual, the sums X'X, X'r and r'r of every run
 and channel hold all that fitting a set and predicting other runs needs (`sums`). Unknowns are in typical sizes. The
-*wide model*, in which every effect on every joint may have its typical size, says how much error no set avoids, and by
-that how much a sample counts:
+*wide model*, in which every effect on every joint may have its typical size, and more where it is larger, says how much
+error no set avoids, and by that how much a sample counts:
 
     log evidence = - sum_c n_c / 2 misfit(E_c / v_c) - log det(1 + T G T) / 2 - sum_i log(1 + x_i^2),
 

@@ -19,6 +19,7 @@ from scipy.linalg import qr
 from armdyn.identify.fit import Fit
 from armdyn.identify.score import stacked
 from armdyn.identify.sentence import listed
+from armdyn.kept import kept_alongside
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.threads import one_thread
 
@@ -55,6 +56,7 @@ class Together:
         return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
 
 
+@kept_alongside
 @one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
     """Directions in which the values of a fit are not determined though each alone would be; see the head.

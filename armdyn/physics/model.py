@@ -69,12 +69,12 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
-    def step(self) -> float:  # type: ignore[override]
+    def step(self) -> float:
         """See `Model.step`: as its physics says."""
         return self.physics.step
 
     @property
-    def settled_window(self) -> float:  # type: ignore[override]
+    def settled_window(self) -> float:
         """See `Model.settled_window`: three periods."""
         return 3.0 * self.physics.period
 
