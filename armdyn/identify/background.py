@@ -63,7 +63,7 @@ class SmallValues:
         values: by parameter, in its unit.
         fit: of named effects and small values together.
         covariance: (P, P) of all unknowns of the study.
-        in_turn: every training run with the values that the others give; none where runs are held out, or of one run.
+        in_turn: every training run with the values that the others give; none of one run.
     """
 
     width: float
@@ -116,7 +116,7 @@ def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | 
     if len(own) == 0:
         return None
     values = {problem.columns[i].name: float(full.fit.values[i]) for i in own}
-    in_turn = () if study.held_out else tuple(_in_turn(study, scorer, full.widths))
+    in_turn = tuple(_in_turn(study, scorer, full.widths))
     return SmallValues(full.width, values, full.fit, full.covariance, in_turn)
 
 

@@ -7,10 +7,11 @@ the model's own error. Half the width of the band is
     k_c sqrt(e_c^2 + s_t C s_t'),
 
 e_c the root mean square of channel c in the training runs. k_c would be 1.96 for an error that is Gaussian and no
-larger in other motions. Neither holds on robots: so k_c is the 95 % quantile of |error| over that root in runs that no
-fit has seen, held out or each predicted from the others (conformal prediction with a scale of each sample's own: Lei et
-al., J. Am. Stat. Assoc. 113, 2018, section 5.2). A lone training run has only itself. The band holds for motions like
-those; on another kind of motion the share that is covered is whatever it is found to be.
+larger in other motions. Neither holds on robots: so k_c is the 95 % quantile of |error| over that root in the worst of
+the runs that no fit has seen, those held out and, of an arm, each training run predicted from the others (conformal
+prediction with a scale of each sample's own: Lei et al., J. Am. Stat. Assoc. 113, 2018, section 5.2; whole runs are
+alike by chance, not their samples: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A lone training run has only itself.
+The band holds for motions like those; on another kind of motion the share covered is whatever it is found to be.
 
 What is covered is counted where k_c was not chosen: in the exam runs; where there are none, every run, or half of the
 only one, is counted with the k_c that the others choose.
@@ -68,9 +69,11 @@ def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
     others = _samples(study.held_out_predictions(fit), fit.problem, covariance, error)
     exam = _samples(study.exam_predictions(fit), fit.problem, covariance, error)
     judging = others or training
+    if study.held_out and study.model.linear:  # with states, fits in turn take as long as the whole study
+        judging = [*others, *_samples(study.predictions_in_turn(fit), fit.problem, covariance, error)]
     shown = [*training, *(others if study.held_out else []), *exam]
     channels = list(dict.fromkeys(one.block.channel for one in training))
-    factor = {channel: _quantile([s.ratio for s in judging if s.block.channel == channel]) for channel in channels}
+    factor = {channel: _factor([s.ratio for s in judging if s.block.channel == channel]) for channel in channels}
     half_width = {(s.block.run, s.block.channel): factor[s.block.channel] * s.scale for s in shown}
     covered = {}
     for channel in channels:
@@ -101,11 +104,10 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
     return found
 
 
-def _quantile(ratios: Sequence[np.ndarray]) -> float:
-    """k_c; 1.96 where there is no error at all."""
-    together = np.concatenate(ratios)
-    together = together[np.isfinite(together)]
-    return float(np.quantile(together, LEVEL)) if len(together) else 1.96
+def _factor(runs: Sequence[np.ndarray]) -> float:
+    """k_c: the largest quantile of any run; 1.96 where there is no error at all."""
+    known = [run[np.isfinite(run)] for run in runs]
+    return max((float(np.quantile(run, LEVEL)) for run in known if len(run)), default=1.96)
 
 
 def _crossed(judging: Sequence[_Samples], channel: str) -> list[np.ndarray]:
@@ -113,4 +115,4 @@ def _crossed(judging: Sequence[_Samples], channel: str) -> list[np.ndarray]:
     parts = [s.ratio for s in judging if s.block.channel == channel]
     if len(parts) == 1:
         parts = np.array_split(parts[0], 2)
-    return [part <= _quantile([other for other in parts if other is not part]) for part in parts]
+    return [part <= _factor([other for other in parts if other is not part]) for part in parts]

@@ -8,6 +8,7 @@ end, so that nothing was chosen in their favour.
 from collections.abc import Iterator, Sequence
 from copy import copy
 from enum import Enum
+from math import sqrt
 
 import numpy as np
 
@@ -52,7 +53,8 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
     """Every run with the fit to the others."""
     problem = found.problem
     for left_out in problem.runs:
-        others = Problem(problem.model, [r for r in problem.runs if r is not left_out], problem.noise)
+        rest = [r for r in problem.runs if r is not left_out]
+        others = Problem(problem.model, rest, problem.noise).with_wide_priors(sqrt(found.chi2_per_sample))
         start = transferred(found.values, problem, others)
         free = determined(others, transferred_mask(found.free, problem, others), start)
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)

@@ -22,6 +22,9 @@ REMEMBERED = 3
 HELD = 0.1
 """Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
 stretch of motion tells a length ten times better, and one of rest must not lead away."""
+WIDE = 10.0
+"""Times its typical size: how far an effect's value may be from nothing. What a few samples hardly tell stays small,
+and a placeholder of 1 kg can still become 95 kg."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
@@ -203,6 +206,18 @@ class Problem:
         width = np.where(self.per_run, 1.0, HELD) * self.typical
         held.prior_mean = np.where(unknown, values, self.prior_mean)
         held.prior_weight = np.where(unknown, 1.0 / width, self.prior_weight)
+        return held
+
+    def with_wide_priors(self, left: float) -> "Problem":
+        """The problem with every effect's value known to be of its usual order, for runs that do not tell each of them.
+
+        Args:
+            left: what a fit leaves, in standard deviations of the noise; so much less a sample tells.
+        """
+        held = copy(self)
+        unknown = self.is_effect & (self.prior_weight == 0.0)
+        held.prior_mean = np.where(unknown, self.null, self.prior_mean)
+        held.prior_weight = np.where(unknown, max(1.0, left) / (WIDE * self.typical), self.prior_weight)
         return held
 
     def key(self, unknown: int) -> tuple[str, str | None]:

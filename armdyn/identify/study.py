@@ -89,6 +89,7 @@ class Study:
         )
         self.candidates = tuple(Candidate.of(name, parts) for name, parts in absent if parts)
         self._held_out: dict[Fit, list[Fit]] = {}
+        self._in_turn: dict[Fit, list[Fit]] = {}
         self._exam: dict[Fit, list[Fit]] = {}
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
@@ -326,13 +327,18 @@ class Study:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
             others = self.held_out
-            self._held_out[found] = predictions(found, others, starts) if others else predictions_in_turn(found)
+            self._held_out[found] = predictions(found, others, starts) if others else self.predictions_in_turn(found)
         return self._held_out[found]
+
+    def predictions_in_turn(self, found: Fit) -> list[Fit]:
+        """Every training run predicted from the others; none of a single run."""
+        if found not in self._in_turn:
+            self._in_turn[found] = predictions_in_turn(found)
+        return self._in_turn[found]
 
     def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
         """Training runs, each predicted from the others, where that is known already."""
-        if not self.held_out:
-            self._held_out[found] = list(in_turn)
+        self._in_turn[found] = list(in_turn)
 
     @property
     def judges(self) -> tuple[HoldoutKind, ...]:

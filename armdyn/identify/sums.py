@@ -13,13 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.identify.candidate import Candidate
-from armdyn.identify.problem import Block, Problem
+from armdyn.identify.problem import WIDE, Block, Problem
 
 ALONE = 3
 """Steps of the fits that settle unknowns which act through another."""
-WIDE = 10.0
-"""Times its typical size: how far an effect's unknown moves freely in a fit by sums. What a few samples hardly tell
-stays small, and a placeholder of 1 kg can still become 95 kg."""
 
 
 @dataclass(frozen=True, eq=False)
