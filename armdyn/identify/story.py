@@ -92,6 +92,8 @@ def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
         without = replace(found, whole=found.scorer.of([c for c in found.whole.effects if c is not link]))
         around = without.around_end
         again = _sure(around, around.of(around.within(without.effects)), say)
+        if set(again.effects) == set(around.within(found.effects)):
+            continue
         other = _to_fixed_point(replace(found, scorer=around, whole=again, ahead=without.fit), _sure, say)
         if _worth(other) > _worth(found):
             found = other

@@ -111,10 +111,13 @@ def sums(
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
     values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free)
-    blocks = problem.blocks(values)
+    blocks = here
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
-        blocks = [_with_latent(h, t, latent) for h, t in zip(blocks, problem.blocks(acting), strict=True)]
+        drivers = np.isin(np.arange(len(values)), driver[latent])
+        for at, moved in ((values, drivers), (acting, latent)):
+            there = problem.blocks(at, drivers | latent)
+            blocks = [_with_columns(h, t, moved) for h, t in zip(blocks, there, strict=True)]
     runs = tuple(run.name for run in problem.runs)
     channels = tuple(dict.fromkeys(block.channel for block in blocks))
     X = [block.sensitivities * block.noise for block in blocks]
@@ -145,10 +148,11 @@ def _width(problem: Problem) -> np.ndarray:
         return np.minimum(WIDE * problem.typical, 1.0 / problem.prior_weight)
 
 
-def _with_latent(here: Block, there: Block, latent: np.ndarray) -> Block:
-    X = here.sensitivities.copy()
-    X[:, latent] = there.sensitivities[:, latent]
-    return replace(here, sensitivities=X)
+def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
+    """A block with the derivatives of another by some unknowns, (P,) bool."""
+    X = block.sensitivities.copy()
+    X[:, of_other] = other.sensitivities[:, of_other]
+    return replace(block, sensitivities=X)
 
 
 def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
@@ -187,8 +191,10 @@ def _settled(
     sign = np.where(problem.upper > values, 1.0, -1.0)
     for d in groups:
         acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
+    wanted = free.copy()
+    wanted[[*latent, *groups]] = True
     for _ in range(ALONE if groups else 0):
-        there = {(block.run, block.channel): block for block in problem.blocks(acting)}
+        there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
         pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():
             own = np.append(d, others)
