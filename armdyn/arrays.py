@@ -5,18 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.channels import (
+from armdyn.errors import InputError, at, collect
+from armdyn.recording.channels import (
     JOINT_CHANNELS,
     Channel,
     FloatArray,
     channel_unit,
     channel_units,
     check_clock,
-    is_further,
+    is_auxiliary,
     name_and_unit,
 )
-from armdyn.errors import InputError, at, collect
-from armdyn.units import si_factor
+from armdyn.recording.units import si_factor
 from urdf.table_file import join_problems
 
 
@@ -50,7 +50,7 @@ def channels_of(
             value = _numbers(name, raw)
             with at(f"'{name}'"):
                 # Units that are not given are SI: what stands in memory has been read by somebody.
-                usual = "" if is_further(name) else channel_units(name)[0]
+                usual = "" if is_auxiliary(name) else channel_units(name)[0]
                 to_si = channel_unit(name, written or _given(units, name) or usual)
                 if name in found:
                     raise InputError("is given twice")

@@ -27,8 +27,8 @@ from armdyn.inspection.inspect import inspected, require_usable
 from armdyn.inspection.plausible import compared_model, require_plausible
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
+from armdyn.recording.checks import check_run
 from armdyn.run import Run, read_run
-from armdyn.run_checks import check_run
 from armdyn.threads import one_thread
 
 AnyModel: TypeAlias = Model | str | Path
@@ -48,7 +48,7 @@ def read_runs(given: Runs) -> list[Run]:
 
 
 @dataclass(frozen=True)
-class Known:
+class ModelWithCatalogue:
     """A model and the effects that it can have.
 
     Attributes:
@@ -62,7 +62,7 @@ class Known:
     path: Path = Path(MODEL)
 
     @classmethod
-    def of(cls, model: AnyModel, effects: Path | None = None) -> "Known":
+    def of(cls, model: AnyModel, effects: Path | None = None) -> "ModelWithCatalogue":
         """A model, or its file, with a file of the user's own effects.
 
         Raises:
@@ -95,7 +95,7 @@ class CheckedStudy:
         declared: the model as its user wrote it, before recordings said what its drives are.
     """
 
-    known: Known
+    known: ModelWithCatalogue
     study: Study
     effects: tuple[Effect, ...]
     inspection: Inspection
@@ -105,7 +105,7 @@ class CheckedStudy:
     @classmethod
     def of(
         cls,
-        model: Known | AnyModel,
+        model: ModelWithCatalogue | AnyModel,
         runs: Runs,
         held_out: Runs = (),
         exam: Runs = (),
@@ -129,7 +129,7 @@ class CheckedStudy:
             InputError: something cannot be read or compared.
             WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
-        known = model if isinstance(model, Known) else Known.of(model)
+        known = model if isinstance(model, ModelWithCatalogue) else ModelWithCatalogue.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
         declared = known.file.model
         training, others, last = ([declared.taking(run) for run in given] for given in (training, others, last))

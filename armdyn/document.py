@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from armdyn.channels import FloatArray
+    from armdyn.recording.channels import FloatArray
 
 MOST_ROWS = 15
 """Of a table in a card, and on a terminal where the table has no name; pages and data frames have all."""

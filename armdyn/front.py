@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from armdyn.checked_study import AnyModel, CheckedStudy, Known, Runs, read_runs
+from armdyn.checked_study import AnyModel, CheckedStudy, ModelWithCatalogue, Runs, read_runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
 from armdyn.effects.effect import Effect
@@ -43,7 +43,7 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
         InputError: something cannot be read.
     """
     read = read_runs(runs)
-    return inspected(read) if model is None else Known.of(model).inspect(read)
+    return inspected(read) if model is None else ModelWithCatalogue.of(model).inspect(read)
 
 
 def compare(
@@ -113,7 +113,7 @@ def add(
         UnknownNameError: there is no such effect.
         WrongRecordingError: see `inspect`.
     """
-    known = Known.of(model)
+    known = ModelWithCatalogue.of(model)
     each = [effects] if isinstance(effects, str | Effect) else effects
     wanted = [one for e in each for one in ((e,) if isinstance(e, Effect) else find_several(e, known.catalogue))]
     known = replace(known, catalogue=tuple({e.name: e.on() for e in (*known.catalogue, *wanted)}.values()))

@@ -9,7 +9,7 @@ Others = ParamSpec("Others")
 Found = TypeVar("Found")
 
 
-def kept_alongside(
+def cached_with_first_argument(
     function: Callable[Concatenate[First, Others], Found],
 ) -> Callable[Concatenate[First, Others], Found]:
     """Work out once what a function makes of its first argument, and keep it as long as that lives.

@@ -15,7 +15,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
-from armdyn.shown import Shown
+from armdyn.shown import Displayable
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Background:
 
 
 @dataclass(frozen=True, repr=False)
-class Model(Shown):
+class Model(Displayable):
     """Base class of `PendulumModel` and `ArmModel`.
 
     Attributes:

@@ -13,8 +13,8 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
+from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.toml_file import read_toml
-from armdyn.units import parse_quantity, si_factor
 from urdf.bounds import LARGEST
 from urdf.table_file import Check, read_as
 

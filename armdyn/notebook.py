@@ -34,7 +34,7 @@ def _html(table: Table) -> str:
 
 
 def frame(document: Document, what: str) -> Any:
-    """A table of a document as a pandas data frame; see `Shown.to_dataframe`."""
+    """A table of a document as a pandas data frame; see `Displayable.to_dataframe`."""
     tables = {table.name: lambda table=table: table.values for table in document.tables if table.name}
     made = tables | dict(document.data)
     name = what or document.default or next(iter(made))
@@ -48,7 +48,7 @@ def frame(document: Document, what: str) -> Any:
 
 
 def figure(document: Document) -> Any:
-    """Curves of a document as a plotly figure, a row for each quantity; see `Shown.plot`."""
+    """Curves of a document as a plotly figure, a row for each quantity; see `Displayable.plot`."""
     if document.curves is None:
         raise InputError(f"{document.title}: nothing to plot; of a model plot what 'armdyn.compare' gives")
     try:

@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from armdyn.channels import Channel, FloatArray
 from armdyn.errors import InputError
+from armdyn.recording.channels import Channel, FloatArray
 
 Scope = Literal["shared", "per_run"]
 

@@ -13,20 +13,20 @@ import numpy.typing as npt
 
 from armdyn import atomic
 from armdyn.arrays import channels_of, frame_columns
-from armdyn.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_further
-from armdyn.csv_run import csv_text, read_csv
 from armdyn.document import Column, Curve, Document, Section, Table, columns_of
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.preparation import Preparation
-from armdyn.shown import Shown
-from armdyn.sidecar import Sidecar, read_sidecar, sidecar_text
-from armdyn.units import Known
+from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_auxiliary
+from armdyn.recording.csv_run import csv_text, read_csv
+from armdyn.recording.preparation import Preparation
+from armdyn.recording.sidecar import Sidecar, read_sidecar, sidecar_text
+from armdyn.recording.units import Known
+from armdyn.shown import Displayable
 
 __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Shown):
+class Run(Displayable):
     """One recording; its arrays cannot be written to.
 
     Attributes:
@@ -71,7 +71,7 @@ class Run(Shown):
     def __post_init__(self) -> None:
         for name in self.channels:
             channel_kind(name)
-        further = {n: c for n, c in self.channels.items() if is_further(n) and n not in self.own}
+        further = {n: c for n, c in self.channels.items() if is_auxiliary(n) and n not in self.own}
         kept = {n: c for n, c in self.extra.items() if n not in self.own}
         object.__setattr__(self, "extra", {**kept, **further})
         object.__setattr__(self, "channels", {n: c for n, c in self.channels.items() if n not in further})
@@ -268,7 +268,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
     warnings: tuple[str, ...] = ()
     sidecar_path = path.with_suffix(".toml")
     if path.suffix.lower() == ".mcap":
-        from armdyn.mcap_run import read_mcap
+        from armdyn.recording.mcap_run import read_mcap
 
         recording = read_mcap(path, recover)
         channels, warnings = _of_the_contract(path, recording.channels), recording.warnings

@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from armdyn.document import Document
 
 
-class Shown(ABC):
+class Displayable(ABC):
     """Base of what a notebook shows."""
 
     @abstractmethod

@@ -9,9 +9,9 @@ from _pendulum import Pendulum, sum_of_cosines
 from _rival_fits import NAMES, Data, Fit, over_windows, with_floats
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.gaps import until
 from armdyn.identify.estimator import Estimate, Estimator
 from armdyn.pendulum.model import PendulumModel, pendulum_model
+from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
 MOTION = sum_of_cosines((0.04, 0.012), (0.6, 1.15))

@@ -18,8 +18,8 @@ from _estimation_cases import LENGTH, MASS, MOTION, NOISE, OUR_NAMES, TIME, reco
 from _pendulum import Pendulum
 from _rival_fits import NAMES, Fit, with_arrays, with_floats, with_scipy
 
-from armdyn.gaps import until
 from armdyn.identify.estimator import METHODS, Estimate, Estimator
+from armdyn.recording.gaps import until
 
 OURS, OURS_VM = "armdyn", "armdyn, no C compiler"
 RIVALS: dict[str, Fit] = {

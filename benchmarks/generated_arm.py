@@ -33,8 +33,8 @@ import numpy as np
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.candidate import Candidate
 from armdyn.identify.repair import Repair, repair
+from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text

@@ -25,8 +25,8 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
+from armdyn.recording.units import Known
 from armdyn.run import Run
-from armdyn.units import Known
 
 hidden_pendulum = hidden_table.generator("pendulum")
 

@@ -32,8 +32,8 @@ from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.problem import chi2_of
 from armdyn.identify.repair import repair
+from armdyn.identify.selection.path import Step
 from armdyn.identify.study import Study
-from armdyn.identify.way import Step
 from armdyn.run import Run
 
 hidden_arm = hidden_table.generator("arm")

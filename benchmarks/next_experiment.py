@@ -37,8 +37,8 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import GripperPath
+from armdyn.recording.units import Known
 from armdyn.run import Run
-from armdyn.units import Known
 
 hidden_pendulum = hidden_table.generator("pendulum")
 
@@ -147,7 +147,7 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     ):
         made = proposal.experiment.motion if kind == "designed" else motion
         row[f"{kind}_predicted"] = float(foreseen.right[names.index(hidden)])
-        row[f"{kind}_separation"] = float(np.sqrt(foreseen.rises[names.index(hidden), 1 - names.index(hidden)]))
+        row[f"{kind}_separation"] = float(np.sqrt(foreseen.chi2_increase[names.index(hidden), 1 - names.index(hidden)]))
         if separable:
             after = diagnose(study_of([first, recorded(f"{kind}.csv", setup, made, rng, known)], pair))
             row[f"{kind}_right"], row[f"{kind}_verdict"] = right(after, hidden), after.verdict.key

@@ -150,7 +150,7 @@ PICTURES = {
 
 
 @dataclass(frozen=True)
-class Shown:
+class Displayable:
     """A command of a page, and the lines of what it prints that the page has, from `start` on [line of the page]."""
 
     start: int
@@ -158,7 +158,7 @@ class Shown:
     lines: tuple[str, ...]
 
 
-def parts_of(page: str) -> Iterator[Shown | str]:
+def parts_of(page: str) -> Iterator[Displayable | str]:
     """Commands of a page's console blocks and names of pictures that it makes, in their order."""
     text = (ROOT / page).read_text(encoding="utf-8")
     for found in re.finditer(r"^```console\n(.*?)^```$|pictures/([\w.]+)\)", text, re.MULTILINE | re.DOTALL):
@@ -169,7 +169,7 @@ def parts_of(page: str) -> Iterator[Shown | str]:
         start = text[: found.start()].count("\n") + 1
         for part in re.split(r"^(?=\$ )", found[1], flags=re.MULTILINE)[1:]:
             command, *lines = part.splitlines()
-            yield Shown(start + 1, command.removeprefix("$ ").split("  #")[0].strip(), tuple(lines))
+            yield Displayable(start + 1, command.removeprefix("$ ").split("  #")[0].strip(), tuple(lines))
             start += len(lines) + 1
 
 
@@ -189,7 +189,7 @@ def printed(command: str, folder: Path) -> str:
     return " ".join(done.stdout.split())
 
 
-def up_to_date(shown: Shown, said: str) -> list[str]:
+def up_to_date(shown: Displayable, said: str) -> list[str]:
     """The lines that a page shows of a command, with the numbers of what it printed.
 
     Raises:
@@ -224,7 +224,7 @@ def room(number: str) -> float:
     return 1.001 * max(OTHERWISE * abs(float(number)), 10.0 ** (exponent - len(digits)))
 
 
-def run(page: str, folder: Path, pictures: Path) -> Iterator[tuple[Shown, list[str]]]:
+def run(page: str, folder: Path, pictures: Path) -> Iterator[tuple[Displayable, list[str]]]:
     """Run a page in an empty folder, with its pictures into another; its commands and their lines as they are now."""
     for command in PAGES[page]:
         printed(command, folder)

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armdyn.faults import outliers_of
-from armdyn.preparation import of_all_runs
+from armdyn.recording.preparation import of_all_runs
+from armdyn.recording.spikes import outliers_of
 from pipeline.fields import fields, number, plain
 
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison, Correction
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.explained import RepairStep
-    from armdyn.identify.localise import Place
-    from armdyn.identify.missing_force import ForceCurve
     from armdyn.identify.problem import Problem
     from armdyn.identify.repair import Repair
+    from armdyn.identify.residual.character import ResidualCharacter
+    from armdyn.identify.residual.localise import Place
+    from armdyn.identify.residual.missing_force import ForceCurve
     from armdyn.identify.study import Study
-    from armdyn.identify.unknown import Unknown
     from armdyn.inspection.check import Check, Inspection
     from armdyn.model import Model
     from armdyn.parameter import Parameter
@@ -209,7 +209,7 @@ def step_answer(step: RepairStep) -> dict[str, Any]:
     return {**fields(step, names, added=_joined(step.added), removed=[]), **values}
 
 
-def unknown_answer(found: Unknown | None) -> dict[str, Any] | None:
+def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
     """What is known of an effect outside the catalogue."""
     if found is None:
         return None

@@ -1,7 +1,7 @@
 """Samples go to an MCAP file while the robot runs, and to CSV and TOML when it is done.
 
 The MCAP file is flushed every half second of recording, so that a crash costs no more than that. Its layout is
-described in `armdyn.mcap_run`; Foxglove and PlotJuggler show it.
+described in `armdyn.recording.mcap_run`; Foxglove and PlotJuggler show it.
 """
 
 import json
@@ -14,12 +14,12 @@ import numpy as np
 from mcap.writer import Writer
 
 from armdyn.atomic import GrowingFile
-from armdyn.channels import Channel, channel_unit, in_contract
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
+from armdyn.recording.channels import Channel, channel_unit, in_contract
+from armdyn.recording.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
+from armdyn.recording.sidecar import Sidecar, sidecar_text
+from armdyn.recording.units import Known
 from armdyn.run import Run, write_run_csv
-from armdyn.sidecar import Sidecar, sidecar_text
-from armdyn.units import Known
 from pipeline.processes import Closing
 
 FLUSH_INTERVAL = 0.5
@@ -30,10 +30,10 @@ DROPPED_RECORD = "armdyn.dropped"
 class Recorder(Closing):
     """Writes one recording; use it in a ``with`` block, which closes it whatever happens.
 
-    Channels of the contract (see `armdyn.channels`) make up the run; any others, such as ``estimate.length``, are kept
-    beside it in the MCAP file. A bad sample never stops a motion: a missing or infinite value, or one
-    that is not later than the channel's last, is left out and counted in `dropped`. Nor does a full disk: `failure`
-    says so, nothing more is written, and the samples stay in memory.
+    Channels of the contract (see `armdyn.recording.channels`) make up the run; any others, such as
+    ``estimate.length``, are kept beside it in the MCAP file. A bad sample never stops a motion: a missing or infinite
+    value, or one that is not later than the channel's last, is left out and counted in `dropped`. Nor does a full
+    disk: `failure` says so, nothing more is written, and the samples stay in memory.
 
     Args:
         path: the ``.mcap`` file; CSV and TOML of the same stem are written beside it on closing.

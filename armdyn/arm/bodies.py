@@ -10,8 +10,8 @@ import pinocchio as pin
 from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
-from armdyn.channels import Channel, Reading
 from armdyn.parameter import RecordedColumn
+from armdyn.recording.channels import Channel, Reading
 
 OF_BASE = -1
 """Where the parameters of effects on the base belong, in place of a joint."""
@@ -51,7 +51,7 @@ class Bodies:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class MotionSamples:
     """The motion at the stamps of one or more torque channels, and what rigid bodies make of it.
 
     Attributes:

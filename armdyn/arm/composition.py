@@ -10,7 +10,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.memory import Remembered
+from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.arm.vectorised import OverTime
@@ -50,7 +50,7 @@ class Term:
         expression: Expression,
         inputs: Expression,
         theta: Expression,
-        remembered: Remembered,
+        remembered: InternalStates,
         recorded: tuple[RecordedColumn, ...] = (),
     ) -> None:
         self.recorded = recorded
@@ -216,7 +216,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
-    remembered = Remembered(joint.memory, inputs, load, theta)
+    remembered = InternalStates(joint.memory, inputs, load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.lag, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):
@@ -240,7 +240,7 @@ def _terms(
     added: Sequence[Expression],
     inputs: Expression,
     theta: Expression,
-    remembered: Remembered,
+    remembered: InternalStates,
     columns: tuple[RecordedColumn, ...],
 ) -> tuple[Term, ...]:
     """One term for all that is linear, and one for each expression that is not."""

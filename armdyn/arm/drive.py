@@ -20,9 +20,9 @@ import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
-from armdyn.arm.bodies import Stretch
+from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, Motion
-from armdyn.differences import NORMAL_MEDIAN
+from armdyn.recording.differences import NORMAL_MEDIAN
 
 DENSEST = 125.0
 """Samples per second that are looked at; drives smooth well below half of it."""
@@ -108,10 +108,10 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
     found, alone, most = dict[str, _Seen](), dict[str, float](), MOST // len(recordings)
 
     @lru_cache(maxsize=2 * len(recordings))
-    def moved(recording: int, stamps: bytes) -> Stretch:
+    def moved(recording: int, stamps: bytes) -> MotionSamples:
         """What rigid bodies make of the motion at some stamps, which torques often share."""
         time = np.frombuffer(stamps)
-        return Stretch(model, recordings[recording].motion.at(time), time)
+        return MotionSamples(model, recordings[recording].motion.at(time), time)
 
     for name in dict.fromkeys(name for recorded in recordings for name in recorded.torques):
         torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
@@ -144,7 +144,7 @@ class _Seen(NamedTuple):
 
 def _seen(
     torques: Sequence[tuple[int, Torque]],
-    moved: Callable[[int, bytes], Stretch],
+    moved: Callable[[int, bytes], MotionSamples],
     frequencies: np.ndarray,
     most: int,
 ) -> _Seen | float:

@@ -28,10 +28,10 @@ from armdyn.arm.readings import error, reads
 from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
+from armdyn.recording.units import Known
 from armdyn.run import Run
-from armdyn.units import Known
 
 BAND = 6.0
 """Hz below which both sides are compared: arms that are told where to go hardly move faster."""
@@ -336,7 +336,7 @@ def _read(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, de
     return _Rows(name, every, read, np.concatenate(part), *_alone(every, read))
 
 
-@kept_alongside
+@cached_with_first_argument
 def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(n,) times, (n, 17) columns of the physics, low-passed, and (n,) where the friction's sign is known."""
     motion, j = measured_motion(run, arm.joints), arm.joints.index(joint)
@@ -349,7 +349,7 @@ def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np
     return time, _low(np.column_stack([*own, carried[:, j]])), inner & (_low(np.abs(way)) > CERTAIN)
 
 
-@kept_alongside
+@cached_with_first_argument
 def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(n,) times, (n, nj) torques of the arm as described, (n, nj, 10) per inertial parameter of the last link."""
     motion = measured_motion(run, arm.joints)

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.recording.units import Known, parse_quantity
 from armdyn.run import Run
-from armdyn.units import Known, parse_quantity
 from urdf.table_file import read_as
 
 Law = Literal["position", "velocity", "torque", "current"]

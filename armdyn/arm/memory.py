@@ -20,7 +20,7 @@ NEWTON_STEPS = 3
 """One is exact where the rate is linear in the state, as of every bristle model."""
 
 
-class Remembered:
+class InternalStates:
     """The states of one joint's effects over time, with exact derivatives.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.arm import CANNOT, Arm, find_arm
-from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
+from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
 from armdyn.arm.drive_scale import settled, telling
@@ -211,7 +211,7 @@ class ArmModel(Model):
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
         return join_channels(parts)
 
-    def at_states(self, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+    def at_states(self, stretch: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
         """All torques at states that are known exactly and need not follow each other.
 
         Returns:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erf
 
-from armdyn.channels import Channel
 from armdyn.errors import InputError
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothing, derivative_noise, smoothed
 
@@ -118,7 +118,7 @@ def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
     return tuple((lasts @ moving < STANDING * lasts.sum()).tolist())
 
 
-@kept_alongside
+@cached_with_first_argument
 def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     """Smooth the recorded motion of `joints`.
 
@@ -145,7 +145,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     return MeasuredMotion(tuple(curves), start, end)
 
 
-@kept_alongside
+@cached_with_first_argument
 def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
     """By channels, which a run keeps when others of its channels are cleaned."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))

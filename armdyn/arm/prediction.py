@@ -5,17 +5,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.bodies import OF_BASE, Bodies, Stretch
+from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
 from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, standing_joints
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, motion_in, prepare, recorded, settled
-from armdyn.arm.reduction import Earlier, Reduction, Rest, Signal
-from armdyn.channels import Reading
+from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, Signal
 from armdyn.errors import InputError
-from armdyn.faults import without_spikes
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.readout import Interpolated, LowPassed, Sampler
+from armdyn.recording.channels import Reading
+from armdyn.recording.spikes import without_spikes
 from armdyn.run import Channel, Run
 
 
@@ -29,7 +29,9 @@ class ChannelPredictor:
         motion: at any time; None where nothing is read late.
     """
 
-    def __init__(self, stretch: Stretch, sampler: Sampler, joint: int, motion: MeasuredMotion | None = None) -> None:
+    def __init__(
+        self, stretch: MotionSamples, sampler: Sampler, joint: int, motion: MeasuredMotion | None = None
+    ) -> None:
         self._stretch, self._sampler, self._joint, self._motion = stretch, sampler, joint, motion
         self._late: tuple[float, Reduction] | None = None
         self._coefficients = Reduction(sampler.coefficients, stretch, joint)
@@ -151,7 +153,7 @@ class ChannelPredictor:
             for i, slopes in rest.slopes.items():
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
-    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction) -> Rest:
+    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction) -> NonlinearTerm:
         """Most fits leave most of these parameters alone, so that the last answer often still holds."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
         changes = [bodies.links[i] for i in carried]
@@ -172,13 +174,13 @@ class ChannelPredictor:
                 slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
             if term.loaded and bodies.gravity is not None:
                 slopes[OF_BASE] = reduced.reduce(per_load * reduced.signal(self._stretch.per_gravity(joint, bodies)))
-        found = Rest(key, reduced.reduce(rest[:, :-1]), slopes)
+        found = NonlinearTerm(key, reduced.reduce(rest[:, :-1]), slopes)
         reduced.rests[term] = found
         return found
 
 
 def predict_at_states(
-    stretch: Stretch, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
+    stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
 ) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
     """The torque of each joint at n states that need not follow each other.
 
@@ -206,7 +208,7 @@ def predict_at_states(
     return [ChannelPredictor(stretch, sampler, j).predict(functions, theta, bodies) for j in range(len(functions))]
 
 
-@kept_alongside
+@cached_with_first_argument
 def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
     """See `prepare`; isolated outliers are left out before.
 
@@ -220,14 +222,14 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
     return prepare(clean, arm.joints, own, *_shown_together(first, arm, tuple(others)))
 
 
-@kept_alongside
+@cached_with_first_argument
 def _shown_together(first: Run, arm: Arm, others: tuple[Run, ...]) -> tuple[Mapping[str, Drive], tuple[bool, ...]]:
     """What the drives did in several recordings, and which joints hardly moved in them."""
     every = [_recorded(run, arm)[1] for run in (first, *others)]
     return smoothing_drives(every, arm.model, FREQUENCIES), standing_joints([one.motion for one in every])
 
 
-@kept_alongside
+@cached_with_first_argument
 def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
     """A run without isolated outliers, and its torques and motion."""
     names = (f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau"))
@@ -235,7 +237,7 @@ def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
     return clean, recorded(clean, arm.model, arm.joints)
 
 
-@kept_alongside
+@cached_with_first_argument
 def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
     """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
     joint = arm.joints.index(name.removeprefix("tau."))
@@ -250,8 +252,8 @@ def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPred
     return ChannelPredictor(stretch, sampler, joint, motion)
 
 
-@kept_alongside
-def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
+@cached_with_first_argument
+def _stretch(run: Run, arm: Arm, name: str) -> MotionSamples:
     """The motion at the recorded stamps of a channel; channels that were sampled together share it."""
     recording = run.recording
     channel = recording.channels[name]
@@ -264,4 +266,4 @@ def _stretch(run: Run, arm: Arm, name: str) -> Stretch:
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
     drives = {key: c for key, c in recording.channels.items() if key.startswith("enabled.") or isinstance(c, Reading)}
-    return Stretch(arm.model, motion.at(time), time - start, {**recording.extra, **drives})
+    return MotionSamples(arm.model, motion.at(time), time - start, {**recording.extra, **drives})

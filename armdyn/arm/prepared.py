@@ -19,10 +19,10 @@ import pinocchio as pin
 from armdyn.arm.drive import Drive, Recorded, Torque
 from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
-from armdyn.channels import MIN_SAMPLES, Channel, Reading
 from armdyn.errors import InputError
-from armdyn.kept import kept_alongside
-from armdyn.preparation import Preparation
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.channels import MIN_SAMPLES, Channel, Reading
+from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
 from armdyn.smoothing import HIGHEST, UNDISTORTED, WHITE, Choice, Curve, LowPass, Samples, best_smoothing
 
@@ -128,7 +128,7 @@ class PreparedRun(Run):
         return self.done
 
 
-@kept_alongside
+@cached_with_first_argument
 def motion_in(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     """How an arm moved in a run, as what is compared with the run takes it."""
     motion = measured_motion(run.recording, joints)

@@ -11,8 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from armdyn.arm.drives import TOLD, Servo
 from armdyn.arm.motion import measured_motion
-from armdyn.channels import Channel, Reading
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.channels import Channel, Reading
 from armdyn.run import Run
 
 TIMED = 2e-4
@@ -47,7 +47,7 @@ def _mean(time: np.ndarray, value: np.ndarray, slope: np.ndarray, edges: np.ndar
     return np.asarray(np.diff(whole) / np.diff(edges))
 
 
-@kept_alongside
+@cached_with_first_argument
 def _followed(run: Run, name: str, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(m,) times, values and slopes of what approaches a command no faster than `rate`."""
     told = run.channels[name]
@@ -106,7 +106,7 @@ def error(
     return told
 
 
-@kept_alongside
+@cached_with_first_argument
 def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) -> Run:
     """The run with `tau.<joint>` of the drives that recorded no torque.
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armdyn.arm.bodies import Stretch
+from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.composition import DIRECTION, Term
 from armdyn.arm.motion import MeasuredMotion
 from armdyn.parameter import RecordedColumn
@@ -36,7 +36,7 @@ class Signal:
         return self.block[:, self.columns[joint]]
 
 
-class Rest(NamedTuple):
+class NonlinearTerm(NamedTuple):
     """What a term that is not linear came to last: for which parameters, and the coefficients."""
 
     key: bytes
@@ -57,7 +57,7 @@ class Reduction:
     def __init__(
         self,
         reduce: Callable[[np.ndarray], np.ndarray],
-        stretch: Stretch,
+        stretch: MotionSamples,
         joint: int,
         earlier: "Earlier | None" = None,
     ) -> None:
@@ -69,7 +69,7 @@ class Reduction:
         # Not a method: large arrays in a circle of references would stay until Python looks for circles.
         self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
         self.linear: dict[Term, np.ndarray] = {}
-        self.rests: dict[Term, Rest] = {}
+        self.rests: dict[Term, NonlinearTerm] = {}
 
     @cached_property
     def described(self) -> np.ndarray:
@@ -93,7 +93,7 @@ class Earlier:
         delay: s.
     """
 
-    def __init__(self, stretch: Stretch, motion: MeasuredMotion, delay: float) -> None:
+    def __init__(self, stretch: MotionSamples, motion: MeasuredMotion, delay: float) -> None:
         self._stretch, self._motion = stretch, motion
         time = stretch.motion.time
         self._time = np.clip(time - delay, time[0], time[-1])

@@ -16,7 +16,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.readings import mean_held, mean_told
 from armdyn.arm.simulator import Drives, simulate
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.run import Run
 
 STEP = 0.004
@@ -109,7 +109,7 @@ class Window:
     q: np.ndarray
 
 
-@kept_alongside
+@cached_with_first_argument
 def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, ...]:
     """Stretches of `length` s of a recording, infinite for the whole, at the stamps of its first joint."""
     motion = measured_motion(run, joints)

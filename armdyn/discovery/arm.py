@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import FloatArray
 from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
+from armdyn.recording.channels import FloatArray
 
 SHARE = 0.1
 """Of the joint's torque, root mean square: typical size of one that is missing."""

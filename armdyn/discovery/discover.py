@@ -20,16 +20,16 @@ from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
-from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.lost import lost, lost_sentence
-from armdyn.identify.score import residual_tests
-from armdyn.identify.search import Search, search
+from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.search import Search, search
 from armdyn.identify.study import Study
-from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.physics.model import PhysicsModel

@@ -14,8 +14,8 @@ from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
 from armdyn.physics.definition import RATE
 from armdyn.physics.model import PhysicsModel
+from armdyn.recording.units import to_base_units
 from armdyn.run import Run
-from armdyn.units import to_base_units
 
 SHARE = 0.05
 """Of the rate that a state has: typical size of what is missing."""

@@ -14,11 +14,11 @@ from armdyn.effects.catalogue import STAGES
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.identify.explained import in_percent
-from armdyn.identify.missing_force import ForceCurve, pooled
+from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE
-from armdyn.shown import Shown
+from armdyn.shown import Displayable
 
 SHARE_SURE = 0.5
 """Of the misfit: what explains less is no law but a part of one."""
@@ -78,7 +78,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Discovery(Shown):
+class Discovery(Displayable):
     """What was found.
 
     Attributes:

@@ -7,9 +7,9 @@ from itertools import count
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn, Scope
+from armdyn.recording.channels import FloatArray
 from armdyn.run import Run
 
 LONGEST_STEM = 50

@@ -15,13 +15,13 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.physics import Base, Joint, Link, Neighbour, Told
-from armdyn.channels import is_further
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 from armdyn.parameter import Quantity, RecordedColumn
 from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Expression, Memory
-from armdyn.units import si_unit, to_base_units
+from armdyn.recording.channels import is_auxiliary
+from armdyn.recording.units import si_unit, to_base_units
 from armdyn.user_code import place_of
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
@@ -141,7 +141,7 @@ def _wrong_with(q: Quantity) -> str | None:
 
 def _wrong_with_column(column: RecordedColumn) -> str | None:
     """What is wrong with how a further recorded quantity is declared; None where nothing is."""
-    if not (isinstance(column.name, str) and is_further(column.name)):
+    if not (isinstance(column.name, str) and is_auxiliary(column.name)):
         return f"its column is {column.name!r:.60}: write a name such as 'extra.temperature'"
     if not _is_number(column.usual) or not math.isfinite(column.usual):
         return f"usual is {column.usual!r:.60}: write the number that it is where it was not recorded"

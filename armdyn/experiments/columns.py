@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import erf
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.bodies import Stretch
+from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion
 from armdyn.experiments.series import AxisMotion
@@ -77,16 +77,16 @@ class Columns:
         """(n, nj) what the motors give for the arm as described, N m or N; damping, rotors and springs counted in."""
         return self._torque(self._states(motion))
 
-    def _states(self, motion: AxisMotion) -> Stretch:
+    def _states(self, motion: AxisMotion) -> MotionSamples:
         slow = CREEP * np.asarray(self.arm.robot.limits.velocity)
         direction = erf(motion.v / (np.sqrt(2.0) * slow))
         apart = np.zeros(len(motion.q))  # no effect here depends on time
-        return Stretch(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
+        return MotionSamples(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
 
-    def _columns(self, states: Stretch) -> np.ndarray:
+    def _columns(self, states: MotionSamples) -> np.ndarray:
         return self.model.at_states(states)[1] * (self.typical / self.noise[:, None])
 
-    def _torque(self, states: Stretch) -> np.ndarray:
+    def _torque(self, states: MotionSamples) -> np.ndarray:
         robot, motion = self.arm.robot, states.motion
         springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
         drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a

@@ -35,7 +35,7 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Determined:
+class DOptimality:
     r"""Mean logarithm of the standard deviations of the wanted unknowns, those of all directions alike: D-optimal.
 
     log det K_{WW} / (2 |W|), which is twice the expected gain of information less a constant (Chaloner & Verdinelli,
@@ -60,7 +60,7 @@ class Determined:
 
 
 @dataclass(frozen=True, eq=False)
-class Hidden:
+class RivalSeparation:
     """One effect on one joint that may be the truth, and everything that may be fitted in its place.
 
     Attributes:
@@ -120,7 +120,7 @@ class Separated:
         prior: (P,) standard deviations before.
     """
 
-    hidden: Sequence[Hidden]
+    hidden: Sequence[RivalSeparation]
     prior: np.ndarray
 
     def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:

@@ -10,7 +10,7 @@ from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.columns import Columns, present
-from armdyn.experiments.criteria import Conditioned, Criterion, Determined, Hidden, Separated
+from armdyn.experiments.criteria import Conditioned, Criterion, DOptimality, RivalSeparation, Separated
 from armdyn.experiments.structure import Structure
 from armdyn.threads import one_thread
 
@@ -41,7 +41,7 @@ class Goal:
     beside: tuple[str, ...]
     left_out: Mapping[str, str]
     rivals: tuple[str, ...] = ()
-    hidden: tuple[Hidden, ...] = ()
+    hidden: tuple[RivalSeparation, ...] = ()
     inseparable: tuple[str, ...] = ()
     structure: Structure = field(repr=False, kw_only=True)
 
@@ -82,7 +82,7 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
     columns = _columns(model, effects, beside, rate)
     structure, own = Structure.of(columns), _indices(columns, effects)
     return Goal(
-        columns, Determined(own, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
+        columns, DOptimality(own, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
         left_out, structure=structure,
     )  # fmt: skip
 
@@ -152,7 +152,7 @@ def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
 
 def _cases(
     columns: Columns, structure: Structure, pair: tuple[Effect, Effect], beside: Sequence[str]
-) -> tuple[Hidden, ...]:
+) -> tuple[RivalSeparation, ...]:
     """Each effect on each of its joints, against the other on all of its own."""
     found = []
     for truth, rival in (pair, pair[::-1]):
@@ -161,5 +161,5 @@ def _cases(
         for joint in truth.joints or columns.model.joints_with(truth.name):
             own = columns.of(truth.name, joint)
             directions = structure.distinguishable(own, np.setdiff1d(fitted, own))
-            found.append(Hidden(truth.name, joint, rival.name, own, np.setdiff1d(fitted, own), directions))
+            found.append(RivalSeparation(truth.name, joint, rival.name, own, np.setdiff1d(fitted, own), directions))
     return tuple(found)

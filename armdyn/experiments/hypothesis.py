@@ -7,7 +7,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from armdyn.channels import Channel
 from armdyn.experiments.series import Basis
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
@@ -15,6 +14,7 @@ from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.recorded import halfway, slope
 from armdyn.physics.simulate import Rollout, System
 from armdyn.readout import Interpolated, lagged
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
 CHANNELS = ("load_force", "swing_angle")

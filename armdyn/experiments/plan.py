@@ -14,9 +14,9 @@ from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExper
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import Say
-from armdyn.experiments.separation import Outlook, Rival, beliefs, outlook
+from armdyn.experiments.separation import ExpectedOutcome, Rival, beliefs, outlook
 from armdyn.pendulum.path import GripperPath
-from armdyn.shown import Shown
+from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 INSEPARABLE = 1.0
@@ -42,13 +42,15 @@ class Inseparable:
     why: str
 
 
-def inseparable(hypotheses: Sequence[Hypothesis], outlook: Outlook, experiment: Experiment) -> tuple[Inseparable, ...]:
+def inseparable(
+    hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: Experiment
+) -> tuple[Inseparable, ...]:
     """All pairs of which neither can be told from the other along the motion that was designed for that."""
     found = []
     for i, first in enumerate(hypotheses):
         for j in range(i + 1, len(hypotheses)):
             second = hypotheses[j]
-            if max(outlook.rises[i, j], outlook.rises[j, i]) < INSEPARABLE:
+            if max(outlook.chi2_increase[i, j], outlook.chi2_increase[j, i]) < INSEPARABLE:
                 found.append(Inseparable((first.name, second.name), _why(first, second, experiment)))
     return tuple(found)
 
@@ -119,7 +121,7 @@ class Proposal:
     """
 
     experiment: Experiment
-    outlook: Outlook
+    outlook: ExpectedOutcome
     random: float | None = None
 
     @property
@@ -129,7 +131,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Shown):
+class Plan(Displayable):
     """What to do next.
 
     Attributes:

@@ -8,12 +8,12 @@ import numpy as np
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.separation import MARGIN
-from armdyn.identify.appraisal import SURE
-from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, converged
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.set_score import SURE
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
@@ -97,12 +97,12 @@ def undecided(
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     """Sets of effects, beside those of the model as given, that the runs cannot tell apart, the best one first."""
     last, given = found.search.last, found.search.steps[0].effects
-    added = merged([c for c in last.effects if c not in given])
+    added = group_by_effect([c for c in last.effects if c not in given])
     sets = [tuple(added)]
     for step in found.search.steps[1:]:
         mine = {name for c in step.added for name in c.names}
         rest = [left for c in added if (left := c.without(mine)).parts]
-        sets += [merged([*rest, tied]) for tied in found.search.ties(step)]
+        sets += [group_by_effect([*rest, tied]) for tied in found.search.ties(step)]
     return sets
 
 
@@ -128,7 +128,7 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     steps = found.search.steps
     if len(steps) < 2:
         return None
-    added = merged([c for c in found.search.last.effects if c not in steps[0].effects])
+    added = group_by_effect([c for c in found.search.last.effects if c not in steps[0].effects])
     leading = {c.effect for c in steps[1].added}
     rest = tuple(c for c in added if c.effect not in leading)
     by_name = {c.effect: c for c in study.candidates}

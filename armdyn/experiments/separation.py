@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
-from armdyn.identify.appraisal import TIE
 from armdyn.identify.least_squares import Expansion, descend
+from armdyn.identify.selection.set_score import TIE
 from armdyn.linear.solve import solve_bounded
 
 MARGIN = 2.0 * TIE
@@ -67,23 +67,23 @@ def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class ExpectedOutcome:
     """What is expected of an experiment.
 
     Attributes:
-        rises: (h, h) rise of chi2 by the experiment if the first is true and the second is refitted; 0 on the diagonal.
+        chi2_increase: (h, h) by the experiment if the first is true and the second is refitted; 0 on the diagonal.
         right: (h,) probability that each hypothesis, if true, is the only one left.
         belief: (h,) before the experiment.
     """
 
-    rises: np.ndarray
+    chi2_increase: np.ndarray
     right: np.ndarray
     belief: np.ndarray
 
     @property
     def separation(self) -> float:
         """Standard deviations between the two hypotheses that are hardest to tell apart."""
-        apart = self.rises[~np.eye(len(self.rises), dtype=bool)]
+        apart = self.chi2_increase[~np.eye(len(self.chi2_increase), dtype=bool)]
         return float(np.sqrt(max(apart.min(), 0.0))) if len(apart) else 0.0
 
     @property
@@ -99,7 +99,7 @@ def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
     return np.asarray(weight / weight.sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> Outlook:
+def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> ExpectedOutcome:
     """What is expected of an experiment, every rival really refitted.
 
     Args:
@@ -128,7 +128,7 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > MARGIN
         right[i] = float(np.mean(wins))
-    return Outlook(rises, right, beliefs(hypotheses))
+    return ExpectedOutcome(rises, right, beliefs(hypotheses))
 
 
 class _Around:

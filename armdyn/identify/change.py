@@ -15,8 +15,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.stats import theilslopes
 
-from armdyn.channels import FloatArray
 from armdyn.identify.series import Series, StepTest, correlation
+from armdyn.recording.channels import FloatArray
 
 FALSE_ALARMS = 0.01
 """Probability that a batch in which nothing changes has an alarm."""

@@ -13,13 +13,14 @@ from armdyn.effects.effect import columns_of
 from armdyn.identify.bands import Bands, bands
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.force_law import opening
-from armdyn.identify.localise import Place, localise
 from armdyn.identify.lost import lost, lost_sentence
-from armdyn.identify.missing_force import ForceCurve, between
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import Problem, by_channel, chi2_of, samples_of
-from armdyn.identify.score import ResidualTests
+from armdyn.identify.residual.character import behaves_like, process_error_share
+from armdyn.identify.residual.force_law import law_sentence
+from armdyn.identify.residual.localise import Place, localise
+from armdyn.identify.residual.missing_force import ForceCurve, between
+from armdyn.identify.residual.tests import ResidualTests
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
@@ -34,10 +35,9 @@ from armdyn.identify.tables import (
 )
 from armdyn.identify.together import Together, moving_together
 from armdyn.identify.uncertainty import uncertainty
-from armdyn.identify.unknown import behaves_like, process_error_share
 from armdyn.parameter import Parameter
-from armdyn.preparation import of_all_runs, sentence
-from armdyn.shown import Shown
+from armdyn.recording.preparation import of_all_runs, sentence
+from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 NOT_WHITE = 0.01
@@ -93,7 +93,7 @@ class Correction:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Shown):
+class Comparison(Displayable):
     """A model held against runs.
 
     Attributes:
@@ -226,7 +226,7 @@ class Comparison(Shown):
             return self.lost
         if self.explained:
             return f"The model explains these runs: χ² per sample {chi2:.2f}, what is left is noise."
-        text = f"{opening(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
+        text = f"{law_sentence(self.missing_force)}Something is left to explain: χ² per sample {chi2:.3g}"
         if self.places:
             text += f"; worst {self.places[0].sentence}"
         if self.process_error is not None:

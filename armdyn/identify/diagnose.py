@@ -5,26 +5,26 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from armdyn.document import Document, Level, Section
-from armdyn.faults import outlier_sentence
-from armdyn.identify.candidate import Candidate
 from armdyn.identify.compare import Comparison, comparison
 from armdyn.identify.explained import Scale, share_gone
 from armdyn.identify.fit import channel_rmse
-from armdyn.identify.force_law import opening
-from armdyn.identify.linear_scorer import NOISY
 from armdyn.identify.lost import lost, lost_sentence
-from armdyn.identify.missing_force import ForceCurve
 from armdyn.identify.problem import by_channel, deviates
-from armdyn.identify.score import LARGEST_Z
-from armdyn.identify.search import Search, repair_step, search
+from armdyn.identify.residual.character import ResidualCharacter, characterise
+from armdyn.identify.residual.force_law import law_sentence
+from armdyn.identify.residual.missing_force import ForceCurve
+from armdyn.identify.residual.tests import LARGEST_Z
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import NOISY
+from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.ranking import RankedEffect
+from armdyn.identify.selection.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
-from armdyn.identify.suspects import Suspect
 from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, model_limited
-from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.way import Progress, Step
-from armdyn.shown import Shown
+from armdyn.recording.spikes import outlier_sentence
+from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 IDEALISED = 0.97
@@ -38,7 +38,7 @@ leave half of the misfit and more, real robots at most a tenth."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Displayable):
     """What is missing.
 
     Attributes:
@@ -56,10 +56,10 @@ class Diagnosis(Shown):
     verdict: Verdict
     sentence: str
     comparison: Comparison
-    suspects: tuple[Suspect, ...]
+    suspects: tuple[RankedEffect, ...]
     unseen: dict[str, tuple[str, ...]]
     remedies: tuple[str, ...]
-    unknown: Unknown | None
+    unknown: ResidualCharacter | None
     search: Search
     missing_force: tuple[ForceCurve, ...] = ()
 
@@ -124,7 +124,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
         else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
     )
     forces = found.missing_force()
-    law = opening(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
+    law = law_sentence(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
     return Diagnosis(
         verdict=verdict,
         sentence=law + said + outlier_sentence(study.runs),
@@ -148,16 +148,16 @@ def _next_experiment(study: Study, tied: Sequence[str]) -> str:
     return "record another motion, with other frequencies and amplitudes"
 
 
-def headline(study: Study, found: Search, unknown: Unknown | None) -> str:
+def headline(study: Study, found: Search, unknown: ResidualCharacter | None) -> str:
     """What is missing, how much it explains, and what is left."""
     steps = [repair_step(study, step) for step in found.steps]
     scale = Scale.of(found.last.fit.blocks)
     further = found.further.spoken if found.further is not None else ""
     left = Left(found.last.tests.fails, unknown.sentence if unknown is not None else "", further=further)
-    return repair_sentences(steps, study.judges[0], scale, left)
+    return repair_sentences(steps, study.holdout_kinds[0], scale, left)
 
 
-def judge(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
+def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None
@@ -206,7 +206,7 @@ def _above_stated_noise(study: Study, last: Step) -> bool:
 def _sentence(
     verdict: Verdict,
     found: Search,
-    unknown: Unknown | None,
+    unknown: ResidualCharacter | None,
     advice: tuple[str, ...],
     share: float,
     ties: tuple[Candidate, ...],

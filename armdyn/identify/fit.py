@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.gaps import until
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
+from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
 DEPENDENT = 1e-5

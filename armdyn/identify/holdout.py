@@ -13,9 +13,9 @@ from math import sqrt
 import numpy as np
 
 from armdyn.identify.fit import Fit, determined, fit
-from armdyn.identify.motion_start import start_of
-from armdyn.identify.output_error import best_minimum, fit_run, shows_motion
 from armdyn.identify.problem import Block, Problem, transferred, transferred_mask
+from armdyn.identify.state_space.motion_start import start_of
+from armdyn.identify.state_space.output_error import best_minimum, fit_run, shows_motion
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 

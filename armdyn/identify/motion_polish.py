@@ -18,8 +18,8 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.rollout import can_roll_out, closed, rolled, windows
 from armdyn.linear.solve import solve_bounded
+from armdyn.recording.units import Known
 from armdyn.run import Run
-from armdyn.units import Known
 
 LENGTHS, OPEN = (2.0, np.inf), (0.5,)
 """s of the windows, in turn; of drives that are told no position, whose motion nothing pulls back."""

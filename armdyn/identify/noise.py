@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from armdyn.channels import Channel
-from armdyn.differences import normalised_differences, quiet_std
 from armdyn.identify.problem import Block, by_channel
+from armdyn.recording.channels import Channel
+from armdyn.recording.differences import normalised_differences, quiet_std
 
 LAGS = 20
 """Lags of the whiteness test."""

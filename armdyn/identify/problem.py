@@ -15,8 +15,8 @@ from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Expansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 REMEMBERED = 3
 HELD = 0.1

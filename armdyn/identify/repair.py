@@ -10,19 +10,20 @@ import numpy as np
 from armdyn.document import Document, Level, Section
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.faults import outlier_sentence
-from armdyn.identify.background import FullModel, find_background, fit_full_model
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
 from armdyn.identify.diagnose import IDEALISED, explained_share, judge
 from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.fit import Fit
-from armdyn.identify.force_law import opening
 from armdyn.identify.holdout import HARM, HoldoutKind
-from armdyn.identify.localise import localise
 from armdyn.identify.lost import lost, lost_sentence
-from armdyn.identify.missing_force import ForceCurve, between
-from armdyn.identify.search import Search, repair_step, search
+from armdyn.identify.residual.character import ResidualCharacter, characterise
+from armdyn.identify.residual.force_law import law_sentence
+from armdyn.identify.residual.localise import localise
+from armdyn.identify.residual.missing_force import ForceCurve, between
+from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
+from armdyn.identify.selection.path import Progress, Step
+from armdyn.identify.selection.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences, totals
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
@@ -34,11 +35,10 @@ from armdyn.identify.tables import (
     step_table,
 )
 from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
-from armdyn.identify.unknown import Unknown, characterise
-from armdyn.identify.way import Progress, Step
 from armdyn.model import Model
 from armdyn.parameter import Parameter
-from armdyn.shown import Shown
+from armdyn.recording.spikes import outlier_sentence
+from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ MUCH = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Repair(Shown):
+class Repair(Displayable):
     """A repaired model.
 
     Attributes:
@@ -76,20 +76,22 @@ class Repair(Shown):
     named: Model
     path: tuple[RepairStep, ...]
     after: Comparison
-    unknown: Unknown | None
+    unknown: ResidualCharacter | None
     links: tuple["LinkChange", ...] = ()
     explained: float = 0.0
     steps: tuple[Step, ...] = ()
     missing_force: tuple[ForceCurve, ...] = ()
 
-    def document(self, judges: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None) -> Document:
+    def document(
+        self, holdout_kinds: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None
+    ) -> Document:
         """The error falling, what became of an arm's links, then how well the repaired model does.
 
         Args:
-            judges: whose errors were told besides those of the fitted runs.
+            holdout_kinds: whose errors were told besides those of the fitted runs.
             summaries: what every effect is, by its name; None leaves that out.
         """
-        steps = step_table(self.path, self.after.scale, judges, summaries or {})
+        steps = step_table(self.path, self.after.scale, holdout_kinds, summaries or {})
         falling = Section("The error falling", fall_sentence(self.path, self.after.scale), tables=[steps])
         fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
         compared = self.after.document()
@@ -165,7 +167,7 @@ def with_background(study: Study, told: Repair, say: Progress, full: FullModel |
         steps=(*told.steps, step),
         missing_force=between(told.steps[0].fit, told.steps[-1].fit, small.fit),
         explained=explained(path[0], path[-1], scale),
-        sentence=told.sentence + background_sentence(path[-2], path[-1], study.judges[0], scale),
+        sentence=told.sentence + background_sentence(path[-2], path[-1], study.holdout_kinds[0], scale),
     )
 
 
@@ -227,11 +229,11 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     )
     repaired = len(path) > 1
     forces = found.missing_force()
-    law = opening(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
+    law = law_sentence(forces, {c.effect for c in last.effects}) if repaired or left.something else ""
     model = fitted_model(study, last)
     return Repair(
         verdict=verdict,
-        sentence=law + repair_sentences(path, study.judges[0], after.scale, left) + outlier_sentence(study.runs),
+        sentence=law + repair_sentences(path, study.holdout_kinds[0], after.scale, left) + outlier_sentence(study.runs),
         model=model,
         named=model,
         path=path,
@@ -273,7 +275,7 @@ def fitted_model(study: Study, step: Step) -> Model:
     return model.with_parameters(changed)
 
 
-def _verdict(study: Study, found: Search, unknown: Unknown | None) -> Verdict:
+def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
     """After a repair: explained, or what still stands in the way."""
     if not found.last.tests.fails:
         return Verdict.EXPLAINED

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from armdyn.channels import FloatArray
-from armdyn.differences import NORMAL_MEDIAN
+from armdyn.recording.channels import FloatArray
+from armdyn.recording.differences import NORMAL_MEDIAN
 
 LEAST_AT_A_SIDE = 4
 """Recordings before and after a step: fewer may be a bad afternoon."""

@@ -10,17 +10,17 @@ from itertools import chain, tee
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.appraisal import Appraisal, Appraiser
-from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.fit import NEAR_NOISE, Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predictions_in_turn
-from armdyn.identify.linear_scorer import LinearScorer, noisy
-from armdyn.identify.motion_start import initial_values
-from armdyn.identify.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transferred, transferred_mask
-from armdyn.identify.score import ResidualTests, Score, residual_tests, scores
-from armdyn.identify.sums import sums
+from armdyn.identify.residual.tests import ResidualTests, Score, residual_tests, scores
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.linear_scorer import LinearScorer, noisy
+from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.selection.sums import sums
+from armdyn.identify.state_space.motion_start import initial_values
+from armdyn.identify.state_space.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
@@ -264,7 +264,9 @@ class Study:
     def without_unused_effects(self, found: Fit) -> Fit:
         """The same fit of a model with only those effects that it fitted, beside those that the model has."""
         fitted = {column.parameter.name for column, fits in zip(self.problem.columns, found.free, strict=True) if fits}
-        used = merged([a for c in self.candidates for a in c.apart() if not fitted.isdisjoint(a.names)])
+        used = group_by_effect(
+            [a for c in self.candidates for a in c.split_by_joint() if not fitted.isdisjoint(a.names)]
+        )
         problem = Problem(self.model_with((*self.present, *used)), self.runs, self.noise)
         free = transferred_mask(found.free, self.problem, problem)
         return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
@@ -289,9 +291,9 @@ class Study:
         values = transferred(at.values, self.problem, everything)
         free = transferred_mask(at.free, self.problem, everything)
         present = everything.of([n for c in self.present for n in c.names])
-        own = [a for c in self.present for a in c.apart() if np.all(everything.fitted[everything.of(a.names)])]
+        own = [a for c in self.present for a in c.split_by_joint() if np.all(everything.fitted[everything.of(a.names)])]
         present &= ~everything.of([n for c in own for n in c.names])
-        atoms = [*own, *(atom for c in self.candidates for atom in c.apart())]
+        atoms = [*own, *(atom for c in self.candidates for atom in c.split_by_joint())]
         absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
         around = sums(everything, {run.name for run in self.runs}, values, absent, free)
         always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
@@ -299,9 +301,9 @@ class Study:
         found.tried = self.tried
         return found
 
-    def own_values(self, appraiser: Appraiser, one: Appraisal) -> np.ndarray:
-        """(P,) values of the study's unknowns at an appraised set."""
-        return self.own(appraiser.values(one), appraiser.problem)
+    def own_values(self, scorer: SetScorer, one: SetScore) -> np.ndarray:
+        """(P,) values of the study's unknowns at an scored set."""
+        return self.own(scorer.values(one), scorer.problem)
 
     def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
         """(P,) values of the study's unknowns, of those of a problem with more or other runs."""
@@ -341,8 +343,8 @@ class Study:
         self._in_turn[found] = list(in_turn)
 
     @property
-    def judges(self) -> tuple[HoldoutKind, ...]:
-        """Who judges a model besides the runs that it was fitted to, the most independent first."""
+    def holdout_kinds(self) -> tuple[HoldoutKind, ...]:
+        """Who holdout_kinds a model besides the runs that it was fitted to, the most independent first."""
         several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING
         others = HoldoutKind.HELD_OUT if self.held_out else several
         return (HoldoutKind.EXAM, others) if self.exam else (others,)

@@ -9,8 +9,8 @@ from armdyn.document import Column, Columns, Curve, Section, Table, columns_of
 from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.localise import Place
-from armdyn.identify.missing_force import ForceCurve
+from armdyn.identify.residual.localise import Place
+from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.sentence import MOST_JOINTS, totals
 from armdyn.parameter import Parameter
 
@@ -121,14 +121,14 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 
 
 def step_table(
-    path: Sequence[RepairStep], scale: Scale, judges: Sequence[HoldoutKind], summaries: Mapping[str, str]
+    path: Sequence[RepairStep], scale: Scale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
     """The error falling: a row per step, the error on every kind of runs as a bar.
 
     Args:
         path: the model as given first.
         scale: units of the channels.
-        judges: whose errors were told besides those of the fitted runs.
+        holdout_kinds: whose errors were told besides those of the fitted runs.
         summaries: what every effect is, by its name.
     """
     given = path[0]
@@ -146,7 +146,7 @@ def step_table(
     ]
     if any(step.tied_with for step in path):
         columns.append(Column("cannot be told from", [step.tied_with for step in path]))
-    caption = "; ".join(judge.value for judge in judges)
+    caption = "; ".join(judge.value for judge in holdout_kinds)
     if len(given.rmse) > len(units):
         caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
     caption = f"{caption}; χ² per sample: squared error over squared noise, 1 where only noise is left"
@@ -159,7 +159,7 @@ def candidate_table(
     """What every effect would leave of the error if it alone were added, with the evidence for it.
 
     Args:
-        found: the effects, best first; see `Suspect`.
+        found: the effects, best first; see `RankedEffect`.
         given: by channel, the error of the model as given.
         scale: units of the channels.
         summaries: what every effect is, by its name.

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import qr
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.score import stacked
+from armdyn.identify.residual.tests import stacked
 from armdyn.identify.sentence import listed
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.threads import one_thread
 
@@ -56,7 +56,7 @@ class Together:
         return text + (f", or a recording of {listed(self.settled_by, 'or')}" if self.settled_by else "")
 
 
-@kept_alongside
+@cached_with_first_argument
 @one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
     """Directions in which the values of a fit are not determined though each alone would be; see the head.

@@ -11,12 +11,12 @@ from itertools import combinations, islice
 import numpy as np
 from scipy.special import chdtri
 
-from armdyn.identify.appraisal import Appraisal
-from armdyn.identify.candidate import Candidate
-from armdyn.identify.filtered import MOSTLY, Filtered
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HARM
 from armdyn.identify.least_squares import GROSS
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.set_score import SetScore
+from armdyn.identify.state_space.scorer import MOSTLY, StateSpaceScorer
 from armdyn.identify.study import LITTLE, Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
@@ -38,16 +38,16 @@ BY_CHANCE = 0.0455
 Effects = tuple[Candidate, ...]
 
 
-def improved(study: Study, appraiser: Filtered, whole: Appraisal, say: Callable[[str], None]) -> Appraisal:
+def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
     """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
     effects, found = whole.effects, _fitted(study, whole.effects)
-    if appraiser.candidates and np.any(study.excess(found) > FAR):
+    if scorer.candidates and np.any(study.excess(found) > FAR):
         say("comparing pairs over whole runs")
         needed = (1.0 - LITTLE) ** CLEARLY if found.chi2_per_sample > GROSS else OVERRULED
-        effects = _pair_or(study, appraiser, effects, needed)
+        effects = _pair_or(study, scorer, effects, needed)
         say("comparing rivals over whole runs")
-        effects = _exchanged(study, appraiser, effects)
-    return appraiser.settle(_without_nothing(study, effects))
+        effects = _exchanged(study, scorer, effects)
+    return scorer.settle(_without_nothing(study, effects))
 
 
 def _fitted(study: Study, effects: Effects) -> Fit:
@@ -62,10 +62,10 @@ def _left(study: Study, effects: Effects) -> float:
     return left
 
 
-def _pair_or(study: Study, appraiser: Filtered, whole: Effects, needed: float) -> Effects:
+def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
     """A set, or one of one or two effects that leaves at most the share `needed` of what it leaves of whole runs."""
-    appraiser.settle(())
-    promised = sorted(appraiser.candidates, key=lambda c: -appraiser.of((c,)).worth)[:COMPARED]
+    scorer.settle(())
+    promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:PAIRED]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
     best = min(sets, key=lambda one: _left(study, one) / (1.0 - LITTLE) ** len(one))
@@ -73,22 +73,22 @@ def _pair_or(study: Study, appraiser: Filtered, whole: Effects, needed: float) -
     return best if _left(study, best) < (1.0 - LITTLE) ** more * needed * _left(study, whole) else whole
 
 
-def _exchanged(study: Study, appraiser: Filtered, whole: Effects) -> Effects:
+def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set with effects exchanged for others that have no more values and leave clearly less of every kind of runs.
 
     Both sides of a tie are asked: evidence that is alike, or better for what leaves more, does not decide between them.
     """
     refused = {frozenset(whole)}
     while True:
-        now = appraiser.settle(whole)
+        now = scorer.settle(whole)
         most = study.excess(study.quick_fit((*study.present, *whole)))
         options = list[Effects]()
         for gone in whole:
             rest = tuple(c for c in whole if c != gone)
-            rivals = [c for c in appraiser.candidates if c not in whole and len(c.names) <= len(gone.names)]
-            sets = [appraiser.of((*rest, c)) for c in rivals]
-            least = now.worth - MOSTLY * (now.worth - appraiser.of(rest).worth)
-            near = sorted((one for one in sets if one.worth > least), key=lambda one: -one.worth)[:RIVALS]
+            rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
+            sets = [scorer.of((*rest, c)) for c in rivals]
+            least = now.score - MOSTLY * (now.score - scorer.of(rest).score)
+            near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
         left = {one: study.excess(study.quick_fit((*study.present, *one))) for one in options}

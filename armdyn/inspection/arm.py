@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.bodies import Stretch
+from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.composition import depends_on_before
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion, measured_motion
@@ -212,7 +212,7 @@ class ArmRun:
         """(J, n) torques of the model as it is, in its own or another description."""
         changed = description.of(self.model.arm.model)
         if self._own.effects:
-            found = self._own.at_states(Stretch(changed, motion, motion.time))[0]
+            found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
         return np.asarray(found.T[self.of_joint]) - (self._weight(motion) if description.compensated else 0.0)
@@ -289,7 +289,9 @@ class ArmRun:
             f, columns, positive = self._linear_as_described
         else:
             changed = description.of(self.model.arm.model)
-            f, columns, positive = self._linear(Stretch(changed, m, m.time), description.mass * description.length)
+            f, columns, positive = self._linear(
+                MotionSamples(changed, m, m.time), description.mass * description.length
+            )
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
         least = SLIGHT * self._effort[self.of_joint] * np.exp(volume)
@@ -332,7 +334,7 @@ class ArmRun:
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) torque per gravity."""
-        return Stretch(self.model.arm.model, m, m.time).described_per_gravity[self.of_joint]
+        return MotionSamples(self.model.arm.model, m, m.time).described_per_gravity[self.of_joint]
 
     @cached_property
     def _effort(self) -> np.ndarray:
@@ -361,9 +363,9 @@ class ArmRun:
 
     @cached_property
     def _linear_as_described(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self._linear(Stretch(self.model.arm.model, self.motion, self.motion.time), 1.0)
+        return self._linear(MotionSamples(self.model.arm.model, self.motion, self.motion.time), 1.0)
 
-    def _linear(self, stretch: Stretch, heavier: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linear(self, stretch: MotionSamples, heavier: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques, (J, n, p) columns over their typical sizes, and which sizes cannot be negative."""
         model, size, positive = self._extended
         m = stretch.motion

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armdyn.channels import Channel
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
 

@@ -11,10 +11,10 @@ from math import comb
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from armdyn.channels import Channel
-from armdyn.differences import normalised_differences, quiet_std
 from armdyn.inspection.check import Check, Severity, amount
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.channels import Channel
+from armdyn.recording.differences import normalised_differences, quiet_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -119,7 +119,7 @@ def sticking(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-@kept_alongside
+@cached_with_first_argument
 def held_at(channel: Channel) -> list[list[Stand]]:
     """Stops by their place, where so many are so near to each other as those at random places are not.
 

@@ -8,12 +8,9 @@ import numpy as np
 
 from armdyn.arm.carried import joints_described, left_out
 from armdyn.arm.model import ArmModel
-from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
 from armdyn.errors import InputError
-from armdyn.faults import without_saturation, without_spikes
-from armdyn.gaps import between, gaps_of
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
@@ -24,8 +21,11 @@ from armdyn.inspection.kinematics import consistent, rate_checks
 from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of, wraps
 from armdyn.inspection.swing import SwingRun
 from armdyn.model import Model
+from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
+from armdyn.recording.checks import check_run, check_stamps, check_steps
+from armdyn.recording.gaps import between, gaps_of
+from armdyn.recording.spikes import without_saturation, without_spikes
 from armdyn.run import Run
-from armdyn.run_checks import check_run, check_stamps, check_steps
 from armdyn.threads import one_thread
 
 LONGEST = 60.0

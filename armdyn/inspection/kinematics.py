@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.channels import Channel
 from armdyn.identify.noise import white_noise_std
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount, listed
 from armdyn.inspection.correction import Correction, Reading
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
 MOMENTS = 400
@@ -121,7 +121,7 @@ def consistent(run: Run) -> Run:
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
-@kept_alongside
+@cached_with_first_argument
 def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
     """Every rate with the position that it should be the rate of, and the (n,) moments."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(PAIRS.items())

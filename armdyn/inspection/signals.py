@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.differences import LONGEST_SPAN, normalised_differences, quiet_std
-from armdyn.faults import FEW, at_the_end, spikes_of
-from armdyn.gaps import GAP, gaps_of, shortest_gap
 from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
+from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
+from armdyn.recording.differences import LONGEST_SPAN, normalised_differences, quiet_std
+from armdyn.recording.gaps import GAP, gaps_of, shortest_gap
+from armdyn.recording.spikes import FEW, at_the_end, spikes_of
+from armdyn.recording.tracks import second_track
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
-from armdyn.tracks import second_track
 
 FINE = 3.0
 """Steps of the resolution that a signal usually makes where its repetitions are no coarse encoder."""

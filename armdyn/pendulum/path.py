@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.pendulum.dynamics import OUTPUTS
 from armdyn.physics.recorded import (
     COARSEST_GRID,
@@ -188,7 +188,7 @@ def run_path(run: Run) -> GripperPath:
     return run.path if isinstance(run, GrowingRun) else _recorded_path(run)
 
 
-@kept_alongside
+@cached_with_first_argument
 def _recorded_path(run: Run) -> GripperPath:
     ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
     start, end = float(min(e[0] for e in ends)), max(e[1] for e in ends)

@@ -9,10 +9,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES, Channel
-from armdyn.differences import quiet_std
-from armdyn.gaps import between, in_pieces, told
 from armdyn.pendulum.path import run_path
+from armdyn.recording.channels import MIN_SAMPLES, Channel
+from armdyn.recording.differences import quiet_std
+from armdyn.recording.gaps import between, in_pieces, told
 from armdyn.run import Run
 
 AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)

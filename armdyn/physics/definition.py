@@ -30,11 +30,11 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 import casadi as ca
 
-from armdyn.channels import channel_kind, channel_units, is_further
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.parameter import Parameter, RecordedColumn
-from armdyn.units import to_base_units
+from armdyn.recording.channels import channel_kind, channel_units, is_auxiliary
+from armdyn.recording.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
 NONE: Expression = ca.SX(0)
@@ -295,7 +295,7 @@ def physics(
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
     step = USUAL_STEP * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
-        if is_further(channel):
+        if is_auxiliary(channel):
             with at(f"physics '{name}': {channel}"):
                 to_base_units(unit)
         elif unit not in channel_units(channel, "channel"):

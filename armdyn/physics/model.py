@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES
 from armdyn.effects.catalogue import CATALOGUE, natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.faults import HIGHEST_RATE, clean
-from armdyn.kept import kept_alongside
+from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import USUAL_STEP, Physics
 from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
+from armdyn.recording.channels import MIN_SAMPLES
+from armdyn.recording.spikes import HIGHEST_RATE, clean
+from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
-from armdyn.units import to_base_units
 
 LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """By number of states that no channel measures: how many values of each are tried as the start of a run."""
@@ -347,6 +347,6 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
     return with_it.states > _bare(physics).states
 
 
-@kept_alongside
+@cached_with_first_argument
 def _recorded(run: Run, physics: Physics, step: float) -> Path:
     return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, step)

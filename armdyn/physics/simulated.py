@@ -8,14 +8,14 @@ from typing import Self
 
 import numpy as np
 
-from armdyn.channels import Channel
-from armdyn.differences import NORMAL_MEDIAN, quiet_std
 from armdyn.errors import InputError
-from armdyn.faults import clean
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
+from armdyn.recording.channels import Channel
+from armdyn.recording.differences import NORMAL_MEDIAN, quiet_std
+from armdyn.recording.spikes import clean
 from armdyn.run import Run
 
 REPAID = 70_000

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from armdyn import atomic
-from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
+from armdyn.recording.bytes_in import read_bytes
 from pipeline.batch.spec import Item, Spec
 from pipeline.batch.work import Job, Outcome, key_of, key_of_model
 from pipeline.batch.workers import outcomes

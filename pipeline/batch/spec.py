@@ -20,7 +20,7 @@ from typing import Annotated, Any
 
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.identify.change import FALSE_ALARMS
-from armdyn.sidecar import utc
+from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
 from urdf.table_file import Check, read_as

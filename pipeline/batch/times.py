@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path, PurePosixPath
 
 from armdyn.errors import InputError
-from armdyn.sidecar import read_sidecar
+from armdyn.recording.sidecar import read_sidecar
 
 EARLIEST, LATEST = 1990, 2100
 """Years that a date in a name can have; other numbers of eight digits are none."""
@@ -117,7 +117,7 @@ def seen_from(path: Path, folder: Path) -> str:
 def _of_sidecar(path: Path) -> datetime | None:
     try:
         if path.suffix.lower() == ".mcap" and not path.with_suffix(".toml").exists():
-            from armdyn.mcap_run import read_mcap
+            from armdyn.recording.mcap_run import read_mcap
 
             return read_mcap(path, recover=True).sidecar.recorded
         return read_sidecar(path.with_suffix(".toml")).recorded

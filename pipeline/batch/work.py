@@ -19,7 +19,7 @@ from urdf import DescriptionWarning
 from urdf.table_file import read_table
 
 if TYPE_CHECKING:
-    from armdyn.checked_study import Known
+    from armdyn.checked_study import ModelWithCatalogue
     from armdyn.identify.compare import Comparison
 
 _one_at_a_time = threading.Lock()
@@ -168,12 +168,12 @@ def _numbers(found: "Comparison") -> dict[str, Any]:
 
 
 @lru_cache(maxsize=64)
-def _known(path: Path, key: str, effects: Path | None) -> "Known":
+def _known(path: Path, key: str, effects: Path | None) -> "ModelWithCatalogue":
     """Model and effects to choose from, read once per content: the key is part of the question."""
     del key
-    from armdyn.checked_study import Known
+    from armdyn.checked_study import ModelWithCatalogue
 
-    return Known.of(path, effects)
+    return ModelWithCatalogue.of(path, effects)
 
 
 def key_of_model(path: Path, effects: Path | None) -> str:
@@ -183,9 +183,9 @@ def key_of_model(path: Path, effects: Path | None) -> str:
         InputError: one of them cannot be used.
     """
     from armdyn.arm.model import ArmModel
-    from armdyn.checked_study import Known
+    from armdyn.checked_study import ModelWithCatalogue
 
-    model = Known.of(path, effects).file.model
+    model = ModelWithCatalogue.of(path, effects).file.model
     base = str(read_table(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
     robot = [model.arm.robot.fingerprint] if isinstance(model, ArmModel) else []

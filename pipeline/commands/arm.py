@@ -10,7 +10,7 @@ from pipeline.console.screen import finish
 
 if TYPE_CHECKING:
     from armdyn.arm.posture import ArmPosture, Ellipsoid
-    from armdyn.channels import FloatArray
+    from armdyn.recording.channels import FloatArray
     from urdf import Robot
 
 PANEL = "Motions of an arm"

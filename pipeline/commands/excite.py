@@ -77,7 +77,7 @@ def excite(
     with spinner() as say:
         from armdyn.arm.model import arm_model
         from armdyn.atomic import write_text
-        from armdyn.csv_run import csv_text
+        from armdyn.recording.csv_run import csv_text
         from pipeline.answers_motion import excitation_answer
         from pipeline.motion.excitation import excitation
         from pipeline.report.excitation import excitation_document, excitation_page

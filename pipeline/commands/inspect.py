@@ -34,7 +34,7 @@ def inspect(
     json_file: JsonOption = None,
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
-    from armdyn.checked_study import Known
+    from armdyn.checked_study import ModelWithCatalogue
     from armdyn.inspection.inspect import inspected
     from armdyn.run import read_run
     from pipeline.answers import inspection_answer
@@ -47,7 +47,7 @@ def inspect(
     check_outputs(report, json_file, inputs=files)
     with spinner() as say:
         runs = [read_run(path) for path in run_files]
-        known = None if model_file is None else Known.of(model_file, effects)
+        known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")
         found = inspected(runs) if known is None else known.inspect(runs)
         written = write_fixed(found, fix, force) if fix is not None else []

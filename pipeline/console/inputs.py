@@ -97,10 +97,10 @@ class Inputs:
             InputError: something cannot be used.
             WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
-        from armdyn.checked_study import CheckedStudy, Known
+        from armdyn.checked_study import CheckedStudy, ModelWithCatalogue
 
         return CheckedStudy.of(
-            Known.of(self.model, self.effects), self.runs, self.held_out or (), self.exam or (),
+            ModelWithCatalogue.of(self.model, self.effects), self.runs, self.held_out or (), self.exam or (),
             effects=None if choosing else (), adding=adding, trusted=self.trust_data,
         )  # fmt: skip
 

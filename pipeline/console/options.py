@@ -11,7 +11,7 @@ import typer
 from armdyn.errors import InputError, at
 
 if TYPE_CHECKING:
-    from armdyn.units import Known
+    from armdyn.recording.units import Known
     from urdf import Robot
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
@@ -124,7 +124,7 @@ def quantity(text: str, unit: str, option: str) -> "Known":
     Raises:
         InputError: it cannot be read.
     """
-    from armdyn.units import parse_quantity
+    from armdyn.recording.units import parse_quantity
 
     with at(option):
         return parse_quantity(text, unit)

@@ -46,7 +46,7 @@ def conclude_repair(
         write_model_file(output, ModelFile(model, given.known.file.description, history))
 
     finish(
-        replace(found.document(given.study.judges), next_steps=steps),
+        replace(found.document(given.study.holdout_kinds), next_steps=steps),
         lambda: {**repair_answer(found), **checked(given)},
         json_file,
         report,

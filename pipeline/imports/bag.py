@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES
 from armdyn.errors import InputError
+from armdyn.recording.channels import MIN_SAMPLES
 from pipeline.imports.foreign import Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from pipeline.imports.messages import Reading, messages

@@ -10,7 +10,10 @@ from datetime import UTC, datetime
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import (
+from armdyn.errors import InputError, UnknownNameError, at, collect
+from armdyn.inspection.check import Check
+from armdyn.inspection.correction import Reading
+from armdyn.recording.channels import (
     LARGEST,
     LARGEST_OF_OTHERS,
     MIN_SAMPLES,
@@ -21,11 +24,8 @@ from armdyn.channels import (
     channel_unit,
     check_joint_units,
 )
-from armdyn.errors import InputError, UnknownNameError, at, collect
-from armdyn.inspection.check import Check
-from armdyn.inspection.correction import Reading
+from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
-from armdyn.units import parse_quantity, si_factor
 from pipeline.imports.foreign import Account, Column, Foreign
 from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
 from pipeline.imports.stamps import dated

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armdyn.channels import FloatArray, name_and_unit
 from armdyn.inspection.check import Check, Severity
+from armdyn.recording.channels import FloatArray, name_and_unit
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import FloatArray, in_contract
 from armdyn.errors import InputError
-from armdyn.units import si_factor
+from armdyn.recording.channels import FloatArray, in_contract
+from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.foreign import Column, Foreign
 from pipeline.imports.joints import Joints, contains, match_joints, skeleton

@@ -5,7 +5,7 @@ The first two lines in a row that hold mostly numbers tell what divides the cell
 
 from itertools import pairwise
 
-from armdyn.delimited import MISSING, separator_of
+from armdyn.recording.delimited import MISSING, separator_of
 from pipeline.imports.words import KINDS, fits
 from urdf.bounds import number, shown
 

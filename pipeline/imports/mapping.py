@@ -18,14 +18,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated
 
-from armdyn.channels import channel_kind
 from armdyn.errors import InputError, collect
 from armdyn.inspection.correction import Correction
 from armdyn.quoting import one_line, toml_string
+from armdyn.recording.channels import channel_kind
+from armdyn.recording.sidecar import Sidecar, sidecar_of
+from armdyn.recording.units import parse_quantity
 from armdyn.run import Run
-from armdyn.sidecar import Sidecar, sidecar_of
 from armdyn.toml_file import read_toml
-from armdyn.units import parse_quantity
 from urdf.table_file import Check, TableFileError, join_problems, read_as
 
 TIME_LINE = 'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" }'

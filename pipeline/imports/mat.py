@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.channels import MIN_SAMPLES, FloatArray
 from armdyn.errors import InputError
+from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.user_code import rehearse
 from pipeline.imports.foreign import Column, Foreign, Reader
 from urdf.bounds import LARGEST_CONTENT, LARGEST_RECORDING, MIB, MOST_COLUMNS

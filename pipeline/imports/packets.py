@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from armdyn.bytes_in import read_bytes
 from armdyn.errors import InputError
-from armdyn.mcap_records import expanded, sound_records
-from armdyn.mcap_run import SIDECAR_RECORD
 from armdyn.read_files import reading
+from armdyn.recording.bytes_in import read_bytes
+from armdyn.recording.mcap_records import expanded, sound_records
+from armdyn.recording.mcap_run import SIDECAR_RECORD
 from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
 
 

@@ -12,9 +12,9 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import MIN_SAMPLES, FloatArray
 from armdyn.errors import InputError
-from armdyn.tracks import second_track
+from armdyn.recording.channels import MIN_SAMPLES, FloatArray
+from armdyn.recording.tracks import second_track
 from pipeline.imports.foreign import SECOND, Account, Column
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
 from urdf.bounds import MOST_ROWS, shown

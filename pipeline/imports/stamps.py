@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from armdyn.channels import MIN_SAMPLES, FloatArray
-from armdyn.gaps import shortest_gap
+from armdyn.recording.channels import MIN_SAMPLES, FloatArray
+from armdyn.recording.gaps import shortest_gap
 
 PIECE = MIN_SAMPLES
 """Samples that a piece holds at least: with fewer nothing can be done."""

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armdyn.arrays import seconds
-from armdyn.bytes_in import read_bytes
-from armdyn.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from armdyn.errors import InputError, at
+from armdyn.recording.bytes_in import read_bytes
+from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
 from pipeline.imports.foreign import Column, Foreign, Reader, split_label
 from pipeline.imports.head import plain_table
 from urdf.bounds import (

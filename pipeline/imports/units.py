@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.errors import InputError
-from armdyn.units import si_factor
+from armdyn.recording.channels import FloatArray
+from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim
 from pipeline.imports.foreign import Column, Foreign
 from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Range

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from armdyn.errors import InputError
-from armdyn.units import si_factor
+from armdyn.recording.units import si_factor
 
 
 def words_in(text: str) -> frozenset[str]:

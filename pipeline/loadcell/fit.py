@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.units import parse_quantity
+from armdyn.recording.units import parse_quantity
 from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault

@@ -8,11 +8,11 @@ import numpy as np
 
 import urdf
 from armdyn.atomic import write_text
-from armdyn.channels import Channel
-from armdyn.csv_run import csv_text
 from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.plan import HOPELESS, Plan, with_motion
 from armdyn.pendulum.path import GripperPath
+from armdyn.recording.channels import Channel
+from armdyn.recording.csv_run import csv_text
 from ik import LineTable, default_table
 from pipeline.box import Box
 from pipeline.motion.feasibility import CheckSettings, Swing, box_and_table, check_line

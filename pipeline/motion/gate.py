@@ -35,7 +35,7 @@ REST_SPEED = 1e-3
 """Commanded speed below which a stream is at rest [rad/s]."""
 
 
-class Withheld(Enum):
+class RefusalReason(Enum):
     """Why a command was not sent; the value says it to a person, with what to do."""
 
     NOT_A_NUMBER = "a command holds a NaN or an infinity, it is not finite: look at the node that made it"
@@ -60,7 +60,7 @@ class Withheld(Enum):
 class Refusal:
     """Why, which joint, and by how much."""
 
-    why: Withheld
+    why: RefusalReason
     detail: str = ""
 
     @property
@@ -94,25 +94,25 @@ class Gate:
 
     def _form(self, q: Array, v: Array, a: Array) -> Refusal | None:
         if any(np.shape(x) != (len(self._names),) for x in (q, v, a)):
-            return Refusal(Withheld.WRONG_NUMBER, f"{np.size(q)} of {len(self._names)} joints")
+            return Refusal(RefusalReason.WRONG_NUMBER, f"{np.size(q)} of {len(self._names)} joints")
         if not all(np.isfinite(x).all() for x in (q, v, a)):
-            return Refusal(Withheld.NOT_A_NUMBER)
+            return Refusal(RefusalReason.NOT_A_NUMBER)
         return None
 
     def _follows(self, q: Array, measured: Array) -> Refusal | None:
-        return self._most(Withheld.TRACKING, np.abs(q - measured), TRACKING, "rad")
+        return self._most(RefusalReason.TRACKING, np.abs(q - measured), TRACKING, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + TOLERANCE
         outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
-            return Refusal(Withheld.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
-        return self._most(Withheld.VELOCITY, np.abs(v), more * limits.velocity, "rad/s") or self._most(
-            Withheld.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
+            return Refusal(RefusalReason.POSITION, f"{self._names[joint]}: {q[joint]:.4g} rad")
+        return self._most(RefusalReason.VELOCITY, np.abs(v), more * limits.velocity, "rad/s") or self._most(
+            RefusalReason.ACCELERATION, np.abs(a), more * limits.acceleration, "rad/s^2"
         )
 
-    def _most(self, why: Withheld, value: Array, bound: Array | float, unit: str) -> Refusal | None:
+    def _most(self, why: RefusalReason, value: Array, bound: Array | float, unit: str) -> Refusal | None:
         """A refusal where a value exceeds its bound or is no number, naming the joint that exceeds it most."""
         if np.all(value <= bound):
             return None
@@ -146,18 +146,18 @@ class LineGate:
             measured: joint positions now (n,); None where they are not watched [rad].
         """
         if not reference.is_finite:
-            return Refusal(Withheld.NOT_A_NUMBER)
+            return Refusal(RefusalReason.NOT_A_NUMBER)
         more = 1.0 + TOLERANCE
         s, v, a = reference
         # In this form a limit that is no number refuses, too.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
-            return Refusal(Withheld.OFF_THE_LINE, f"s = {s:.4g} m")
+            return Refusal(RefusalReason.OFF_THE_LINE, f"s = {s:.4g} m")
         if not abs(v) <= more * self.limits.speed_at(s):
-            return Refusal(Withheld.LINE_SPEED, f"{v:.3g} m/s")
+            return Refusal(RefusalReason.LINE_SPEED, f"{v:.3g} m/s")
         if not abs(a) <= more * self.limits.acceleration_at(s):
-            return Refusal(Withheld.LINE_ACCELERATION, f"{a:.3g} m/s^2")
+            return Refusal(RefusalReason.LINE_ACCELERATION, f"{a:.3g} m/s^2")
         if previous is not None and not self._follows(reference, previous):
-            return Refusal(Withheld.JUMP)
+            return Refusal(RefusalReason.JUMP)
         s = min(max(s, float(self.table.s[0])), float(self.table.s[-1]))
         return self.joints.check(*self.table.joint_motion(s, v, a), measured)
 
@@ -221,21 +221,21 @@ class StreamGate(Gate):
     def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
         """Is it known where the arm is, and is it there?"""
         if state is None:
-            return Refusal(Withheld.NO_STATE)
+            return Refusal(RefusalReason.NO_STATE)
         age = now - state.time
         if not age <= FRESH:
-            return Refusal(Withheld.STALE, f"{1e3 * age:.0f} ms")
+            return Refusal(RefusalReason.STALE, f"{1e3 * age:.0f} ms")
         return self._follows(q, state.q)
 
     def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
         """A stream begins at rest where the arm is; one that paused while the arm moved does not go on."""
         if not self.begins(now):
             late = now - self._sent
-            return None if late <= GAP else Refusal(Withheld.GAP, f"{1e3 * late:.0f} ms")
+            return None if late <= GAP else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
-        moving = self._most(Withheld.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
-        return moving or self._most(Withheld.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
+        moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
+        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
         """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""
@@ -246,7 +246,7 @@ class StreamGate(Gate):
         refusal = self._beyond(
             q, np.maximum(np.abs(velocities[-1]), np.abs(v)), np.maximum(np.abs(accelerations[-1]), np.abs(a))
         )
-        refusal = refusal or self._most(Withheld.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
+        refusal = refusal or self._most(RefusalReason.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
         early = spacings[-1] < (1.0 - TOLERANCE) * PERIOD
         if refusal is None or not early:
             return refusal

@@ -6,7 +6,7 @@ from contextlib import suppress
 from armdyn.errors import InputError
 from ik import LineTable
 from pipeline.motion import LineGate, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.gate import PERIOD, Refusal, Withheld
+from pipeline.motion.gate import PERIOD, Refusal, RefusalReason
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 from pipeline.robot.protocol import RobotInterface
@@ -129,7 +129,7 @@ class DriveNode:
             try:
                 self._smoother.reset(state)
             except InputError:
-                refusal = Refusal(Withheld.NO_WAY_TO_REST)
+                refusal = Refusal(RefusalReason.NO_WAY_TO_REST)
         return state, refusal
 
     def _next(self, now: float) -> LineState:

@@ -13,13 +13,13 @@ import numpy as np
 
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
 from armdyn.errors import TaskFailedError
-from armdyn.faults import without_spikes
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.dynamics import STATE_SIZE
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
+from armdyn.recording.spikes import without_spikes
 from armdyn.run import Run
 from pipeline.motion import LineState
 from pipeline.nodes.background import BackgroundWorker

@@ -104,7 +104,7 @@ class _SmoothedPath:
 
 
 class MeasurementNode:
-    """Reads the robot at 100 Hz, and judges every reading.
+    """Reads the robot at 100 Hz, and holdout_kinds every reading.
 
     The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
     channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is

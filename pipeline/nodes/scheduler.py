@@ -197,7 +197,7 @@ CHECK = 0.002
 class Watchdog:
     """A thread that stops the arm where the loop does not beat any more, whatever it hangs in.
 
-    It judges by the computer's own monotonic clock, and is right only for a robot that goes on moving while this
+    It holdout_kinds by the computer's own monotonic clock, and is right only for a robot that goes on moving while this
     program computes; a simulated one stands still meanwhile. It cannot run while foreign code holds Python's lock:
     for that the robot's own timeout is the last resort.
 

@@ -86,7 +86,7 @@ def time_section(history: History) -> Section:
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
     shown = names[:MOST_PARAMETERS]
     text = "Each point is the fit of one recording alone. Robots whose parameter changed are in colour."
-    text += f" Shown: {MOST_PARAMETERS} of {len(names)} parameters." if len(names) > MOST_PARAMETERS else ""
+    text += f" Displayable: {MOST_PARAMETERS} of {len(names)} parameters." if len(names) > MOST_PARAMETERS else ""
     charts = [Chart(_figure_over_time(name, history), tab=name if len(shown) > 1 else "") for name in shown]
     return Section("Parameters over time", text, charts, tabs={name: _plain(name) for name in shown})
 

@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from armdyn.channels import FloatArray
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table, columns_of
+from armdyn.recording.channels import FloatArray
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
 from urdf.robot import Limits

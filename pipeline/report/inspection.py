@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from armdyn.channels import Channel
 from armdyn.document import Chart, Column, Document, Level, Section, Table, columns_of
 from armdyn.inspection.check import Check, Inspection, Severity
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS, thinned
 

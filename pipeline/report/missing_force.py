@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.document import Chart, Section
-from armdyn.identify.force_law import QUANTITIES, RATE, law
-from armdyn.identify.missing_force import ForceCurve, pooled
+from armdyn.identify.residual.force_law import QUANTITIES, RATE, law
+from armdyn.identify.residual.missing_force import ForceCurve, pooled
+from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
 
 TITLE = "The missing force"

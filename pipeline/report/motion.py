@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from armdyn.arm.rollout import RollOut
-from armdyn.channels import Channel, FloatArray
 from armdyn.document import Chart, Section
 from armdyn.identify.tables import KINDS, ROLES
+from armdyn.recording.channels import Channel, FloatArray
 from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
 
 TITLE = "Motion"

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armdyn.channels import Channel, FloatArray
 from armdyn.document import Section, Widget
 from armdyn.identify.bands import Bands
 from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
-from armdyn.identify.localise import Place
 from armdyn.identify.problem import Block
+from armdyn.identify.residual.localise import Place
 from armdyn.identify.study import Study
-from armdyn.preparation import of_all_runs, sentence
+from armdyn.recording.channels import Channel, FloatArray
+from armdyn.recording.preparation import of_all_runs, sentence
 from armdyn.run import Run
 from pipeline.report.page import pills
 from pipeline.report.theme import MOST_POINTS, quantity_of, short_name, thinned
@@ -106,7 +106,7 @@ def overlays(
         places: where the last one fails.
         bands: around the last one's predictions.
     """
-    others = KINDS[study.judges[-1]]
+    others = KINDS[study.holdout_kinds[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])

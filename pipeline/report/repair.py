@@ -9,7 +9,7 @@ from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.explained import RepairStep, in_percent
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import Repair
-from armdyn.identify.search import repair_step
+from armdyn.identify.selection.search import repair_step
 from armdyn.identify.sentence import MOST_EFFECTS, WHOSE, added_effects
 from armdyn.identify.study import Study
 from armdyn.identify.tables import step_name
@@ -44,11 +44,11 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
     shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
-    document = found.document(study.judges, _summaries(study))
+    document = found.document(study.holdout_kinds, _summaries(study))
     made = _illustrated(document, study, missing, shown, found.after.fit, "the last step")
     figures = list(made.key_figures)
     if len(found.path) > 1:
-        whose = WHOSE[study.judges[0]].rstrip(",")
+        whose = WHOSE[study.holdout_kinds[0]].rstrip(",")
         figures.insert(0, KeyFigure("Misfit explained", in_percent(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",

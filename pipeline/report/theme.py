@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.channels import Channel, FloatArray
+from armdyn.recording.channels import Channel, FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.channels import FloatArray
 from armdyn.document import Chart, Section, Table
+from armdyn.recording.channels import FloatArray
 from pipeline.box import Box
 from pipeline.nodes.learning import LengthEstimate
 from pipeline.nodes.scheduler import Timing

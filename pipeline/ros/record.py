@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import urdf
-from armdyn.channels import MIN_SAMPLES, Channel
 from armdyn.errors import InputError, TaskFailedError
+from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import Account, Column
 from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers

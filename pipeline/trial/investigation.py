@@ -253,7 +253,7 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
 
 def _promising(proposal: Proposal) -> bool:
     """Whether the motion may tell at least one pair apart."""
-    return proposal.outlook.probability > HOPELESS or bool(np.any(proposal.outlook.rises > WORTH))
+    return proposal.outlook.probability > HOPELESS or bool(np.any(proposal.outlook.chi2_increase > WORTH))
 
 
 WORTH = 12.0

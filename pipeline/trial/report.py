@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.channels import FloatArray
 from armdyn.document import Document, KeyFigure, Level, NextStep, Section
+from armdyn.recording.channels import FloatArray
 from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.next_experiment import investigation_section
 from pipeline.report.theme import number, percent

@@ -14,7 +14,7 @@ from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
-from armdyn.units import Known
+from armdyn.recording.units import Known
 from pipeline.answers_motion import investigation_answer
 from pipeline.fields import fields
 from pipeline.nodes.learning import LengthEstimate

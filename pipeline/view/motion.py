@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import Channel, FloatArray
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
 from armdyn.model import Model
+from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from pipeline.box import Box
 from pipeline.view.scene import DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing

@@ -6,9 +6,9 @@ import numpy as np
 
 import urdf
 from armdyn.arm.model import ArmModel
-from armdyn.channels import FloatArray
 from armdyn.errors import InputError
 from armdyn.model import Model
+from armdyn.recording.channels import FloatArray
 from armdyn.run import Run, read_run
 from pipeline.box import Box
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene, trial_scene

@@ -17,8 +17,8 @@ import numpy as np
 import trimesh
 
 from armdyn import __version__, atomic
-from armdyn.channels import FloatArray
 from armdyn.errors import InputError
+from armdyn.recording.channels import FloatArray
 from pipeline.report.page import packed, page_head
 
 MOST_FRAMES = 1200

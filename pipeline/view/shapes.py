@@ -10,7 +10,7 @@ import pinocchio as pin
 import trimesh
 import yourdfpy
 
-from armdyn.channels import FloatArray
+from armdyn.recording.channels import FloatArray
 from pipeline.view.scene import DARK, GREY, STEEL, Body, Mesh, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs

@@ -16,7 +16,7 @@ from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
 
 if TYPE_CHECKING:
-    from armdyn.checked_study import Known
+    from armdyn.checked_study import ModelWithCatalogue
     from armdyn.identify.study import Study
 
 T = TypeVar("T")
@@ -143,7 +143,7 @@ def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None
     return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new else ""}
 
 
-def _with_effects(inputs: Inputs, effects: Sequence[str]) -> "tuple[Known, Study]":
+def _with_effects(inputs: Inputs, effects: Sequence[str]) -> "tuple[ModelWithCatalogue, Study]":
     from armdyn.effects.catalogue import find
     from armdyn.identify.study import Study
 

@@ -8,19 +8,19 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import RollOut, roll_outs
-from armdyn.channels import FloatArray
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
-from armdyn.identify.candidate import Candidate, merged
 from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.fit import Fit, channel_rmse, converged
-from armdyn.identify.linear_scorer import LinearScorer
-from armdyn.identify.localise import Place, localise
-from armdyn.identify.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
 from armdyn.identify.problem import Block, Problem
-from armdyn.identify.score import linear_fit
+from armdyn.identify.residual.localise import Place, localise
+from armdyn.identify.residual.missing_force import ForceCurve, Unexplained, curves, explained, unexplained
+from armdyn.identify.residual.tests import linear_fit
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
+from armdyn.recording.channels import FloatArray
 from pipeline.report.overlay import FITTED, HELD_OUT, Overlay, overlays
 
 AS_GIVEN, NOW = "as given", "now"
@@ -98,7 +98,7 @@ class Workbench:
 
     def __init__(self, study: Study) -> None:
         self.study, self.first = study, study.first()
-        self._candidates = {_atom(atom): atom for c in study.candidates for atom in c.apart()}
+        self._candidates = {_atom(atom): atom for c in study.candidates for atom in c.split_by_joint()}
         self.atoms = tuple(self._candidates)
         self.present = tuple(Atom(c.effect, joint) for c in study.present for joint, _ in c.parts)
         self._fits: dict[frozenset[Atom], Fit] = {frozenset(): self.first}
@@ -129,7 +129,7 @@ class Workbench:
         Raises:
             UnknownNameError: one of them cannot be ticked.
         """
-        return [self.study.effects[c.effect].on(*c.joints) for c in merged(self._candidates_of(effects))]
+        return [self.study.effects[c.effect].on(*c.joints) for c in group_by_effect(self._candidates_of(effects))]
 
     def predict(self, effects: Sequence[Atom]) -> TickedModel:
         """What these effects would do, at once.
@@ -176,7 +176,7 @@ class Workbench:
         key = frozenset(effects)
         if key not in self._fits:
             study, chosen = self.study, self._candidates_of(effects)
-            whole = (*study.present, *merged(chosen))
+            whole = (*study.present, *group_by_effect(chosen))
             near = self._fits[min(self._fits, key=lambda other: (len(other ^ key), self._fits[other].cost))]
             around = self.expansion
             start = None if around is None else study.own_values(around, around.of((*around.given, *chosen)))
@@ -223,7 +223,7 @@ class Workbench:
     def motion(self, effects: Sequence[Atom]) -> tuple[RollOut, ...]:
         """How an arm with these effects, fitted, moves by what its joints were told or given; nothing of others."""
         fit, study = self.fit(effects), self.study
-        model = study.model_with((*study.present, *merged(self._candidates_of(effects))))
+        model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
         if not isinstance(model, ArmModel):
             return ()
         values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}

@@ -180,7 +180,7 @@ def _arm_of(path: Path) -> Dropped:
 
 
 def _toml(path: Path) -> Dropped:
-    from armdyn.sidecar import read_sidecar
+    from armdyn.recording.sidecar import read_sidecar
     from armdyn.toml_file import read_toml
 
     table = read_toml(path)

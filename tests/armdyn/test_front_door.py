@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import armdyn
-from armdyn.channels import SampleError
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.recording.channels import SampleError
 from armdyn.run import write_run_csv
 from ik.errors import UnreachableError
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armdyn.errors import InputError
-from armdyn.units import Known, parse_quantity, si_factor, si_unit
+from armdyn.recording.units import Known, parse_quantity, si_factor, si_unit
 
 
 @pytest.mark.parametrize(

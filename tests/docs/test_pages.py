@@ -28,7 +28,7 @@ def test_a_page_shows_what_its_commands_print_and_draw(page, tmp_path):
 
 
 def test_a_number_may_round_otherwise_and_no_word_may():
-    shown = pages.Shown(1, "armdyn", ("it falls from 22.8 ... to 0.201 N m", "in 5 steps"))
+    shown = pages.Displayable(1, "armdyn", ("it falls from 22.8 ... to 0.201 N m", "in 5 steps"))
     assert pages.up_to_date(shown, "it falls from 22.9 or so to 0.202 N m in 5 steps") == list(shown.lines)
     assert pages.up_to_date(shown, "it falls from 24.9 or so to 0.2 N m in 5 steps")[0][:22] == "it falls from 24.9 ..."
     with pytest.raises(AssertionError, match="line 3: not printed: 'in 5 steps'"):

@@ -42,8 +42,8 @@ from armdyn.front import compare
 from armdyn.identify.prepare import prepared
 from armdyn.model_file import base_pendulum, model_text, read_model_file
 from armdyn.physics.user import load_base
+from armdyn.recording.checks import check_run
 from armdyn.run import read_run
-from armdyn.run_checks import check_run
 from ik import PathTable
 from ik.pathfile import read_path
 from pipeline.batch.run import Journal

@@ -9,9 +9,9 @@ import pytest
 import zstandard
 
 from armdyn.errors import InputError
-from armdyn.mcap_run import read_mcap
+from armdyn.recording.mcap_run import read_mcap
+from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import read_run
-from armdyn.units import parse_quantity, si_factor
 
 TIME = np.arange(300) / 100
 RNG = np.random.default_rng(0)

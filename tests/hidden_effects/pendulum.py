@@ -15,8 +15,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 G = 9.81
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 from .dry_swing import G, Motion, Pendulum, Push, reading, swing
 from .output_error import Record

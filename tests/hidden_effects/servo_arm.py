@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.bodies import Stretch
+from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics
@@ -245,7 +245,7 @@ def _showing(truth: ArmModel, motions: list[Motion], law: str, encoder: float) -
     thin = max(1, round(1.0 / (THINNED * (motion.time[1] - motion.time[0]))))
     motion = Motion(*(getattr(motion, k)[::thin] for k in ("time", "q", "v", "a", "direction")))
     whole = truth.with_candidates(CATALOGUE[name] for name in (*EFFECTS, "joint_asymmetric_friction"))
-    _, slopes = whole.at_states(Stretch(truth.arm.model, motion, motion.time))
+    _, slopes = whole.at_states(MotionSamples(truth.arm.model, motion, motion.time))
     inertia = np.diag(pin.crba(truth.arm.model, truth.arm.model.createData(), motion.q.mean(axis=0)))
     moving = np.abs(motion.v) > STILL
     kept = truth

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 from .dominant import Hidden, Lump
 from .dry_swing import G, Pendulum, Push, reading, swing

@@ -13,7 +13,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
-from armdyn.units import Known
+from armdyn.recording.units import Known
 from pipeline.commands.trial import _render
 from pipeline.console.screen import COUNTED, about, spinner
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.interpolate import UnivariateSpline, make_interp_spline
 
 import urdf
-from armdyn.channels import Channel
-from armdyn.csv_run import read_csv
-from armdyn.differences import quiet_std
 from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.recording.channels import Channel
+from armdyn.recording.csv_run import read_csv
+from armdyn.recording.differences import quiet_std
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array

@@ -8,8 +8,8 @@ from scipy.signal import butter, filtfilt
 from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
-from armdyn.preparation import of_all_runs, sentence
 from armdyn.readout import LowPassed
+from armdyn.recording.preparation import of_all_runs, sentence
 
 
 def drives_of(seed, cut=None):

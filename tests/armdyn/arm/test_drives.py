@@ -8,11 +8,11 @@ from armdyn.arm.drive_scale import settled
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.readings import mean_held
 from armdyn.arm.rollout import _resolution, rolled, windows
-from armdyn.channels import Channel
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.experiments.rivals import require_gripper
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.answers import repair_answer
 from pipeline.exports.functions import functions_of, python_text

@@ -7,8 +7,8 @@ from hidden_effects.imperfect_arm import generate as imperfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.linear_scorer import LinearScorer, misfit_of
 from armdyn.identify.repair import add, repair
+from armdyn.identify.selection.linear_scorer import LinearScorer, misfit_of
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 
@@ -66,7 +66,7 @@ def test_likelihood_goes_over_from_noise_to_model_error_without_a_step():
 def test_what_ends_on_a_bound_explains_nothing():
     study = study_of("torque_gain", size=-9.0)  # 0.72 of the reading is missing: another motor
     scorer = study.scorer(study.first())
-    assert scorer.of(on(scorer, "torque_gain:right_s0")).worth == -np.inf
+    assert scorer.of(on(scorer, "torque_gain:right_s0")).score == -np.inf
 
 
 def test_the_order_of_questions_changes_no_answer(study):
@@ -74,7 +74,7 @@ def test_the_order_of_questions_changes_no_answer(study):
     other = LinearScorer(one.sums, study.problem.fitted & ~study.problem.is_effect, one.candidates)
     labels = ("payload:right_w2", "joint_coulomb_friction:right_s1")
     other.of(on(other, "gravity_spring:right_s1"))
-    assert one.of(on(one, *labels)).worth == other.of(on(other, *reversed(labels))).worth
+    assert one.of(on(one, *labels)).score == other.of(on(other, *reversed(labels))).score
 
 
 def test_a_base_on_the_wall_is_no_matter_of_inertias():
@@ -116,8 +116,10 @@ def test_foretold_sets_are_those_that_are_scored(scorer):
     now = scorer.of(on(scorer, "joint_coulomb_friction:right_s1"))
     options = [(c,) for c in on(scorer, "torque_offset:right_e0", "torque_offset:right_s1", "link_inertia:right_e1")]
     scored = [scorer.of((*now.effects, *come)) for come in options]
-    assert scorer.foretold_worth(now, options) == pytest.approx([one.worth for one in scored], rel=2e-4)
-    assert scorer.foretold_cost(now, options) == pytest.approx([scorer.told_cost(one) for one in scored], abs=1e-3)
+    assert scorer.first_order_score(now, options) == pytest.approx([one.score for one in scored], rel=2e-4)
+    assert scorer.first_order_cost(now, options) == pytest.approx(
+        [scorer.reading_cost(one) for one in scored], abs=1e-3
+    )
 
 
 @pytest.mark.slow

@@ -13,13 +13,13 @@ from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import named_terms
 from armdyn.effects.effect import effect
 from armdyn.effects.user import available
-from armdyn.identify.candidate import merged
-from armdyn.identify.missing_force import between
 from armdyn.identify.repair import add
-from armdyn.identify.score import residual_tests
-from armdyn.identify.search import Search
+from armdyn.identify.residual.missing_force import between
+from armdyn.identify.residual.tests import residual_tests
+from armdyn.identify.selection.candidate import group_by_effect
+from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
-from armdyn.identify.way import Step
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
@@ -118,8 +118,8 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
     study = Study(model, [run], [], [viscous])
     (both,) = study.candidates
     steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
-    for one in both.apart():
-        effects = merged((*effects, one))
+    for one in both.split_by_joint():
+        effects = group_by_effect((*effects, one))
         fit = study.fit_with(effects, steps[-1].fit)
         steps.append(Step((one,), (), effects, fit, residual_tests(fit, [])))
     found = concluded(study, Search(tuple(steps)), {}, {viscous.name: viscous})

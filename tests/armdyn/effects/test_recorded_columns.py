@@ -15,8 +15,8 @@ from armdyn.errors import InputError
 from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.model import physics_model
+from armdyn.recording.checks import check_run
 from armdyn.run import Channel, Run
-from armdyn.run_checks import check_run
 
 from ...derivatives import assert_jacobian
 from ...hidden_effects.laws import URDF, world

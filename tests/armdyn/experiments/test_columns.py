@@ -5,7 +5,7 @@ from hidden_effects import arm as hidden_arm
 
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states
-from armdyn.experiments.criteria import Conditioned, Determined, Hidden, Separated
+from armdyn.experiments.criteria import Conditioned, DOptimality, RivalSeparation, Separated
 from armdyn.experiments.series import LONGEST_PERIOD, AxisMotion, Series
 
 
@@ -138,13 +138,13 @@ PRIOR = np.array([10.0, 10.0, 2.0, np.inf, 10.0, 1.0, 10.0])
 
 
 HIDDEN = (
-    Hidden("a", "j", "b", np.array([0, 1]), np.array([2, 3, 6]), np.eye(2)),
-    Hidden("b", "j", "a", np.array([2, 3]), np.array([0, 1, 6]), np.array([[0.6], [0.8]])),
+    RivalSeparation("a", "j", "b", np.array([0, 1]), np.array([2, 3, 6]), np.eye(2)),
+    RivalSeparation("b", "j", "a", np.array([2, 3]), np.array([0, 1, 6]), np.array([[0.6], [0.8]])),
 )
 
 
 CRITERIA = {
-    "determined": Determined(np.array([0, 3, 5]), PRIOR),
+    "determined": DOptimality(np.array([0, 3, 5]), PRIOR),
     "separated": Separated(HIDDEN, PRIOR),
     "conditioned": Conditioned(np.array([0, 1, 3, 4]), np.linspace(0.5, 2.0, P)),
 }
@@ -168,7 +168,7 @@ def test_determined_is_the_mean_logarithm_of_the_standard_deviations_of_a_fit():
     wanted, prior = 4, np.full(P, 3.0)
     whole = np.vstack([ROWS, np.diag(1.0 / prior)])
     variance = np.linalg.inv(whole.T @ whole)[wanted, wanted]
-    value, _ = Determined(np.array([wanted]), prior)(ROWS.T @ ROWS)
+    value, _ = DOptimality(np.array([wanted]), prior)(ROWS.T @ ROWS)
     assert value == pytest.approx(0.5 * np.log(variance))
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hidden_effects.pendulum import Setup, record, weighed
 
-from armdyn.channels import Channel
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import Experiment
@@ -17,8 +16,9 @@ from armdyn.experiments.separation import outlook
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
+from armdyn.recording.channels import Channel
+from armdyn.recording.units import Known
 from armdyn.run import Run
-from armdyn.units import Known
 
 FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wind", "path_tilt")]
 

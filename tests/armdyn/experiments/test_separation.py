@@ -148,7 +148,7 @@ def test_the_probability_is_that_of_simulated_outcomes():
     assert 0.05 < expected < 0.95  # else it would be no test
     assert abs(wins / count - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / count) + 0.05
     # The usual approximation N(lambda, 4 lambda) is not far off either.
-    rise = foretold.rises[0, 1]
+    rise = foretold.chi2_increase[0, 1]
     assert abs(norm.sf((MARGIN - rise) / (2.0 * np.sqrt(rise))) - expected) < 0.25
 
 
@@ -178,7 +178,7 @@ def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
         Hypothesis(h.name, h.model, h.free, h.information + np.diag([0.0, 0.0, size**-2.0, 0.0]))
         for h, size in ((wind, 1e-3), (tilt, 1e-3))
     ]
-    assert outlook(seen, turned).rises[~np.eye(2, dtype=bool)].min() > 100.0
+    assert outlook(seen, turned).chi2_increase[~np.eye(2, dtype=bool)].min() > 100.0
 
 
 def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():
@@ -188,7 +188,7 @@ def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():
         np.zeros((2, 2)),
     )  # fmt: skip
     weighed = Experiment("weigh", "", measured={"mass": 4e-4})
-    assert outlook((gain, heavy), weighed).rises[1, 0] == pytest.approx(
+    assert outlook((gain, heavy), weighed).chi2_increase[1, 0] == pytest.approx(
         (0.0024 / 4e-4) ** 2 / (1 + 4.0**0 * (8e-4 / 4e-4) ** 2), rel=0.01
     )
 

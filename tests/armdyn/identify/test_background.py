@@ -9,8 +9,8 @@ from hidden_effects.imperfect_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.background import find_background, fit_full_model
 from armdyn.identify.repair import Repair, add, with_background
+from armdyn.identify.selection.background import find_background, fit_full_model
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 

@@ -12,7 +12,7 @@ from armdyn.identify.repair import add, with_background
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
-from armdyn.units import Known
+from armdyn.recording.units import Known
 from pipeline.answers import comparison_answer
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from armdyn.experiments.rivals import tied_sets
-from armdyn.identify.candidate import Candidate, merged
-from armdyn.identify.search import Search, without_little
-from armdyn.identify.way import Step
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.path import Step
+from armdyn.identify.selection.search import Search, without_little
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def on(effect, *joints):
 def found():
     """Dry friction on a shoulder and then on an elbow, each with a rival; what came between is gone at the end."""
     dry = on("dry", "shoulder"), on("dry", "elbow")
-    ends = [(), (dry[0],), (dry[0], on("offset", "elbow")), merged(dry)]
+    ends = [(), (dry[0],), (dry[0], on("offset", "elbow")), group_by_effect(dry)]
     added = [(), (dry[0],), (on("offset", "elbow"),), (dry[1],)]
     ties = [(), (on("viscous", "shoulder"),), (on("drift", "elbow"),), (on("viscous", "elbow"), on("dry", "shoulder"))]
     return Search(tuple(Step(a, t, e, None, None) for a, t, e in zip(added, ties, ends, strict=True)))

@@ -10,7 +10,6 @@ from scipy.signal import lombscargle
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.filtered import Filtered
 from armdyn.identify.noise import (
     autoregression,
     likeliest_autoregression,
@@ -19,11 +18,12 @@ from armdyn.identify.noise import (
     whitened,
 )
 from armdyn.identify.repair import repair
+from armdyn.identify.residual.character import periodogram
 from armdyn.identify.sentence import Verdict
+from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.study import Study
-from armdyn.identify.unknown import periodogram
 from armdyn.pendulum.model import pendulum_model
-from armdyn.units import Known
+from armdyn.recording.units import Known
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
 
@@ -116,12 +116,12 @@ def test_two_frictions_that_imitate_a_third_are_found():
 def test_a_set_of_which_one_effect_is_wrong_is_promised_the_right_exchange():
     study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
     by_name = {c.effect: c for c in study.candidates}
-    appraiser = Filtered(study)
-    wrong = appraiser.settle([by_name["sensor_bias"], by_name["string_creep"]])
-    exchanged = [(by_name["sensor_bias"], c) for c in appraiser.candidates if c not in wrong.effects]
-    found = max((appraiser.of(one) for one in exchanged), key=lambda one: one.worth)
+    scorer = StateSpaceScorer(study)
+    wrong = scorer.settle([by_name["sensor_bias"], by_name["string_creep"]])
+    exchanged = [(by_name["sensor_bias"], c) for c in scorer.candidates if c not in wrong.effects]
+    found = max((scorer.of(one) for one in exchanged), key=lambda one: one.score)
     assert set(found.effects) == {by_name["sensor_bias"], by_name["sensor_drift"]}
-    assert appraiser.settle(found.effects).worth > wrong.worth
+    assert scorer.settle(found.effects).score > wrong.score
 
 
 def test_effects_at_null_are_left_out_without_a_trace():

@@ -13,8 +13,8 @@ from armdyn.identify.problem import Problem, chi2_of
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
 LOST_EASILY = (

@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.grey_box import GreyBox
-from armdyn.identify.grey_run import Noise
-from armdyn.identify.innovations import Colour, combined, filtered, smoothed, square_root, updated
 from armdyn.identify.problem import Problem
 from armdyn.identify.repair import add
+from armdyn.identify.state_space.grey_box import GreyBox
+from armdyn.identify.state_space.grey_run import Noise
+from armdyn.identify.state_space.innovations import Colour, combined, filtered, smoothed, square_root, updated
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import Pieces

@@ -17,7 +17,7 @@ from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
-from armdyn.units import Known
+from armdyn.recording.units import Known
 
 HIDDEN = {"quadratic_drag": 0.02}
 
@@ -65,10 +65,10 @@ def test_a_training_run_is_no_exam_and_a_copy_neither():
 
 def test_who_judged_is_said():
     runs = recordings()
-    assert study_of(runs).judges == (HoldoutKind.IN_TURN,)
-    assert study_of(runs[:1]).judges == (HoldoutKind.TRAINING,)
-    assert study_of(runs[:1], runs[1:]).judges == (HoldoutKind.HELD_OUT,)
-    assert study_of(runs, exam=recordings(seed=8)[:1]).judges == (HoldoutKind.EXAM, HoldoutKind.IN_TURN)
+    assert study_of(runs).holdout_kinds == (HoldoutKind.IN_TURN,)
+    assert study_of(runs[:1]).holdout_kinds == (HoldoutKind.TRAINING,)
+    assert study_of(runs[:1], runs[1:]).holdout_kinds == (HoldoutKind.HELD_OUT,)
+    assert study_of(runs, exam=recordings(seed=8)[:1]).holdout_kinds == (HoldoutKind.EXAM, HoldoutKind.IN_TURN)
 
 
 def test_no_exam_run_no_exam_error():

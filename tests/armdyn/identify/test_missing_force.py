@@ -8,9 +8,9 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
-from armdyn.identify.force_law import SQUARE, STEP, VISCOUS, law
-from armdyn.identify.missing_force import INDEPENDENT, Unexplained, between, curves, pooled
 from armdyn.identify.repair import repair
+from armdyn.identify.residual.force_law import SQUARE, STEP, VISCOUS, law
+from armdyn.identify.residual.missing_force import INDEPENDENT, Unexplained, between, curves, pooled
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 

@@ -9,7 +9,7 @@ from armdyn.identify.diagnose import judge
 from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.problem import Block
-from armdyn.identify.search import Search
+from armdyn.identify.selection.search import Search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences, totals
 from armdyn.run import Channel
 

@@ -7,7 +7,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.noise import Whitening
 from armdyn.identify.problem import Block
-from armdyn.identify.unknown import spectral_peaks
+from armdyn.identify.residual.character import spectral_peaks
 from armdyn.run import Channel
 
 

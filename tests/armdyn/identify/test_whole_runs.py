@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.identify import whole_runs
-from armdyn.identify.candidate import Candidate
+from armdyn.identify.selection.candidate import Candidate
 
 LOAD, DRY, DRAG, BIAS = (Candidate.of(name, {"": (f"{name}.size",)}) for name in ("load", "dry", "drag", "bias"))
 TRAINING, HELD_OUT = 0, 1
@@ -48,7 +48,7 @@ class Runs:
 
     def of(self, effects):
         effects = tuple(c for c in self.candidates if c in set(effects))
-        return Plain(effects=effects, worth=sum(self._evidence[c] for c in effects))
+        return Plain(effects=effects, score=sum(self._evidence[c] for c in effects))
 
     settle = of
 

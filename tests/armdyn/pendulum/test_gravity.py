@@ -8,8 +8,8 @@ from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, base_pendulum, read_model, write_model_file
 from armdyn.parameter import Prior
+from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
-from armdyn.units import Known
 
 LENGTH, NOISE = 0.62, 1e-3
 

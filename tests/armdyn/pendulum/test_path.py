@@ -8,10 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
-from armdyn.faults import thin_out
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
 from armdyn.physics.recorded import differentiated, smoothed_motion
 from armdyn.readout import Interpolated, Sensor, lagged
+from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
 
 DT = 0.01

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hidden_effects.pendulum import Setup, record, weighed
 
+from armdyn.recording.units import Known
 from armdyn.run import write_run_csv
-from armdyn.units import Known
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armdyn.errors import InputError
-from armdyn.units import si_factor
+from armdyn.recording.units import si_factor
 from pipeline.imports import read_foreign
 from pipeline.imports.guess import guess_map
 from pipeline.imports.mapping import reason

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
-from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, StreamGate, Withheld
+from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, RefusalReason, StreamGate
 from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import JointState
 
@@ -39,15 +39,15 @@ def test_what_the_smoother_makes_of_noise_and_the_finish_pass_every_cycle(line_g
 @pytest.mark.parametrize(
     ("reference", "before", "reason"),
     [
-        (LineState(math.nan), None, Withheld.NOT_A_NUMBER),
-        (LineState(0.0, math.inf), None, Withheld.NOT_A_NUMBER),
-        (LineState(0.5501), None, Withheld.OFF_THE_LINE),
-        (LineState(-0.31), None, Withheld.OFF_THE_LINE),
-        (LineState(0.5, 0.6), None, Withheld.LINE_SPEED),
-        (LineState(0.0, 0.0, -16.0), None, Withheld.LINE_ACCELERATION),
-        (LineState(0.01), LineState(0.0), Withheld.JUMP),
-        (LineState(0.0, 0.05), LineState(0.0), Withheld.JUMP),
-        (LineState(0.0, 0.0, 3.0), LineState(0.0), Withheld.JUMP),
+        (LineState(math.nan), None, RefusalReason.NOT_A_NUMBER),
+        (LineState(0.0, math.inf), None, RefusalReason.NOT_A_NUMBER),
+        (LineState(0.5501), None, RefusalReason.OFF_THE_LINE),
+        (LineState(-0.31), None, RefusalReason.OFF_THE_LINE),
+        (LineState(0.5, 0.6), None, RefusalReason.LINE_SPEED),
+        (LineState(0.0, 0.0, -16.0), None, RefusalReason.LINE_ACCELERATION),
+        (LineState(0.01), LineState(0.0), RefusalReason.JUMP),
+        (LineState(0.0, 0.05), LineState(0.0), RefusalReason.JUMP),
+        (LineState(0.0, 0.0, 3.0), LineState(0.0), RefusalReason.JUMP),
     ],
 )
 def test_a_reference_beyond_a_limit_of_the_line_is_named(line_gate, reference, before, reason):
@@ -63,11 +63,13 @@ def test_a_limit_that_is_no_number_lets_nothing_through(line_gate, name):
 def test_joint_limits_are_watched_besides_those_of_the_line(robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
     gate = LineGate(generous, table, Gate(robot.joint_names, robot.limits))
-    assert why(gate.check(LineState(0.0, 2.0))) is Withheld.VELOCITY
-    assert why(gate.check(LineState(0.0, 0.0, 100.0))) is Withheld.ACCELERATION
+    assert why(gate.check(LineState(0.0, 2.0))) is RefusalReason.VELOCITY
+    assert why(gate.check(LineState(0.0, 0.0, 100.0))) is RefusalReason.ACCELERATION
 
 
-@pytest.mark.parametrize(("off", "reason"), [(0.0, None), (0.3, Withheld.TRACKING), (math.nan, Withheld.TRACKING)])
+@pytest.mark.parametrize(
+    ("off", "reason"), [(0.0, None), (0.3, RefusalReason.TRACKING), (math.nan, RefusalReason.TRACKING)]
+)
 def test_an_arm_that_is_elsewhere_is_noticed(line_gate, table, off, reason):
     measured = table.posture(0.1).q + off * np.eye(7)[3] if off == off else np.full(7, off)
     assert why(line_gate.check(LineState(0.1), measured=measured)) is reason
@@ -112,7 +114,7 @@ def test_a_smooth_motion_passes_and_begins_anew_after_a_pause_at_rest_where_the_
     assert follow(gate, 120) == [None] * 120
     q = smooth(120)[0]
     assert judge(gate, q, now=5.0) is None
-    assert judge(gate, q, state=at(q + 0.1, 9.0), now=9.0) is Withheld.ELSEWHERE
+    assert judge(gate, q, state=at(q + 0.1, 9.0), now=9.0) is RefusalReason.ELSEWHERE
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -120,53 +122,53 @@ def test_a_smooth_motion_passes_and_begins_anew_after_a_pause_at_rest_where_the_
 def test_what_is_not_finite_never_leaves(gate, bad, place):
     vectors = [np.zeros(2) for _ in range(3)]
     vectors[place][1] = bad
-    assert judge(gate, *vectors, state=at(REST)) is Withheld.NOT_A_NUMBER
+    assert judge(gate, *vectors, state=at(REST)) is RefusalReason.NOT_A_NUMBER
 
 
 @pytest.mark.parametrize(
     ("command", "options", "reason"),
     [
-        ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, Withheld.WRONG_NUMBER),
-        ((REST,), {"state": at(REST, 0.0), "now": FRESH + 0.001}, Withheld.STALE),
-        ((REST,), {"state": at(REST, math.nan)}, Withheld.STALE),
+        ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, RefusalReason.WRONG_NUMBER),
+        ((REST,), {"state": at(REST, 0.0), "now": FRESH + 0.001}, RefusalReason.STALE),
+        ((REST,), {"state": at(REST, math.nan)}, RefusalReason.STALE),
         ((REST,), {"state": at(REST, 0.0), "now": FRESH - 0.001}, None),
-        (([NEAR + 0.001, 0.0],), {"state": at(REST)}, Withheld.ELSEWHERE),
+        (([NEAR + 0.001, 0.0],), {"state": at(REST)}, RefusalReason.ELSEWHERE),
         (([NEAR / 2, 0.0],), {"state": at(REST)}, None),
-        ((REST, [0.1, 0.0]), {}, Withheld.ELSEWHERE),
-        (([1.0 + 1e-6, 0.0],), {}, Withheld.POSITION),
+        ((REST, [0.1, 0.0]), {}, RefusalReason.ELSEWHERE),
+        (([1.0 + 1e-6, 0.0],), {}, RefusalReason.POSITION),
     ],
 )
 def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, options, reason):
     assert judge(gate, *command, **options) is reason
-    assert why(gate.judge(REST, REST, REST, None, 0.0)) is Withheld.NO_STATE
+    assert why(gate.judge(REST, REST, REST, None, 0.0)) is RefusalReason.NO_STATE
 
 
 def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
     frozen = at(smooth(39)[0], 39 * PERIOD)
     refused = [judge(moving, *smooth(k), state=frozen, now=k * PERIOD) for k in range(40, 46)]
-    assert refused == [None] * 5 + [Withheld.STALE]
+    assert refused == [None] * 5 + [RefusalReason.STALE]
 
 
 def test_a_motion_that_paused_does_not_go_on(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + GAP + 0.001) is Withheld.GAP
+    assert judge(moving, *smooth(40), now=39 * PERIOD + GAP + 0.001) is RefusalReason.GAP
 
 
 def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):
     q, v, a = smooth(40)
-    assert judge(moving, q, v, a, state=at(q + np.array([0.0, 0.21]), 0.4), now=0.4) is Withheld.TRACKING
-    assert judge(moving, [0.9, 0.0], state=at(smooth(39)[0], 0.4), now=0.4) is Withheld.TRACKING
+    assert judge(moving, q, v, a, state=at(q + np.array([0.0, 0.21]), 0.4), now=0.4) is RefusalReason.TRACKING
+    assert judge(moving, [0.9, 0.0], state=at(smooth(39)[0], 0.4), now=0.4) is RefusalReason.TRACKING
     assert judge(moving, q, v, a, now=0.4) is None
 
 
 @pytest.mark.parametrize(
     ("step", "v", "a", "reason"),
     [
-        (0.0155, 0.0, 0.0, Withheld.VELOCITY),  # 1.55 of 1.5 rad/s
-        (0.0045, 0.0, 0.0, Withheld.ACCELERATION),  # 45 of 20 rad/s^2
-        (0.0015, 0.0, 0.0, Withheld.JERK),  # 15 rad/s^2 from one cycle to the next: 1500 of 1000 rad/s^3
+        (0.0155, 0.0, 0.0, RefusalReason.VELOCITY),  # 1.55 of 1.5 rad/s
+        (0.0045, 0.0, 0.0, RefusalReason.ACCELERATION),  # 45 of 20 rad/s^2
+        (0.0015, 0.0, 0.0, RefusalReason.JERK),  # 15 rad/s^2 from one cycle to the next: 1500 of 1000 rad/s^3
         (0.0009, 0.0, 0.0, None),  # 900 rad/s^3
-        (0.0, 1.6, 0.0, Withheld.VELOCITY),  # and what goes along as feed-forward
-        (0.0, 0.0, 20.5, Withheld.ACCELERATION),
+        (0.0, 1.6, 0.0, RefusalReason.VELOCITY),  # and what goes along as feed-forward
+        (0.0, 0.0, 20.5, RefusalReason.ACCELERATION),
         (0.0, 1.49, 19.9, None),
     ],
 )

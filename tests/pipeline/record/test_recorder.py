@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.mcap_run import read_mcap
+from armdyn.recording.mcap_run import read_mcap
 from armdyn.run import Known, read_run
 from pipeline.record import Recorder
 

@@ -16,7 +16,7 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from armdyn.preparation import Preparation, of_all_runs, sentence
+from armdyn.recording.preparation import Preparation, of_all_runs, sentence
 from pipeline.answers import preparation_answer
 from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, changed, of_fits, quality, quantised
 from pipeline.report.page import page_html

@@ -1,0 +1,250 @@
+"""What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.noise import Whitening, whitening
+from armdyn.identify.problem import by_channel
+from armdyn.physics.pieces import Pieces, pseudo_inverse
+from armdyn.physics.simulated import SimulatedModel
+from armdyn.recording.channels import is_auxiliary
+
+MOST_TERMS = 3
+SIGNIFICANCE = 1e-3
+SEGMENT = 1.5
+"""s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
+STATE_STEPS = 4
+"""Gauss-Newton steps for such a start: in so short a stretch predictions are nearly linear in it."""
+LITTLE_LEFT = 1.05
+"""Squared error per sample, over the noise's, below which too little is left to ask what it is."""
+MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
+"""Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
+FREQUENCIES = 600
+CHUNK = 2**19
+"""Sines that are computed together."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a sparse model of the residual.
+
+    Attributes:
+        channel: whose residual.
+        expression: such as ``"sign(swing_rate)"``.
+        share: of the squared residual that it explains.
+        p_value: probability of that by chance, times the number of terms tried.
+    """
+
+    channel: str
+    expression: str
+    share: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class SpectralPeak:
+    """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and probability by chance."""
+
+    channel: str
+    frequency: float
+    amplitude: float
+    unit: str
+    p_value: float
+
+
+@dataclass(frozen=True)
+class ResidualCharacter:
+    """What is known of an effect outside the catalogue.
+
+    Attributes:
+        process_error: share of the misfit that free initial states in short segments take up, 0 to 1; None where the
+            model has no initial states.
+        terms: best first.
+        peaks: of the channels that have one.
+    """
+
+    process_error: float | None
+    terms: tuple[Term, ...]
+    peaks: tuple[SpectralPeak, ...]
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is structure that coloured noise would not have."""
+        return bool(self.terms or self.peaks)
+
+    @property
+    def sentence(self) -> str:
+        """For a person."""
+        parts = []
+        if self.process_error is not None:
+            share = f"({100 * self.process_error:.0f} % vanish with a free state)"
+            parts.append(f"{behaves_like(self.process_error)} {share}")
+        if self.terms:
+            parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
+        if self.peaks:
+            parts.append("strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
+        return "; ".join(parts)
+
+
+def behaves_like(process_error: float) -> str:
+    """In words, what a process-error share says."""
+    if process_error > MOSTLY_DYNAMICS:
+        return "it behaves like missing dynamics"
+    return "it behaves like a sensor error" if process_error < MOSTLY_SENSOR else "dynamics or sensor: undecided"
+
+
+def characterise(fit: Fit) -> ResidualCharacter:
+    """Describe what a fit leaves."""
+    filters = whitening(fit.blocks)
+    return ResidualCharacter(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
+
+
+def process_error_share(fit: Fit) -> float | None:
+    """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own.
+
+    Every piece is fitted by Gauss-Newton steps from the simulated motion; None for a model without states, and where
+    nothing is left to explain.
+    """
+    problem = fit.problem
+    model = problem.model
+    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < LITTLE_LEFT:
+        return None
+    left = samples = 0.0
+    for i, run in enumerate(problem.runs):
+        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT)
+        states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
+        J, n = states.shape
+        best, count = np.full(J, np.inf), np.zeros(J)
+        for _ in range(STATE_STEPS):
+            square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
+            for channel, s in pieces.linearised(theta, states, none).samples.items():
+                noise = problem.noise[run.name, channel]
+                r, X = (s.measured - s.predicted) / noise, s.by_state / noise
+                square += np.bincount(s.piece, r**2, J)
+                count += np.bincount(s.piece, minlength=J)
+                np.add.at(gram, s.piece, X[:, :, None] * X[:, None])
+                np.add.at(slope, s.piece, X * r[:, None])
+            best = np.fmin(best, square)
+            states = states + (pseudo_inverse(gram) @ slope[:, :, None])[:, :, 0]
+        told = count > n
+        left += float(best[told].sum())
+        samples += float((count[told] - n).sum())
+    excess = fit.chi2 - fit.samples
+    if excess <= 0.0:
+        return None
+    return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
+
+
+def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]:
+    """Orthogonal matching pursuit of the whitened residual over functions of the covariates."""
+    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[Term]()
+    for channel, blocks in channels.items():
+        white = filters[channel]
+        names = set.intersection(*(set(covariates[b.run]) for b in blocks))
+        joint = "" if is_auxiliary(channel) else channel.partition(".")[2]
+        if joint:
+            names = {n for n in names if n.endswith(f".{joint}")}
+        library = _library({n: [b.interpolate(covariates[b.run][n]) for b in blocks] for n in sorted(names)})
+        if not library:
+            continue
+        y = np.concatenate([white(b.residual) for b in blocks])
+        fitted = np.concatenate([white(b.sensitivities[:, fit.free]) for b in blocks])
+        columns = {e: np.concatenate([white(v) for v in values]) for e, values in library.items()}
+        total = float(y @ y)
+        basis = np.linalg.qr(fitted)[0]
+        for _ in range(MOST_TERMS):
+            y = y - basis @ (basis.T @ y)
+            best, gain, direction = "", 0.0, np.zeros(len(y))
+            for expression, column in columns.items():
+                rest = column - basis @ (basis.T @ column)
+                size = float(np.linalg.norm(rest))
+                if size > 1e-3 * np.linalg.norm(column) and (drop := float(rest @ y) ** 2 / size**2) > gain:
+                    best, gain, direction = expression, drop, rest / size
+            p = min(1.0, len(channels) * len(columns) * float(chdtrc(1, gain)))
+            if not best or p > SIGNIFICANCE:
+                break
+            found.append(Term(channel, best, gain / total, p))
+            basis = np.column_stack([basis, direction])
+    return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
+
+
+def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
+    """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
+    found, channels = [], by_channel(fit.blocks)
+    for channel, blocks in channels.items():
+        interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
+        longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
+        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)
+        white = filters[channel]
+        order = len(white.coefficients)
+        power = np.zeros(len(frequencies))
+        long_enough = [b for b in blocks if len(b.time) > order]  # a joint that rests leaves a handful of samples
+        for b in long_enough:
+            power += periodogram(b.time[order:], white(b.residual), frequencies)
+        best = int(np.argmax(power))
+        p = min(1.0, len(channels) * len(frequencies) * float(chdtrc(2 * len(long_enough), 2 * float(power[best]))))
+        if p < SIGNIFICANCE:
+            raw = np.concatenate([b.misfit for b in blocks])
+            time = np.concatenate([b.time for b in blocks])
+            wave = 2 * np.pi * frequencies[best] * time
+            amplitude = 2 * np.hypot(np.mean(raw * np.cos(wave)), np.mean(raw * np.sin(wave)))
+            found.append(SpectralPeak(channel, float(frequencies[best]), float(amplitude), blocks[0].unit, p))
+    return tuple(found)
+
+
+def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """(F,) half the fall of |value|^2 when a sine and a cosine are fitted; the samples need not be even.
+
+    Scargle, Astrophys. J. 263 (1982), from the normal equations of each frequency.
+
+    Args:
+        time: (n,) s.
+        value: (n,).
+        frequencies: (F,) Hz.
+    """
+    power = np.empty(len(frequencies))
+    together = max(1, CHUNK // len(time))
+    for first in range(0, len(frequencies), together):
+        part = slice(first, first + together)
+        phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)
+        sine, cosine = np.sin(phase), np.cos(phase)
+        s, c = sine @ value, cosine @ value
+        ss, sc = np.einsum("fn,fn->f", sine, sine), np.einsum("fn,fn->f", sine, cosine)
+        cc = len(time) - ss
+        power[part] = (cc * s**2 - 2 * sc * s * c + ss * c**2) / np.maximum(2 * (ss * cc - sc**2), np.finfo(float).tiny)
+    return power
+
+
+def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
+    """Functions of one and of two signals, each a list of arrays, one per run; scaled signals keep powers apart."""
+    scale = {n: max(float(np.max(np.abs(v), initial=0.0)) for v in values) or 1.0 for n, values in signals.items()}
+    library: dict[str, list[np.ndarray]] = {}
+    for name, values in signals.items():
+        unit = [v / scale[name] for v in values]
+        shapes: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+            f"{name}": lambda u: u,
+            f"{name}^2": lambda u: u**2,
+            f"{name}^3": lambda u: u**3,
+            f"|{name}| {name}": lambda u: np.abs(u) * u,
+            f"sign({name})": lambda u: np.tanh(u / 0.02),
+            f"[{name} > 0]": lambda u: (u > 0).astype(float),
+        }
+        for label, function in shapes.items():
+            library[label] = [function(u) for u in unit]
+    rates = [n for n in signals if n == "swing_rate" or n.startswith("v.")]
+    places = [n for n in signals if n in ("swing_angle", "gripper_x") or n.startswith("q.")]
+    for rate in rates:
+        for place in places:
+            library[f"[{place} > 0] sign({rate})"] = [
+                (p > 0) * np.tanh(r / scale[rate] / 0.02) for p, r in zip(signals[place], signals[rate], strict=True)
+            ]
+            library[f"{place} {rate}"] = [
+                p * r / scale[rate] / scale[place] for p, r in zip(signals[place], signals[rate], strict=True)
+            ]
+    return {
+        e: v for e, v in library.items() if all(np.all(np.isfinite(x)) for x in v) and any(np.ptp(x) > 0 for x in v)
+    }

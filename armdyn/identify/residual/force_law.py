@@ -1,0 +1,200 @@
+"""Which simple law the missing force follows: a step where the motion turns round, a straight line, a parabola.
+
+Laws are sums of at most two terms in one quantity, with or without a constant, fitted to the means of the bins by
+weighted least squares. Of k terms, n bins with the standard errors s_i and the remaining chi2 the evidence is (Schwarz,
+Ann. Stat. 6, 1978)
+
+    ln L = -n/2 ln f^2 - chi2 / (2 f^2) - k/2 ln n,    f^2 = max(1, chi2/n):
+
+the standard errors are at least as large as they are said to be, and larger where no law describes everything.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from armdyn.identify.residual.missing_force import ForceCurve, pooled, smallest
+from armdyn.recording.channels import FloatArray
+
+CLEAR = float(np.log(100.0))
+"""Nats. A term is told where every law without it is a hundred times less likely than the best: very strong evidence in
+the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). The picture shows whatever is less clear."""
+QUANTITIES = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
+"""By unit; in any other it is the rate of a state."""
+RATE = "rate"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How a force may depend on one quantity.
+
+    Attributes:
+        of: from (b,) values of the quantity to (b,) of the force, per unit of size.
+        says: the law with ``{size}``, ``{sense}`` (grows or falls), ``{what}`` moves, and ``{against}``.
+        factor: size that is told over the fitted coefficient: the step of a sign is two.
+        power: of the quantity in the unit of the size.
+        cause: what takes energy from the motion in this way; empty where there is more than one.
+        effects: parts of the names of effects that do.
+    """
+
+    of: Callable[[FloatArray], FloatArray]
+    says: str
+    factor: float = 1.0
+    power: int = 1
+    cause: str = ""
+    effects: tuple[str, ...] = ()
+
+
+DRY = ("coulomb", "asymmetric", "stribeck", "load_friction")
+STEP = Shape(np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY)
+VISCOUS = Shape(
+    np.positive, "{sense} in proportion to the speed, by {size}",
+    cause="viscous friction", effects=("viscous", "linear_drag"),
+)  # fmt: skip
+SQUARE = Shape(
+    lambda x: x * np.abs(x), "{sense} with the square of the speed, by {size}",
+    power=2, cause="air drag", effects=("quadratic_drag",),
+)  # fmt: skip
+LINE = Shape(np.positive, "{sense} with the {against}, by about {size}")
+DRIFT = Shape(np.positive, "{sense} with time, by about {size}")
+CONSTANT = Shape(np.ones_like, "is {size} at every speed and position", power=0)
+SHAPES = {"speed": (STEP, VISCOUS, SQUARE), "time": (DRIFT,)}
+"""By quantity; a straight line for every other."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One part of a law.
+
+    Attributes:
+        shape: how the force depends on the quantity.
+        against: the quantity; empty for a constant.
+        size: of the step, or of the force per unit (or squared unit) of the quantity, with its sign.
+        unit: of the size.
+    """
+
+    shape: Shape
+    against: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Law:
+    """What a missing force follows.
+
+    Attributes:
+        joint: which joint's; None for a model without joints.
+        quantity: ``"torque"``, ``"force"``, ``"acceleration"`` or ``"rate"``.
+        terms: those that are clear.
+        alike: other joints whose missing force follows the same terms, with sizes of their own.
+    """
+
+    joint: str | None
+    quantity: str
+    terms: tuple[Term, ...]
+    alike: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Such as ``"the missing torque of elbow steps by 1.2 N m where the joint turns round: dry friction"``."""
+        whose = f" of {self.joint}" if self.joint else ""
+        driven = self.quantity in ("torque", "force")
+        what = "joint" if driven else "motion" if self.joint else "swing"
+        # A drive must make up for what friction takes; a swing is slowed by it.
+        friction = [t for t in self.terms if t.shape.cause]
+        loss = 1.0 if driven else -1.0
+        drives = bool(friction) and all(loss * t.size < 0.0 for t in friction)
+        along = -loss if drives else loss
+        said = " and ".join(_said(t, what, t.size * (along if t.shape.cause else 1.0) > 0.0) for t in self.terms)
+        text = f"the missing {self.quantity}{whose} {said}"
+        text += f" (likewise {_listed(self.alike)})" if self.alike else ""
+        if drives:
+            return f"{text}, which drives the motion and is no friction"
+        # What surrounds a joint is oil as well.
+        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        return f"{text}: {' and '.join(causes)}" if causes else text
+
+
+def law(curves: Iterable[ForceCurve]) -> Law | None:
+    """The law of the joint that lacks most, of those whose law is clear; None where none is."""
+    by_joint: dict[str | None, list[ForceCurve]] = {}
+    for curve in pooled(curves):
+        by_joint.setdefault(curve.joint, []).append(curve)
+    found = [one for one in map(_law, by_joint.values()) if one is not None]
+    if not found:
+        return None
+    first = found[0]
+    alike = (one.joint for one in found[1:] if one.joint and _kinds(one) == _kinds(first))
+    return Law(first.joint, first.quantity, first.terms, tuple(alike))
+
+
+def _kinds(one: Law) -> list[tuple[Shape, str, bool]]:
+    """What tells a law from others, whatever its size."""
+    return [(term.shape, term.against, term.size > 0.0) for term in one.terms]
+
+
+def law_sentence(curves: Iterable[ForceCurve], named: Collection[str] = ()) -> str:
+    """The law as the sentence with which an answer begins, and a space; empty where none is clear.
+
+    Args:
+        curves: of the missing force.
+        named: effects that were found. Where none of them takes energy as the law does, it is left to the picture: two
+            effects together may look like a third.
+    """
+    found = law(curves)
+    parts = [part for term in found.terms for part in term.shape.effects] if found is not None else []
+    if named and parts and not any(part in name for part in parts for name in named):
+        return ""
+    return f"{found.sentence[:1].upper()}{found.sentence[1:]}. " if found is not None else ""
+
+
+def _law(curves: Sequence[ForceCurve]) -> Law | None:
+    """Of one joint: the terms that no plausible law lacks."""
+    tried = [fitted for curve in curves for fitted in _fitted(curve)]
+    gain, best = max(tried, key=lambda one: one[0])
+    plausible = [{(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR]
+    told = tuple(t for t in best if all((t.shape, t.against) in other for other in plausible))
+    # Beside something that varies, the constant is what is left of it where its shape is none of these.
+    told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT)
+    return Law(curves[0].joint, QUANTITIES.get(curves[0].unit, RATE), told) if told else None
+
+
+def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[Term, ...]]]:
+    """Evidence of every law in one quantity, over that of no force at all, with its terms."""
+    shapes = SHAPES.get(curve.against, (LINE,))
+    sets = [chosen for size in range(3) for chosen in combinations(shapes, size)]
+    scale = max(float(np.max(np.abs(curve.x))), np.finfo(float).tiny)
+    std = np.maximum(curve.std, smallest(curve.std))
+    y, found = curve.as_given / std, []
+    for chosen in (*sets, *((*one, CONSTANT) for one in sets)):
+        columns = np.array([shape.of(curve.x / scale) / std for shape in chosen]).reshape(len(chosen), len(y)).T
+        values = np.linalg.lstsq(columns, y, rcond=None)[0]
+        evidence = _evidence(y - columns @ values, len(chosen)) - _evidence(y, 0)
+        found.append((evidence, tuple(_term(s, v, scale, curve) for s, v in zip(chosen, values, strict=True))))
+    return found
+
+
+def _evidence(residual: FloatArray, terms: int) -> float:
+    n, chi2 = len(residual), float(residual @ residual)
+    spread = max(1.0, chi2 / n)
+    return -n / 2 * float(np.log(spread)) - chi2 / (2 * spread) - terms / 2 * float(np.log(n))
+
+
+def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> Term:
+    per = {0: "", 1: f" per {curve.x_unit}", 2: f" per ({curve.x_unit})^2"}[shape.power]
+    against = "" if shape is CONSTANT else curve.against
+    return Term(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
+
+
+def _said(term: Term, what: str, grows: bool) -> str:
+    size = term.size if term.shape is CONSTANT else abs(term.size)
+    number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
+    against = term.against.replace("_", " ").replace("load", "predicted load")
+    return term.shape.says.format(size=number, sense="grows" if grows else "falls", what=what, against=against)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{len(names)} other joints"

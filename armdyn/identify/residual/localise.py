@@ -1,0 +1,132 @@
+"""Where a model fails: stretches of time, angle, rate or joint speed whose residual is far above the noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, samples_of
+from armdyn.recording.channels import is_auxiliary
+from armdyn.run import Channel
+
+BINS = 16
+TIME_BINS = 30
+SIGNIFICANT = 5.0
+"""Standard deviations by which a bin's chi2 must exceed what noise gives."""
+MOST = 12
+FAR_ABOVE = 1.5
+"""Times the whole run's chi2 per sample that a stretch must reach to be worth naming."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A range in which the model fails.
+
+    Attributes:
+        channel: whose residual.
+        run: name of the run; ``""`` where all runs are taken together.
+        against: what the range is in: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        start: lower end.
+        end: upper end.
+        unit: of both.
+        chi2_per_sample: there; 1 is noise.
+        share: of the channel's whole misfit that lies there.
+    """
+
+    channel: str
+    run: str
+    against: str
+    start: float
+    end: float
+    unit: str
+    chi2_per_sample: float
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """Where it is, such as ``"against time from 3 to 4 s in a.csv"``."""
+        text = f"against {self.against} from {self.start:.3g} to {self.end:.3g} {self.unit}"
+        return f"{text} in {self.run}" if self.run else text
+
+
+def localise(fit: Fit) -> tuple[Place, ...]:
+    """The worst places first; empty where nothing stands out of the noise."""
+    covariates, places = fit.covariates(), list[Place]()
+    for channel, blocks in by_channel(fit.blocks).items():
+        total, samples = chi2_of(blocks), samples_of(blocks)
+        overall = total / samples
+        if deviates(total, samples) < SIGNIFICANT:
+            continue
+        found = _over_runs(blocks, overall) if len(blocks) > 1 else []
+        for block in blocks:
+            found += _bins(channel, block.run, "time", "s", block.time, block.residual**2, TIME_BINS, even=True)
+        joint = "" if is_auxiliary(channel) else channel.partition(".")[2]
+        for name in dict.fromkeys(n for b in blocks for n in covariates[b.run]):
+            if joint and not name.endswith(f".{joint}"):
+                continue
+            found += _against(
+                channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
+            )
+        far = (p for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run")
+        places += [replace(p, share=min(1.0, p.share / total)) for p in far]
+    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
+
+
+def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
+    at = np.concatenate([b.interpolate(c) for b, c in pairs])
+    square = np.concatenate([b.residual**2 for b, _ in pairs])
+    unit = pairs[0][1].unit
+    found = _bins(channel, "", name, unit, at, square, BINS, even=False)
+    if name.startswith("v.") or name == "swing_rate":
+        moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
+        sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
+        means = [_mean(side) for side in sides]
+        if min(means) > 0 and max(means) > 2 * min(means):
+            worse = int(np.argmax(means))
+            bounds = (float(at.min()), 0.0) if worse == 0 else (0.0, float(at.max()))
+            found.append(Place(channel, "", f"sign of {name}", *bounds, unit, means[worse], float(sides[worse].sum())))
+    return found
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
+    squares = [float(b.residual @ b.residual) for b in blocks]
+    return [
+        Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square)
+        for b, square in zip(blocks, squares, strict=True)
+        if square / len(b.residual) > FAR_ABOVE * overall
+    ]
+
+
+def _bins(
+    channel: str, run: str, against: str, unit: str, at: np.ndarray, square: np.ndarray, bins: int, *, even: bool
+) -> list[Place]:
+    """Ranges of neighbouring bins that stand out; bins are equally wide, or hold equally many samples."""
+    if np.ptp(at) <= 0:
+        return []
+    edges = (
+        np.linspace(at.min(), at.max(), bins + 1) if even else np.unique(np.quantile(at, np.linspace(0, 1, bins + 1)))
+    )
+    if len(edges) < 3:
+        return []
+    index = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, len(edges) - 2)
+    counts = np.bincount(index, minlength=len(edges) - 1)
+    sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
+    overall = float(square.mean())
+    mean = sums / np.maximum(counts, 1)
+    failing = (sums - counts > SIGNIFICANT * np.sqrt(2 * np.maximum(counts, 1))) & (mean > FAR_ABOVE * overall)
+    places, first = [], None
+    for i, fails in enumerate([*failing, False]):
+        if fails and first is None:
+            first = i
+        elif not fails and first is not None:
+            level = float(sums[first:i].sum() / counts[first:i].sum())
+            # the share is a sum of squares until the caller knows the channel's whole misfit
+            places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
+                                float(sums[first:i].sum())))  # fmt: skip
+            first = None
+    return places

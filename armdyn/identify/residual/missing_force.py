@@ -1,0 +1,323 @@
+"""The missing force: what a model cannot explain, drawn against what it may depend on, before anyone names it.
+
+Of an arm it is the torque of each joint that the model lacks, measured minus predicted; of a model with states, such as
+a pendulum, the acceleration. Its mean over bins of speed, position, load and time is a curve that shows the law: a step
+where the motion turns round is dry friction, a straight line over the speed viscous friction, a parabola drag.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.fit import Fit
+from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
+from armdyn.identify.state_space.noise_evidence import at_every_kick
+from armdyn.identify.state_space.output_error import AroundMotion
+from armdyn.physics.model import PhysicsModel
+from armdyn.physics.pieces import pseudo_inverse
+from armdyn.physics.simulated import SimulatedModel
+from armdyn.recording.channels import Channel, FloatArray
+from armdyn.run import Run
+
+SHARE = 1.0 / 16.0
+"""Of a swing, between two kicks: so finely a missing force is resolved in time."""
+ROUNDS = 3
+BINS = (32, 24, 16, 12, 8)
+"""Points of a curve: the most of these that leave `INDEPENDENT` samples in most bins, else the fewest."""
+MOTION = {"speed": "v", "position": "q", "acceleration": "a"}
+"""What a joint's torque may depend on, with the kind of its channel."""
+INDEPENDENT = 4.0
+"""Independent samples of a bin. On recordings of a UR5 with friction and a payload eight leave 8 points, which hide the
+step of dry friction in the slope of the viscous one on three of six joints; four leave 32, which show both on all six.
+Standard errors hold, because no bin's scatter counts as less than the usual one of all bins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """Samples of the missing force of one run, and of one joint where the model has joints.
+
+    Attributes:
+        run: its name.
+        joint: its name; None for a model without joints.
+        unit: of `value`: ``"rad/s^2"``, ``"m/s^2"``, ``"N m"`` or ``"N"``.
+        time: (n,) s.
+        value: (n,) what the model lacks, in `unit`.
+        against: by name the (n,) values of what it may depend on, with their unit: ``"speed"``, ``"position"`` (of a
+            pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``. The time need not be among them.
+    """
+
+    run: str
+    joint: str | None
+    unit: str
+    time: FloatArray
+    value: FloatArray
+    against: Mapping[str, tuple[FloatArray, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCurve:
+    """The missing force of one run and joint against one quantity: means over bins that hold equally many samples.
+
+    Attributes:
+        run: its name.
+        joint: its name; None for a model without joints.
+        unit: of the force.
+        against: name of the quantity.
+        x_unit: its unit.
+        x: (b,) its mean in every bin, ascending.
+        as_given: (b,) the mean force that the model as given lacks.
+        std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
+        repaired: (b,) what the repaired model lacks; None where nothing was repaired.
+        repaired_std: (b,) standard error of `repaired`.
+        with_background: (b,) what the repaired model lacks with its background; None where it has none.
+        law: (b,) what the repaired model says that the model as given lacks; None where nobody asked.
+    """
+
+    run: str
+    joint: str | None
+    unit: str
+    against: str
+    x_unit: str
+    x: FloatArray
+    as_given: FloatArray
+    std: FloatArray
+    repaired: FloatArray | None = None
+    repaired_std: FloatArray | None = None
+    law: FloatArray | None = None
+    with_background: FloatArray | None = None
+
+
+def unexplained(fit: Fit) -> list[Unexplained]:
+    """The missing force at a fit, of every run that was fitted."""
+    joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
+    return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
+
+
+def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
+    """What a repaired model says that another one lacks: its missing force where it meets what the repaired predicts.
+
+    That is the formula without the noise of the recordings, less what the other model makes up for by its own values.
+    """
+    problem = given.problem
+    runs = {run.name: run for run in problem.runs}
+    for block in repaired.blocks:
+        run, channel = runs[block.run], Channel(block.time, block.predicted, block.unit)
+        runs[run.name] = replace(run, channels={**run.channels, block.channel: channel})
+    ideal = Problem(problem.model, list(runs.values()), problem.noise)
+    blocks = ideal.blocks(given.values, np.zeros(len(given.values), dtype=bool))
+    return unexplained(replace(given, problem=ideal, blocks=tuple(blocks)))
+
+
+def accelerations(fit: Fit) -> list[Unexplained]:
+    """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
+
+    Values are those settled around the motion: a model that lacks something follows a recording by a wrong length as
+    far as it can.
+    """
+    model = fit.problem.model
+    if not (isinstance(model, SimulatedModel) and model.start_names):
+        return []
+    acting = fit.free | (fit.values != fit.problem.null)
+    needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
+    problem = Problem(model.with_only(needed), fit.problem.runs, fit.problem.noise)
+    model = problem.model
+    assert isinstance(model, SimulatedModel)
+    values = transferred(fit.values, fit.problem, problem)
+    free = transferred_mask(fit.free, fit.problem, problem)
+    swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+    if fit.settled is None:
+        motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
+        free, values = motion.base, motion.point.values
+    else:
+        free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
+    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
+    point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
+    # A simulation that diverges has nothing to draw.
+    return [
+        one for one in found if all(np.isfinite(x).all() for x in (one.value, *(v for v, _ in one.against.values())))
+    ]
+
+
+def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained]:
+    """The missing acceleration of one run, one for each speed of the model."""
+    run, states = box.runs[index], point.states[index]
+    model, theta = run.pieces.model, point.values[run.places]
+    around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
+    _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
+    motion, by_start = run.pieces.motion(theta, states)
+    lasting = np.diff(run.pieces.starts)
+    pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
+    time, motion = run.pieces.starts[1:], motion[1:]
+    found = []
+    for k in model.kicked:
+        unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
+        against = model.shown_against(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
+        joint = list(model.physics.states)[k] if isinstance(model, PhysicsModel) else None
+        found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
+    return found
+
+
+def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
+    """Of every joint the measured torque (or force) less the predicted one; `joints` by run and channel."""
+    found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
+    for block in fit.blocks:
+        joint = joints[block.run].get(block.channel)
+        if joint is not None:
+            against = {
+                name: (block.interpolate(c), c.unit)
+                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in MOTION.items())
+            }
+            against["load"] = block.predicted, block.unit
+            against |= _recorded(runs[block.run], block.time)
+            found.append(Unexplained(block.run, joint, block.unit, block.time, block.misfit, against))
+    return found
+
+
+def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
+    """Further quantities of a run at (n,) times, with a unit each."""
+    return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
+
+
+def curves(
+    given: Sequence[Unexplained],
+    repaired: Sequence[Unexplained] | None = None,
+    law: Sequence[Unexplained] | None = None,
+    with_background: Sequence[Unexplained] | None = None,
+) -> tuple[ForceCurve, ...]:
+    """The missing force against everything that it may depend on, the joint that lacks most first.
+
+    Args:
+        given: of the model as given.
+        repaired: of the repaired one, where there is one; it is averaged over the bins of the model as given.
+        law: what the repaired one explains, likewise.
+        with_background: of the repaired one with its background, likewise.
+    """
+    others = [{(u.run, u.joint): u for u in of or ()} for of in (repaired, law, with_background)]
+    largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
+    found = []
+    for u in sorted(given, key=lambda u: -largest[u.joint]):
+        left, gain, rest = (
+            None if other is None else np.interp(u.time, other.time, other.value)
+            for other in (of.get((u.run, u.joint)) for of in others)
+        )
+        for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
+            if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
+                found.append(_curve(u, name, x, x_unit, left, gain, rest))
+    return tuple(found)
+
+
+def between(
+    given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
+) -> tuple[ForceCurve, ...]:
+    """The missing force at a fit, and at that of the repaired model where there is one, with what that explains.
+
+    Likewise at that of the repaired model with its background.
+    """
+    if repaired is None:
+        return curves(unexplained(given))
+    brought = explained(given, repaired) if law else None
+    rest = None if with_background is None else unexplained(with_background)
+    return curves(unexplained(given), unexplained(repaired), brought, rest)
+
+
+def _curve(
+    u: Unexplained,
+    against: str,
+    x: FloatArray,
+    x_unit: str,
+    left: FloatArray | None,
+    gain: FloatArray | None,
+    rest: FloatArray | None,
+) -> ForceCurve:
+    """The missing force, what a repair leaves, what it explains, what its background leaves, over bins of (n,) x."""
+    rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
+    for bins in BINS:
+        if bins > max(BINS[-1], len(x) / INDEPENDENT):
+            continue
+        place = rank * bins // len(x)
+        mean, std, independent = _means(place, u.value)
+        if independent >= INDEPENDENT:
+            break
+    after, after_std = (None, None) if left is None else _means(place, left)[:2]
+    at = np.bincount(place, x) / np.bincount(place)
+    law, small = (None if y is None else np.bincount(place, y) / np.bincount(place) for y in (gain, rest))
+    return ForceCurve(u.run, u.joint, u.unit, against, x_unit, at, mean, std, after, after_std, law, small)
+
+
+def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """(b,) means of (n,) values in time order over bins, their standard errors, a typical bin's independent samples.
+
+    The mean of n samples of variance s^2 whose autocorrelation at lag k is r_k has the variance
+
+        s^2 / n_eff,    n_eff = n^2 / (n + 2 sum_k r_k n_k),
+
+    n_k the number of pairs at lag k that are in the bin together: a speed that is passed again and again is told
+    better than one at which the joint stayed once (after Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+
+    Args:
+        place: (n,) the bin of every sample.
+        value: (n,).
+    """
+    count = np.bincount(place)
+    mean = np.bincount(place, value) / count
+    rest = value - mean[place]
+    together = count.astype(np.float64)
+    power = float(rest @ rest)
+    for lag in range(1, len(rest)):
+        r = float(rest[lag:] @ rest[:-lag]) / power if power else 0.0
+        if r <= 0.0:
+            break
+        same = place[lag:][place[lag:] == place[:-lag]]
+        together += 2.0 * r * np.bincount(same, minlength=len(count))
+    independent = np.maximum(count**2 / together, 2.0)
+    scatter = np.bincount(place, rest**2) / count
+    # A few samples may lie together by chance: a bin's scatter is at least the usual one. A single one shows none.
+    usual = np.median(scatter[count > 1]) if np.any(count > 1) else np.var(value)
+    return mean, np.sqrt(np.maximum(scatter, usual) / (independent - 1.0)), float(np.median(independent))
+
+
+def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
+    """The curves of all runs as one for each joint and quantity; ``run`` is empty where it is of several.
+
+    Neighbouring points are averaged, each weighted by its certainty, until there are no more than a single run's.
+    """
+    groups: dict[tuple[str | None, str], list[ForceCurve]] = {}
+    for curve in found:
+        groups.setdefault((curve.joint, curve.against), []).append(curve)
+    return tuple(mine[0] if len(mine) == 1 else _together(mine) for mine in groups.values())
+
+
+def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
+    first, points = mine[0], max(len(curve.x) for curve in mine)
+    x, given, std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("x", "as_given", "std"))
+    order = np.argsort(x, kind="stable")
+    place = np.empty(len(x), dtype=np.int64)
+    place[order] = np.arange(len(x)) * points // len(x)
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    at = np.bincount(place, weight * x) / np.bincount(place, weight)
+    curve = ForceCurve("", first.joint, first.unit, first.against, first.x_unit, at, *_weighted(place, given, std))
+    law, small = ([getattr(c, name) for c in mine] for name in ("law", "with_background"))
+    if all(part is not None for part in law):
+        curve = replace(curve, law=_weighted(place, np.concatenate(law), std)[0])
+    if all(part is not None for part in small):
+        curve = replace(curve, with_background=_weighted(place, np.concatenate(small), std)[0])
+    if any(c.repaired is None for c in mine):
+        return curve
+    left, left_std = (np.concatenate([getattr(c, part) for c in mine]) for part in ("repaired", "repaired_std"))
+    after, after_std = _weighted(place, left, left_std)
+    return replace(curve, repaired=after, repaired_std=after_std)
+
+
+def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means over bins of values with different certainty, and their standard errors."""
+    weight = 1.0 / np.maximum(std, smallest(std)) ** 2
+    total = np.bincount(place, weight)
+    return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
+
+
+def smallest(std: FloatArray) -> float:
+    """What no standard error is smaller than: bins without any scatter would be all that counts."""
+    return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)

@@ -1,0 +1,125 @@
+"""All that is missing in an arm: what leads has names, and where only noise is left with it, all that is sure."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.identify.fit import converged
+from armdyn.identify.selection.background import FullModel, fit_full_model
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.path import Path, Progress, Step
+from armdyn.identify.selection.select_effects import by_evidence, by_share, eliminate, select
+from armdyn.identify.selection.set_score import SetScore
+from armdyn.identify.study import Study
+
+FAR = 3.0
+"""Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
+FEW = 2.0
+"""Times the values of what leads, up to which all that is sure is told: no reader is lost in them."""
+
+Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
+"""Goes on from a set of effects to the one that is to be told."""
+
+
+def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
+    """The scorer of an arm around its fit as given, the way to where nothing is missing that can be told, all effects.
+
+    Few effects are told, those that take most of the misfit away. All that the evidence is sure of is told, what leads
+    first, where that is few as well, or where it leaves only noise: then nothing of it is a small error that every
+    description has. What is sure is asked for around the fit of all effects, which is nearer to the truth than that of
+    few.
+    """
+    around = study.scorer(given.fit)
+    found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
+    full = fit_full_model(study, leading.effects, leading.fit, say)
+    sure = leading
+    if set(full.sure.effects) != set(full.scorer.within(leading.effects)):
+        sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
+    if study.squared_error(sure.fit) > study.squared_error(leading.fit):
+        sure = _to_fixed_point(leading, _sure, say)  # a set whose own place is far from that of all effects
+    first: tuple[Candidate, ...] = ()
+    if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
+        found = _with_links_looked_at_anew(sure, say)
+        first = tuple(c for c in leading.scorer.within(leading.effects) if c in found.whole.effects)
+    return around, [given, *found.with_ties(found.steps(say, first))], full
+
+
+def _is_few(sure: SetScore, leading: Path) -> bool:
+    """Whether all that is sure has no more than `FEW` times the values of what leads."""
+    lengths = [sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.whole)]
+    return lengths[0] <= FEW * lengths[1]
+
+
+def _leading(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
+    """What takes most of the misfit away, each effect of it believed."""
+    found = select(scorer, by_share(scorer), now, say)
+    return eliminate(scorer, by_evidence(scorer).cost, found)
+
+
+def _sure(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
+    """All that the evidence is sure of."""
+    return select(scorer, by_evidence(scorer), now, say)
+
+
+def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
+    """The path to what is chosen around its own end: a repair of the repaired model adds nothing.
+
+    What multiplies others, such as a delay of a spring's torque, shows where they are.
+    """
+    sets, paths = list[frozenset[Candidate]](), list[Path]()
+    while True:
+        around = found.around_end
+        present = around.of(around.within(found.effects))
+        sets.append(frozenset(present.effects))
+        paths.append(found)
+        again = rule(around, present, say)
+        if frozenset(again.effects) in sets:
+            return max(paths[sets.index(frozenset(again.effects)) :], key=_worth)
+        found = replace(found, scorer=around, whole=again, ahead=found.fit)
+
+
+def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
+    """The path to all that is sure, each changed link of which holds against all others where it is not changed.
+
+    From a link that is changed much, what else would do the same is out of sight: sums are around it.
+    """
+    model = found.study.problem.model
+    for link in [c for c in found.whole.effects if c not in found.scorer.given]:
+        if link not in found.whole.effects or not model.changes_link(link.names):
+            continue
+        without = replace(found, whole=found.scorer.of([c for c in found.whole.effects if c is not link]))
+        around = without.around_end
+        again = _sure(around, around.of(around.within(without.effects)), say)
+        if set(again.effects) == set(around.within(found.effects)):
+            continue
+        other = _to_fixed_point(replace(found, scorer=around, whole=again, ahead=without.fit), _sure, say)
+        if _worth(other) > _worth(found):
+            found = other
+    return found
+
+
+def _worth(path: Path) -> float:
+    return path.around_end.of(path.around_end.within(path.effects)).score
+
+
+def _first(study: Study, given: Step, say: Progress) -> Path:
+    """To what leads around the fit as given, or around that of a base that is turned far."""
+    around = study.scorer(given.fit)
+    best = Path(study, around, _leading(around, around.of(around.given), say), given.effects, given.fit)
+    for candidate in study.candidates:
+        if candidate.joints:
+            continue
+        # It turns the whole arm, and a large angle is far from linear.
+        say(f"fitting with {candidate.spoken}")
+        fit = converged(study.fit_with((*study.present, candidate), given.fit))
+        own = study.problem.of(candidate.names)
+        angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
+        if np.any(np.abs(angles) > FAR * typical):
+            turned = study.scorer(fit, around.given_misfit)
+            held = turned.of((*turned.given, *turned.within((candidate,))))
+            whole = _leading(turned, held, say)
+            if turned.reading_cost(whole) < around.reading_cost(best.whole):
+                best = Path(study, turned, whole, given.effects, fit)
+    return best

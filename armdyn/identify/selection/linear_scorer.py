@@ -1,0 +1,413 @@
+r"""What sets of effects are worth to a model that is linear around one fit, as an arm is: every set by a small solve.
+
+With X the derivatives of the predictions by every unknown and r the residual, the sums X'X, X'r and r'r of every run
+and channel hold all that fitting a set and predicting other runs needs (`sums`). Unknowns are in typical sizes. The
+*wide model*, in which every effect on every joint may have its typical size, and more where it is larger, says how much
+error no set avoids, and by that how much a sample counts:
+
+    log evidence = - sum_c n_c / 2 misfit(E_c / v_c) - log det(1 + T G T) / 2 - sum_i log(1 + x_i^2),
+
+E_c the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the training runs;
+v_c what the wide model leaves there; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i sizes,
+which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent samples. The
+sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `OF_MODEL_ERROR` however long a
+recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
+
+    1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from math import log, sqrt
+
+import numpy as np
+
+from armdyn.identify.noise import correlation_time
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.set_score import SURE, SetScore, SetScorer
+from armdyn.identify.selection.sums import Sums
+from armdyn.linear.normal_equations import NormalEquations
+from armdyn.linear.solve import log_det, solve_bounded, solve_positive
+
+OF_MODEL_ERROR = 20.0
+"""Independent samples of a model's own error in one channel. With 8 the springs of a Gen3 are not found; with 20 the
+exam's error is below that of the best single width in 10 of 15 imperfect arms, and at most 1.13 of it in the others."""
+NOISY = 1.2
+"""Power of what the wide model leaves, over the noise's, up to which it counts as noise: clean simulations reach 1.1
+where samples are many; see `noisy`."""
+EFFECT, VALUE = 0.05, 0.01
+"""Share of the misfit that an effect on a joint, and each of its values, must take away where not all can be told."""
+HELD = 1e-6
+"""Share of an effect's square that is left beside others which can do all that it does."""
+PIECES = 5
+"""Parts of a lone training run that are predicted in turn."""
+LEVELS = 6
+"""Rounds in which the wide model, and the errors that it leaves, which weigh it, come to rest."""
+TRAINING, HELD_OUT = 0, 1
+
+
+def noisy(samples: float) -> float:
+    """Mean square, over the noise's, up to which so many independent samples count as noise.
+
+    By chance it varies by a standard deviation of sqrt(2 / samples) about one.
+    """
+    return NOISY * (1.0 + sqrt(2.0 / max(samples, 1.0)))
+
+
+def misfit_of(ratio: np.ndarray) -> np.ndarray:
+    """-2 log likelihood per sample at the best variance of the model's own error, of squared error over noise."""
+    return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
+
+
+class LinearScorer(SetScorer):
+    """Scores sets of effects by one expansion.
+
+    Args:
+        sums: of training runs and of runs that are only predicted.
+        always: (P,) bool, unknowns that are free in every set.
+        candidates: all effects that a set may hold, each on one joint.
+        given: see `SetScorer`.
+
+    Attributes:
+        columns: (c,) unknowns: those that are always free first, then those of the candidates.
+        typical: (c,) their typical sizes.
+        places: by candidate, (k,) where its unknowns are among the columns.
+        training: units that fits use.
+        given_misfit: of the model as given, here where the sums are, or where a first expansion was.
+    """
+
+    most_named = 8
+
+    def __init__(
+        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()
+    ) -> None:
+        super().__init__(sums.problem, candidates, given)
+        p, self.sums = sums.problem, sums
+        moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
+        of_effects = p.of([name for c in candidates for name in c.names])
+        base = np.flatnonzero(always & ~of_effects & moved)
+        self.columns = np.append(base, np.flatnonzero(of_effects & moved))
+        C, t = self.columns, p.typical[self.columns]
+        self.typical, self._base = t, len(base)
+        self.places = {c: len(base) + np.flatnonzero(p.of(c.names)[C[len(base) :]]) for c in candidates}
+        self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
+        self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
+        self._latent = sums.driver[C] != C
+        # An effect that the expansion's point holds returns to nothing in sets without it.
+        self._absent = np.where(self._latent, 0.0, (p.null - sums.values)[C] / t)
+        self._absent[: len(base)] = 0.0
+        self._null = (p.null - sums.values)[C] / t
+        measured = [next(r.channels[c].unit for r in p.runs if c in r.channels) for c in sums.channels]
+        noise = [np.average(sums.noise[sums.channel == c] ** 2) for c in range(len(sums.channels))]
+        self._noise = np.array(noise)
+        self._importance = np.ones(len(measured)) if len(set(measured)) == 1 else 1.0 / self._noise
+        self.equations, self._unit, self._fold = self._cut()
+        self._channel, self._is_training = sums.channel[self._unit], sums.training[self._unit]
+        self._stages = self._of_stages()
+        self.training = np.flatnonzero(self._is_training)
+        self._normals: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self._simpler: dict[Candidate, int] = {}
+        self._variance, self._samples = self._measured()
+        self._normals.clear()
+        self.given_misfit = self.of(given).misfit
+
+    def _cut(self) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
+        """Sums in typical sizes, (U,) the unit of `sums` that each is of, (U,) which are predicted together."""
+        s, C, t = self.sums, self.columns, self.typical
+        if len(np.unique(s.run[s.training])) > 1:
+            gram = s.gram[:, C[:, None], C] * (t[:, None] * t)
+            return NormalEquations(gram, s.slope[:, C] * t, s.square, s.count), np.arange(len(s.count)), s.run
+        parts, unit, fold = [], [], []
+        for i, block in enumerate(s.blocks):
+            X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
+            for k, rows in enumerate(np.array_split(np.arange(len(r)), PIECES if s.training[i] else 1)):
+                parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
+                unit.append(i)
+                fold.append(k if s.training[i] else PIECES)
+        return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
+
+    def _measured(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2, c) what the wide model leaves of every channel in training and held-out runs, (2, c) its samples.
+
+        What is larger than typical is as free as it is large, as under a Cauchy prior; where other runs are predicted
+        better without that freedom, or as the expansion's point does, they say what is left.
+        """
+        noise, channels = self._noise, len(self._noise)
+        self._variance, self._samples = np.tile(noise, (2, 1)), np.ones((2, channels))
+        change = np.zeros(len(self.columns))
+        least = np.maximum(self.errors(change), noise)
+        self._variance[:] = np.maximum(least / 30.0, noise)
+        widths = self.widths((), 1.0)
+        for _ in range(LEVELS):
+            self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
+            self._normals.clear()
+            change = self.solution(widths, self.training)
+            widths = np.where(widths > 0.0, np.minimum(np.hypot(1.0, change - self._null), self._wide), 0.0)
+            self._variance = np.maximum(self.errors(change), noise)
+            least = np.minimum(least, self._variance)
+        self._variance = least
+        time = np.array([self._correlation_time(c, change) for c in range(channels)])
+        m = np.clip(1.0 - NOISY * noise / self._variance, 0.0, 1.0)
+        count = np.array([self._counted(k) for k in (TRAINING, HELD_OUT)])
+        with np.errstate(divide="ignore"):
+            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / OF_MODEL_ERROR)
+        return self._variance, np.where(count > 0.0, samples, 0.0)
+
+    def _counted(self, stage: int) -> np.ndarray:
+        """(c,) samples of every channel in the training or in the held-out runs."""
+        return self._stages.count.reshape(2, -1)[stage]
+
+    def _correlation_time(self, channel: int, change: np.ndarray) -> float:
+        s = self.sums
+        units = np.flatnonzero((s.channel == channel) & s.training)
+        left = [s.residual(int(unit), self.columns, change * self.typical) for unit in units]
+        return float(np.average([correlation_time([one]) for one in left], weights=s.count[units]))
+
+    @property
+    def levels(self) -> dict[tuple[str, str], float]:
+        """By run and channel of training runs, standard deviation with which a sample counts as the fits here count."""
+        return {
+            (block.run, block.channel): float(self._weight()[self.sums.channel[i]] ** -0.5)
+            for i, block in enumerate(self.sums.blocks)
+            if self.sums.training[i]
+        }
+
+    def _weight(self) -> np.ndarray:
+        """(c,) of a squared error in training runs."""
+        return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
+
+    def widths(
+        self, effects: Iterable[Candidate], width: float, small: Iterable[Candidate] | None = None
+    ) -> np.ndarray:
+        """(c,) prior widths: of effects and of the base as in any fit, of `small` effects, all when None, `width`.
+
+        What acts through another unknown of an effect that is not there stays where it was settled.
+        """
+        found = np.zeros(len(self.columns))
+        rest = self._of(self.candidates if small is None else small)
+        found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
+        found[: self._base] = self._wide[: self._base]
+        for one in effects:
+            found[self.places[one]] = self._wide[self.places[one]]
+        return found
+
+    def simpler_effects_in(self, one: Candidate) -> int:
+        """See `SetScorer.simpler_effects_in`: asymmetric friction is Coulomb friction and an offset."""
+        if one not in self._simpler:
+            self._simpler[one] = self._count_simpler(one)
+        return self._simpler[one]
+
+    def _count_simpler(self, one: Candidate) -> int:
+        own = self.places[one]
+        simpler = [c for c in self.candidates if c.joints == one.joints and 0 < len(self.places[c]) < len(own)]
+        if not simpler or not one.joints:
+            return 1
+        G, others = self._normal(self.training)[0], self._of(simpler)
+        both, k = np.append(own, others), len(own)
+        scale = 1.0 / np.sqrt(np.diag(G))[both]
+        G = G[np.ix_(both, both)] * np.outer(scale, scale)
+        within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
+        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < HELD) else 1
+
+    def solution(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """(c,) change that fits units (u,) best, of unknowns with (c,) prior widths; what has none is absent."""
+        free = widths > 0.0
+        change = np.where(free, 0.0, self._absent)
+        c, gone = np.flatnonzero(free), np.flatnonzero(change)
+        G, slope = self._normal(units)
+        w = widths[c]
+        A = w[:, None] * G[np.ix_(c, c)] * w
+        A.flat[:: len(c) + 1] += 1.0
+        right = w * (slope[c] - G[np.ix_(c, gone)] @ change[gone]) + self._centre[c] / w
+        change[c] = w * solve_bounded(A, right, self._lower[c] / w, self._upper[c] / w).x
+        return change
+
+    def _normal(self, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(c, c) and (c,) weighted sums of X'X and X'r over units (u,)."""
+        key = units.tobytes()
+        if key not in self._normals:
+            self._normals[key] = self.equations.weighted(self._weight()[self._channel[units]], units)
+        return self._normals[key]
+
+    def _of_stages(self) -> NormalEquations:
+        """Sums of every channel over all training runs, then over all held-out runs."""
+        stage = np.where(self._is_training, TRAINING, HELD_OUT) * len(self._noise) + self._channel
+        parts = (self.equations.gram, self.equations.slope, self.equations.square, self.equations.count)
+        found = [np.zeros((2 * len(self._noise), *part.shape[1:])) for part in parts]
+        for total, part in zip(found, parts, strict=True):
+            np.add.at(total, stage, part)
+        return NormalEquations(*found)
+
+    def errors(self, change: np.ndarray) -> np.ndarray:
+        """(2, c) mean squared error of every channel in training and held-out runs; 0 where there are none."""
+        total = self._stages.squared_error(change, np.arange(len(self._stages.count)))
+        return (total / np.maximum(self._stages.count, 1.0)).reshape(2, -1)
+
+    def errors_in_turn(self, widths: np.ndarray) -> np.ndarray:
+        """(c,) mean squared error of the training runs, or parts of a lone one, each predicted from the others."""
+        units, total = self.training, np.zeros(len(self._noise))
+        for k in np.unique(self._fold[units]):
+            mine = units[self._fold[units] == k]
+            change = self.solution(widths, units[self._fold[units] != k])
+            error = self.equations.squared_error(change, mine)
+            total += np.bincount(self._channel[mine], weights=error, minlength=len(total))
+        return np.asarray(total / np.maximum(self._counted(TRAINING), 1.0))
+
+    def errors_predicted(self, widths: np.ndarray) -> np.ndarray:
+        """(2, c) mean squared error of training runs, each predicted from the others, and of held-out runs from all."""
+        held_out = self.errors(self.solution(widths, self.training))[HELD_OUT]
+        return np.array([self.errors_in_turn(widths), held_out])
+
+    def predicted(self, widths: np.ndarray) -> float:
+        """Log likelihood of every training run as predicted from the others, and of the held-out runs from all."""
+        return self.log_likelihood(self.errors_predicted(widths))
+
+    def log_likelihood(self, errors: np.ndarray) -> float:
+        """Of (2, c) mean squared errors."""
+        return float(self._log_likelihoods(errors).sum())
+
+    def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
+        """(..., 2) of training and of held-out runs, from (..., 2, c) mean squared errors."""
+        return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=-1))
+
+    def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Every training run, and the units of the others; none of a single run."""
+        run = self.sums.run[self._unit[self.training]]
+        if len(np.unique(run)) > 1:
+            yield from ((int(r), self.training[run != r]) for r in np.unique(run))
+
+    def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
+        change = self.solution(self.widths(effects, 0.0), self.training)
+        errors, own = self.errors(change), self._of(effects)
+        A = self._normal(self.training)[0][np.ix_(own, own)] + np.eye(len(own))
+        likelihood, log_predictive = self._log_likelihoods(errors).tolist()
+        freedom = 0.5 * float(log_det(A)) + float(np.sum(np.log1p((change - self._null)[own] ** 2)))
+        worth = likelihood + log_predictive - freedom - self.complexity_penalty(effects)
+        return SetScore(
+            effects=effects,
+            score=worth if self._is_inside(change, own) else -np.inf,
+            likelihood=likelihood,
+            log_predictive=log_predictive,
+            freedom=freedom,
+            values=len(own) - float(np.trace(np.linalg.inv(A))),
+            columns=self.columns,
+            change=change * self.typical,
+            misfit=float(self._misfit(errors)),
+        )
+
+    def _misfit(self, errors: np.ndarray) -> np.ndarray:
+        """(...) see `SetScore.misfit`, from (..., 2, c) mean squared errors."""
+        return np.asarray(np.sum(self._importance * np.maximum(errors, self._floor), axis=(-2, -1)))
+
+    @property
+    def _floor(self) -> np.ndarray:
+        """(2, c) least mean squared error: the noise's where there are samples."""
+        return self._noise * (self._samples > 0.0)
+
+    def reading_cost(self, one: SetScore) -> float:
+        """Share of the misfit as given that a set leaves, and what a reader pays for its length: `EFFECT`, `VALUE`."""
+        if one.score == -np.inf:
+            return np.inf
+        length = self._length([c for c in one.effects if c not in self.given])
+        return (one.misfit - self.least_misfit) / self._reducible + length
+
+    @property
+    def _reducible(self) -> float:
+        return max(self.given_misfit - self.least_misfit, np.finfo(float).tiny)
+
+    @staticmethod
+    def _length(effects: Sequence[Candidate]) -> float:
+        return EFFECT * len(effects) + VALUE * sum(len(c.names) for c in effects)
+
+    @cached_property
+    def least_misfit(self) -> float:
+        """What the wide model leaves, as `SetScore.misfit`."""
+        return float(np.sum(self._importance * self._variance * (self._samples > 0.0)))
+
+    def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
+        """(k,) where the unknowns of effects are among the columns."""
+        return np.concatenate([np.zeros(0, dtype=int), *(self.places[c] for c in effects)])
+
+    def _is_inside(self, change: np.ndarray, own: np.ndarray) -> bool:
+        """Whether no effect explains what it does by a value that the runs pull beyond a bound.
+
+        A bound at which the effect is absent, and one from which they pull no more than by chance, is none.
+        """
+        x = change[own]
+        on = own[((x <= self._lower[own]) | (x >= self._upper[own])) & (x != self._null[own])]
+        if len(on) == 0:
+            return True
+        G, slope = self._normal(self.training)
+        pull = slope[on] - G[on] @ change
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < SURE))
+
+    def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) worth of a set with each of k additions, as far as it is foretold; see `_first_order`."""
+        errors, freedom = self._first_order(now, options)
+        prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
+        return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
+
+    def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
+        """(k,) `reading_cost` of a set with each of k additions, as far as it is foretold; see `_first_order`."""
+        errors, _ = self._first_order(now, options)
+        length = np.array([self._length((*now.effects, *come)) for come in options])
+        return (self._misfit(errors) - self.least_misfit) / self._reducible + length
+
+    def _first_order(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 2, c) mean squared errors of a set with each of k additions, (k,) nats that their freedom costs.
+
+        What is there already gives way as far as it is linear; only what comes heeds its bounds.
+        """
+        widths, x = self.widths(now.effects, 0.0), now.change / self.typical
+        c = np.flatnonzero(widths > 0.0)
+        G, slope = self._normal(self.training)
+        left = slope - G @ x
+        response = -np.linalg.solve(G[np.ix_(c, c)] + np.diag(widths[c] ** -2.0), G[c])
+        S = G + G[:, c] @ response
+        moved, freedom = np.zeros((len(widths), len(options))), np.zeros(len(options))
+        for i, come in enumerate(options):
+            own = self._of(come)
+            own = own[widths[own] == 0.0]
+            A = S[np.ix_(own, own)] + np.eye(len(own))
+            d = np.clip(solve_positive(A, left[own]), (self._lower - x)[own], (self._upper - x)[own])
+            moved[own, i], moved[c, i] = d, response[:, own] @ d
+            freedom[i] = 0.5 * float(log_det(A)) + float(np.sum(np.log1p(d**2)))
+        errors = self._stages.squared_errors(x[:, None] + moved) / np.maximum(self._stages.count, 1.0)[:, None]
+        return errors.T.reshape(len(options), 2, -1), freedom
+
+    def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
+        """See `SetScorer.next_reported`: what takes most of the misfit away for its length."""
+        return min((self.of((*now.effects, *one)) for one in options), key=self.reading_cost)
+
+    def values(self, one: SetScore) -> np.ndarray:
+        """See `SetScorer.values`; foretold."""
+        return self.values_after(one.change / self.typical)
+
+    def values_after(self, change: np.ndarray) -> np.ndarray:
+        """(P,) of all unknowns after a change (c,) in typical sizes."""
+        moved = change != 0.0
+        return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
+
+    def schwarz_score(self, one: SetScore) -> float:
+        """See `SetScorer.schwarz_score`."""
+        return one.likelihood - 0.5 * one.values * log(max(float(self._samples.sum()), 2.0))
+
+    def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
+        """See `SetScorer.errors_by_channel`."""
+        training, held_out = self.errors(one.change / self.typical)
+        predicted = held_out if not self.sums.training.all() else np.zeros(0)
+        if self.sums.training.all() and len(np.unique(self.sums.run)) > 1:
+            predicted = self.errors_in_turn(self.widths(one.effects, 0.0))
+        return self._rms(training), self._rms(predicted)
+
+    def _rms(self, errors: np.ndarray) -> dict[str, float]:
+        return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
+
+    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+        """See `SetScorer.fitted`; the model's own error is counted in the deviations, 0 for what is not fitted."""
+        widths = self.widths(one.effects, 0.0)
+        c = np.flatnonzero(widths > 0.0)
+        inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)
+        deviations = np.zeros(len(self.sums.values))
+        deviations[self.columns[c]] = self.typical[c] * np.sqrt(np.diag(np.linalg.inv(inner)))
+        return self.values(one), deviations

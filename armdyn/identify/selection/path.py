@@ -1,0 +1,100 @@
+"""From the model as given to a chosen set of effects, step by step, the biggest first."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from armdyn.identify.fit import Fit, converged
+from armdyn.identify.residual.tests import ResidualTests
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.ranking import order_by_gain, tied
+from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.study import Study
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One change of the model.
+
+    Attributes:
+        added: effects that came in; empty for the model as given.
+        tied: effects that these runs cannot tell from the one added.
+        effects: all effects after it.
+        fit: the minimum after it.
+        tests: what is left.
+    """
+
+    added: tuple[Candidate, ...]
+    tied: tuple[Candidate, ...]
+    effects: tuple[Candidate, ...]
+    fit: Fit
+    tests: ResidualTests
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """To a chosen set of effects.
+
+    Where it ends is known before the steps between are fitted: most paths that a search tries are not gone.
+
+    Attributes:
+        study: runs and catalogue.
+        scorer: that chose the set.
+        whole: the set, each effect on one joint.
+        before: effects of the model as given.
+        ahead: the fit around which the scorer's sums are.
+    """
+
+    study: Study
+    scorer: SetScorer
+    whole: SetScore
+    before: tuple[Candidate, ...]
+    ahead: Fit
+
+    @cached_property
+    def effects(self) -> tuple[Candidate, ...]:
+        """All effects where it ends."""
+        return self._with(self.before, *(c for c in self.whole.effects if c not in self.scorer.given))
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The minimum where it ends."""
+        return converged(self._fitted(self.effects, self.whole))
+
+    @cached_property
+    def around_end(self) -> LinearScorer:
+        """Scores sets of effects around its end; of models that are linear."""
+        assert isinstance(self.scorer, LinearScorer)
+        return self.study.scorer(self.fit, self.scorer.given_misfit)
+
+    def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
+        """Every step, refitted to all samples, without ties; `say` is told each.
+
+        Effects of the set that are `leading`, on one joint each, are told first.
+        """
+        study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
+        way = order_by_gain(self.scorer, leading, given)
+        way += order_by_gain(self.scorer, self.whole.effects, (*given, *leading))
+        for i, rise in enumerate(way):
+            effects = self._with(effects, rise.added)
+            say(f"{i} of {len(way)} steps fitted, now {rise.added.spoken}")
+            fit = self.fit if rise is way[-1] else self._fitted(effects, rise.score)
+            tests = study.tests(fit, effects)
+            found.append(Step((rise.added,), (), effects, fit, tests))
+        return found
+
+    def with_ties(self, steps: Sequence[Step]) -> list[Step]:
+        """Its steps with the effects that do as well in the place of each, in the whole set."""
+        whole = self.scorer.settle(self.whole.effects)
+        ties = (tied(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
+        return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
+
+    def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
+        given = self.study.present  # stays as it is, also where the same effect comes on further joints
+        return (*given, *group_by_effect((*(e for e in effects if e not in given), *added)))
+
+    def _fitted(self, effects: Sequence[Candidate], one: SetScore) -> Fit:
+        return self.study.fit_with(effects, self.ahead, self.study.own_values(self.scorer, one))

@@ -1,0 +1,144 @@
+"""A chosen set of effects as a reader takes it in, the biggest first; and effects that may be missing, best first."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from armdyn.identify.selection.candidate import Candidate, group_by_effect
+from armdyn.identify.selection.select_effects import by_effect, eliminate
+from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class PathSegment:
+    """One step from a smaller set to a larger one.
+
+    Attributes:
+        added: the effect, with all joints that it comes on.
+        score: of the set with it.
+    """
+
+    added: Candidate
+    score: SetScore
+
+
+def order_by_gain(
+    scorer: SetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
+) -> list[PathSegment]:
+    """The path from `fixed_effects` to all `effects`, each on all its joints at once, by what they explain."""
+    now, left = scorer.of(fixed_effects), by_effect([c for c in effects if c not in fixed_effects])
+    found = list[PathSegment]()
+    while left:
+        now = scorer.next_reported(now, left)
+        first = next(own for own in left if set(own) <= set(now.effects))
+        found.append(PathSegment(group_by_effect(first)[0], now))
+        left.remove(first)
+    return found
+
+
+def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Effects on the same joints that fit and predict as well in the place of `part`, each as free as it really is.
+
+    A richer effect that does the same with its further unknowns is no rival; on a slide, where a link has but one
+    unknown that matters, it is.
+    """
+    rest = [c for c in whole.effects if c not in part]
+    joints = {j for c in part for j in c.joints}
+    found = []
+    without = scorer.of(rest)
+    plausible_effects = scorer.candidates
+    for name in dict.fromkeys(c.effect for c in plausible_effects if c.effect != part[0].effect):
+        others = [c for c in plausible_effects if c.effect == name and set(c.joints) <= joints]
+        if any(c in rest for c in others) or len(others) < len(part):
+            continue
+        other = scorer.of((*rest, *others))
+        if not (np.isfinite(other.score) and scorer.schwarz_score(other) > scorer.schwarz_score(without)):
+            continue  # it explains nothing, nor does much of what it would stand for
+        if scorer.ties(whole, other, without):
+            found.append(group_by_effect(others)[0])
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class RankedEffect:
+    """One effect that may be missing.
+
+    Attributes:
+        effect: its name.
+        joints: where, for an arm.
+        delta_bic: evidence without it less evidence with it, on the scale of BIC; larger is better.
+        p_value: of it being superfluous, times the number of effects tried.
+        rmse: by channel, with the effect.
+        held_out_rmse: likewise on runs predicted from others; empty where there are none.
+        parameters: of the effect.
+        tied_with: effects that these runs cannot tell from it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    delta_bic: float
+    p_value: float
+    rmse: dict[str, float]
+    held_out_rmse: dict[str, float]
+    parameters: dict[str, Parameter]
+    tied_with: tuple[str, ...]
+
+
+def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[Candidate]) -> tuple[RankedEffect, ...]:
+    """Every effect, on the joints that need it, beside the model as given.
+
+    Args:
+        scorer: around the fit of the model as given.
+        first: the effect that a search found first, on one joint each; it leads. Empty where it found none.
+        tied: effects that these runs cannot tell from it.
+    """
+    nothing = scorer.of(scorer.given)
+    found = [scorer.of((*scorer.given, *first))] if first else []
+    plausible_effects = [c for c in scorer.candidates if c not in scorer.given]
+    for name in dict.fromkeys(c.effect for c in plausible_effects):
+        if not first or name != first[0].effect:
+            found.append(_alone(scorer, [c for c in plausible_effects if c.effect == name], nothing))
+    leading = found[:1] if first else []
+    worth = [one for one in found[len(leading) :] if one.score > nothing.score]
+    rest = sorted(worth, key=lambda one: -one.score)
+    names = [c.effect for c in tied]
+    described = []
+    for one in (*leading, *rest)[: scorer.most_named]:
+        mine = group_by_effect([c for c in one.effects if c not in scorer.given])[0]
+        others = tuple(names) if one in leading else tuple(c.effect for c in first) if mine.effect in names else ()
+        described.append(_described(scorer, one, mine, nothing, tuple(dict.fromkeys(others))))
+    return tuple(described)
+
+
+def _alone(scorer: SetScorer, joints: Sequence[Candidate], nothing: SetScore) -> SetScore:
+    """An effect on all joints that need it, or on the best one."""
+    given = scorer.given
+    several = eliminate(scorer, lambda one: -one.score, scorer.of((*given, *joints)))
+    single = max((scorer.of((*given, c)) for c in joints), key=lambda one: one.score)
+    return max((several, single, nothing), key=lambda one: one.score)
+
+
+def _described(
+    scorer: SetScorer, one: SetScore, named: Candidate, nothing: SetScore, tied: tuple[str, ...]
+) -> RankedEffect:
+    p = scorer.problem
+    own = np.flatnonzero(p.of(named.names))
+    rmse, held_out_rmse = scorer.errors_by_channel(one)
+    values, deviations = scorer.fitted(one)
+    drop = 2.0 * (one.likelihood - nothing.likelihood)
+    return RankedEffect(
+        effect=named.effect,
+        joints=named.joints,
+        delta_bic=2.0 * (one.score - nothing.score),
+        p_value=min(1.0, len(scorer.candidates) * float(chdtrc(max(len(own), 1), max(drop, 0.0)))),
+        rmse=rmse,
+        held_out_rmse=held_out_rmse,
+        parameters={
+            c.name: replace(c.parameter, value=float(values[i]), std=float(deviations[i]), fitted=True)
+            for i, c in ((i, p.columns[i]) for i in own)
+        },
+        tied_with=tied,
+    )

@@ -1,0 +1,137 @@
+"""The set of effects with the least cost: forward, backward, exchange, until nothing is better.
+
+Adding one effect at a time fails where the first one imitates two others. So after every addition what has become
+superfluous goes (backward elimination), effects on all their joints at once compete with those on one, each effect is
+exchanged for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters
+15, 1994). The cost falls with every step, so that the search ends.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import LinearScorer
+from armdyn.identify.selection.set_score import SetScore, SetScorer
+
+PROMISING = 12
+"""Changes of a kind, those that are foretold to cost least, that are looked at in each round."""
+
+Cost = Callable[[SetScore], float]
+Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
+"""Effects that leave a set, and those that come."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What makes one set better than another.
+
+    Attributes:
+        cost: of a set; less is better.
+        first_order: (k,) costs of a set with each of k additions, as far as they are foretold.
+    """
+
+    cost: Cost
+    first_order: Callable[[SetScore, Sequence[Sequence[Candidate]]], np.ndarray]
+
+
+def by_evidence(scorer: LinearScorer) -> Rule:
+    """What the runs are sure of."""
+    return Rule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
+
+
+def by_share(scorer: LinearScorer) -> Rule:
+    """What takes most of the misfit away for its length."""
+    return Rule(scorer.reading_cost, scorer.first_order_cost)
+
+
+def select(
+    scorer: LinearScorer,
+    rule: Rule,
+    start: SetScore,
+    say: Callable[[str], None],
+    fixed_effects: Collection[Candidate] | None = None,
+) -> SetScore:
+    """The best set that the search finds.
+
+    Args:
+        scorer: of sets.
+        rule: what to lower.
+        start: the set that it begins with.
+        say: told how far the search is.
+        fixed_effects: effects of `start` that stay; those that the model has as given when None.
+    """
+    fixed_effects, cost = scorer.given if fixed_effects is None else fixed_effects, rule.cost
+    now = eliminate(scorer, cost, start, fixed_effects)
+    while True:
+        say(f"{len(now.effects)} effects chosen")
+        for changes in (_additions, _exchanges, _pairs):
+            options = _promising(scorer, rule, now, list(changes(scorer, now, fixed_effects)))
+            best = eliminate(scorer, cost, min(options, key=cost, default=now), fixed_effects)
+            if cost(best) < cost(now):
+                now = best
+                break
+        else:
+            return now
+
+
+def eliminate(
+    scorer: SetScorer, cost: Cost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
+) -> SetScore:
+    """Backward elimination: without what the cost is no higher without, an effect on one joint or on all, in turn."""
+    fixed_effects = scorer.given if fixed_effects is None else fixed_effects
+    while True:
+        free = [c for c in now.effects if c not in fixed_effects]
+        parts = [(c,) for c in free] + [own for own in by_effect(free) if len(own) > 1]
+        fewer = (scorer.of([c for c in now.effects if c not in part]) for part in parts)
+        best = min(fewer, key=cost, default=now)
+        if best is now or cost(best) > cost(now):
+            return now
+        now = best
+
+
+def by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Effects on one joint each, those of one name together."""
+    return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
+
+
+def _additions(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
+    del fixed_effects
+    left = [c for c in scorer.candidates if c not in now.effects]
+    yield from (((), (c,)) for c in left)
+    yield from (((), whole) for whole in by_effect(left) if len(whole) > 1)
+
+
+def _exchanges(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
+    free = [c for c in now.effects if c not in fixed_effects]
+    left = [c for c in scorer.candidates if c not in now.effects]
+    for part in [*((c,) for c in free), *(own for own in by_effect(free) if len(own) > 1)]:
+        yield from ((part, (c,)) for c in left)
+
+
+def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
+    """Two effects more on one joint, in place of at most two others.
+
+    A gain and a friction that grows with the load hide each other: neither is worth anything without the other one,
+    where a spring and a rotor do some of what both do.
+    """
+    for joint in dict.fromkeys(c.joints for c in scorer.candidates if c.joints):
+        own = [c for c in scorer.candidates if c.joints == joint]
+        there = [c for c in own if c in now.effects and c not in fixed_effects]
+        for gone in [(), *((c,) for c in there), *combinations(there, 2)]:
+            yield from ((gone, pair) for pair in combinations([c for c in own if c not in now.effects], 2))
+
+
+def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
+    """Sets after those changes that are foretold to cost least."""
+    by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
+    for gone, come in changes:
+        by_gone.setdefault(gone, []).append(come)
+    found: list[tuple[float, tuple[Candidate, ...]]] = []
+    for gone, options in by_gone.items():
+        rest = scorer.of([c for c in now.effects if c not in gone])
+        costs = rule.first_order(rest, options).tolist()
+        found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
+    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:PROMISING]]

@@ -1,0 +1,217 @@
+r"""A model around one fit as sums over samples, from which every subset's fit and its predictions follow at once.
+
+With X the derivatives of a channel's prediction by every unknown and r its residual, the squared error after a change
+d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is in most of its
+effects. The sums X'X, X'r and r'r of every run and channel therefore hold all that choosing effects needs: fitting a
+set to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
+normal equations).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.problem import WIDE, Block, Problem
+from armdyn.identify.selection.candidate import Candidate
+
+ALONE = 3
+"""Steps of the fits that settle unknowns which act through another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums of U units, each one channel in one run; P unknowns.
+
+    Attributes:
+        problem: whose unknowns these are.
+        values: (P,) the point of the expansion.
+        runs: names.
+        channels: names.
+        run: (U,) index of each unit's run.
+        channel: (U,) index of each unit's channel.
+        training: (U,) bool, False for runs that take part in no fit.
+        gram: (U, P, P) X'X, in the channel's unit squared over the unknowns' units.
+        slope: (U, P) X'r.
+        square: (U,) r'r.
+        count: (U,) samples.
+        noise: (U,) standard deviation of one sample.
+        driver: (P,) index of the unknown that an unknown acts through, its own where it acts by itself: the place of a
+            mass of zero changes nothing, so that its derivative is taken at a typical mass.
+        size: (P,) the driver's change at which that derivative was taken; 0 for those that act by themselves.
+        blocks: the units' samples.
+        width: (P,) prior standard deviation of each unknown in a fit by sums.
+        centre: (P,) prior mean of each unknown's change from `values`.
+    """
+
+    problem: Problem
+    values: np.ndarray
+    runs: tuple[str, ...]
+    channels: tuple[str, ...]
+    run: np.ndarray
+    channel: np.ndarray
+    training: np.ndarray
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+    noise: np.ndarray
+    driver: np.ndarray
+    size: np.ndarray
+    blocks: tuple[Block, ...]
+    width: np.ndarray
+    centre: np.ndarray
+
+    def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
+
+        What acts through another changes by as much more as that is smaller than where derivatives were taken.
+        """
+        by = np.zeros(len(self.values))
+        by[columns] = change
+        latent = np.flatnonzero(self.size != 0.0)
+        acting = by[self.driver[latent]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by[latent] *= np.where(acting != 0.0, self.size[latent] / acting, 0.0)
+        width = self.width[latent]
+        by[latent] = np.clip(np.nan_to_num(by[latent]), -width, width)
+        values = np.clip(self.values + by, self.problem.lower, self.problem.upper)
+        values[latent[acting == 0.0]] = self.problem.null[latent[acting == 0.0]]
+        # Where derivatives were taken for an effect that is not there is nobody's value.
+        absent = self.size != 0.0
+        absent[columns] = False
+        values[absent] = self.problem.null[absent]
+        return values
+
+    def errors(self, columns: np.ndarray, change: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """(u,) mean squared error of `units` (u,) after a change (c,) of the unknowns `columns` (c,)."""
+        gram = self.gram[units[:, None, None], columns[:, None], columns]
+        slope = self.slope[units[:, None], columns]
+        total = self.square[units] - 2.0 * slope @ change + (gram @ change) @ change
+        return np.maximum(total, 0.0) / self.count[units]
+
+    def residual(self, unit: int, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(n,) residual of a unit after a change (c,) of the unknowns `columns` (c,), in the channel's unit."""
+        block = self.blocks[unit]
+        return np.asarray(block.misfit - block.noise * (block.sensitivities[:, columns] @ change))
+
+
+def sums(
+    problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
+) -> Sums:
+    """Sums around (P,) `values`.
+
+    Args:
+        problem: model and all runs, those that are only predicted as well.
+        training: names of the runs that fits may use.
+        values: (P,) of all unknowns.
+        absent: effects at their null values, some of whose unknowns may act through another.
+        free: (P,) bool, unknowns that were fitted: what is there gives way where an absent effect is settled.
+    """
+    here = problem.blocks(values)
+    driver = _drivers(problem, here, absent)
+    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free)
+    blocks = here
+    if np.any(acting != values):
+        latent = driver != np.arange(len(values))
+        drivers = np.isin(np.arange(len(values)), driver[latent])
+        for at, moved in ((values, drivers), (acting, latent)):
+            there = problem.blocks(at, drivers | latent)
+            blocks = [_with_columns(h, t, moved) for h, t in zip(blocks, there, strict=True)]
+    runs = tuple(run.name for run in problem.runs)
+    channels = tuple(dict.fromkeys(block.channel for block in blocks))
+    X = [block.sensitivities * block.noise for block in blocks]
+    return Sums(
+        problem=problem,
+        values=values,
+        runs=runs,
+        channels=channels,
+        run=np.array([runs.index(block.run) for block in blocks]),
+        channel=np.array([channels.index(block.channel) for block in blocks]),
+        training=np.array([block.run in training for block in blocks]),
+        gram=np.array([x.T @ x for x in X]),
+        slope=np.array([x.T @ block.misfit for x, block in zip(X, blocks, strict=True)]),
+        square=np.array([float(block.misfit @ block.misfit) for block in blocks]),
+        count=np.array([len(block.residual) for block in blocks], dtype=float),
+        noise=np.array([block.noise for block in blocks]),
+        driver=driver,
+        size=np.where(driver != np.arange(len(values)), (acting - values)[driver], 0.0),
+        blocks=tuple(blocks),
+        width=_width(problem),
+        centre=np.where(problem.prior_weight > 0, problem.prior_mean, problem.null) - values,
+    )
+
+
+def _width(problem: Problem) -> np.ndarray:
+    """(P,) see `Sums.width`."""
+    with np.errstate(divide="ignore"):
+        return np.minimum(WIDE * problem.typical, 1.0 / problem.prior_weight)
+
+
+def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
+    """A block with the derivatives of another by some unknowns, (P,) bool."""
+    X = block.sensitivities.copy()
+    X[:, of_other] = other.sensitivities[:, of_other]
+    return replace(block, sensitivities=X)
+
+
+def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
+    """(P,) `Sums.driver`: of an absent effect's unknowns that change nothing, the first of the effect that does."""
+    moves = np.zeros(len(problem.columns), dtype=bool)
+    for block in here:
+        moves |= np.any(block.sensitivities != 0.0, axis=0)
+    driver = np.arange(len(moves))
+    for candidate in absent:
+        columns = np.flatnonzero(problem.of(candidate.names))
+        if moves[columns].any():
+            driver[columns[~moves[columns]]] = columns[moves[columns]][0]
+    return driver
+
+
+def _settled(
+    problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
+
+    Each such effect is fitted beside what is there already, which gives way, so that its other unknowns are near where
+    they matter: a payload's place, the speed at which friction fades, also where another friction stands for it. While
+    its driver is at null, they change nothing.
+
+    Args:
+        problem: model and all runs.
+        here: the training runs' units at `values`.
+        values: (P,) of all unknowns.
+        driver: (P,) see `Sums.driver`.
+        free: (P,) bool, unknowns that give way.
+    """
+    width, there_already = _width(problem), np.flatnonzero(free)
+    latent = np.flatnonzero(driver != np.arange(len(values)))
+    groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
+    point, acting = values.copy(), values.copy()
+    sign = np.where(problem.upper > values, 1.0, -1.0)
+    for d in groups:
+        acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
+    wanted = free.copy()
+    wanted[[*latent, *groups]] = True
+    for _ in range(ALONE if groups else 0):
+        there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
+        pairs = [(h, there[h.run, h.channel]) for h in here]
+        for d, others in groups.items():
+            own = np.append(d, others)
+            columns = np.append(own, np.setdiff1d(there_already, own))
+            G, right = np.diag(width[columns] ** -2.0), np.zeros(len(columns))
+            right[1 : len(own)] = (problem.null - point)[others] / width[others] ** 2
+            for h, t in pairs:
+                X = t.sensitivities[:, columns]
+                G += X.T @ X
+                right += X.T @ h.residual
+            change = np.linalg.solve(G, right)[: len(own)]
+            if change[0] * sign[d] <= 0.0:
+                continue
+            # Derivatives were taken at the driver's last size, and grow with it.
+            step = change[1:] * (acting[d] - values[d]) / change[0]
+            moved = point[others] + np.clip(step, -width[others], width[others])
+            point[others] = np.clip(moved, problem.lower[others], problem.upper[others])
+            acting[d] = np.clip(values[d] + change[0], problem.lower[d], problem.upper[d])
+        acting[latent] = point[latent]
+    return point, acting

@@ -1,0 +1,227 @@
+"""All runs around their motions: settled at the noise that suits a set of effects, or tied to the model's own."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armdyn.identify.fit import independent
+from armdyn.identify.problem import Problem
+from armdyn.identify.state_space.grey_run import HALF, GreyRun, LinearisedRun, Noise, scaled
+from armdyn.identify.state_space.innovations import Colour
+from armdyn.identify.state_space.noise_evidence import KICKS, Table, Tables, at_one, everywhere, nearby
+from armdyn.physics.pieces import pseudo_inverse
+
+WORSE = 1.5
+"""Times that squared innovations may grow in a step: kicks and motion are told a little differently there."""
+UNSEEN = 1e-9
+"""Information on an unknown of typical size, in squared deviations, that is none but rounding."""
+SETTLED = 0.5
+"""Nats that do not matter."""
+Look = Callable[[LinearisedRun, Noise], Table]
+"""Innovations of a run at some noises, those that matter near one."""
+NEARBY: Sequence[Look] = (nearby,) * 6
+WIDE_FIRST: Sequence[Look] = (everywhere, *NEARBY[1:])
+SHRINK, TIED = 0.03, 1e-6
+"""By which the kicks shrink from round to round, and the share of them that counts as nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseAndMotion:
+    """Where runs are linear: values, motions, noise.
+
+    Attributes:
+        values: (P,).
+        states: by run, (J, n).
+        edges: by run, (J + 1,) where the pieces of these states begin and end; some may have been cut since.
+        noises: by run.
+        weights: by run and channel, (N,) variance of each sample over the others'; larger where it is not believed.
+        evidence: of the set that was settled there.
+    """
+
+    values: np.ndarray
+    states: tuple[np.ndarray, ...]
+    edges: tuple[np.ndarray, ...]
+    noises: tuple[Noise, ...]
+    weights: tuple[tuple[np.ndarray, ...], ...]
+    evidence: float = -np.inf
+
+
+class GreyBox:
+    """All runs of a problem around their motions.
+
+    Args:
+        problem: model, runs, noise; those that are fitted come first.
+        swings: by run, period, s.
+        training: number of runs that are fitted; the others are only followed.
+        removable: (P,) bool, unknowns of effects that are absent where they are not fitted.
+        share: of a swing between two kicks.
+    """
+
+    def __init__(
+        self, problem: Problem, swings: Sequence[float], training: int, removable: np.ndarray, share: float = HALF
+    ) -> None:
+        self.problem, self.training, self.removable = problem, training, removable
+        self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
+
+    def begin(self, values: np.ndarray) -> NoiseAndMotion:
+        """The measured motions, or those that follow a force at (P,) values."""
+        states = tuple(run.initial_states(values) for run in self.runs)
+        quiet = tuple(Noise(1.0, (1.0,) * len(r.channels), (Colour(),) * len(r.channels)) for r in self.runs)
+        even = tuple(tuple(np.ones(len(r.run.channels[c].time)) for c in r.channels) for r in self.runs)
+        return NoiseAndMotion(values, states, self._edges, quiet, even)
+
+    @property
+    def _edges(self) -> tuple[np.ndarray, ...]:
+        """By run, where its pieces begin and end now."""
+        return tuple(run.pieces.edges for run in self.runs)
+
+    def is_cut(self, point: NoiseAndMotion) -> bool:
+        """Whether pieces were cut since the runs settled at a point: its evidence is then that of fewer kicks."""
+        return any(len(was) != len(now) for was, now in zip(point.edges, self._edges, strict=True))
+
+    def around(self, point: NoiseAndMotion, free: np.ndarray | None = None) -> list[LinearisedRun]:
+        """The runs linearised at a point, by all unknowns or only those that are (P,) `free` and what returns to null.
+
+        Fewer unknowns are several times faster.
+        """
+        wanted = np.ones(len(point.values), dtype=bool)
+        if free is not None:
+            wanted = free | (self.removable & (point.values != self.problem.null))
+        each = zip(self.runs, point.edges, point.states, point.weights, strict=True)
+        with np.errstate(all="ignore"):  # a simulation that diverges shows: `LinearisedRun.finite`
+            return [
+                run.around(point.values, run.pieces.cut(point.values[run.places], edges, states), weights, wanted)
+                for run, edges, states, weights in each
+            ]
+
+    def largest_kick(self, point: NoiseAndMotion) -> float:
+        """Of the training runs, over what one piece tells of a speed."""
+        arounds = self.around(point, np.zeros(len(point.values), dtype=bool))
+        pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
+        return max(noise.kick / around.kick_unit for around, noise in pairs)
+
+    def tables(self, arounds: Sequence[LinearisedRun], point: NoiseAndMotion, look: Look) -> Tables:
+        """Evidence of every set around a point, at the noises that are looked at."""
+        found = [look(a, n) for a, n in zip(arounds, point.noises, strict=True)]
+        return Tables(found, point.values, self.problem, self.training, self.removable)
+
+    @np.errstate(all="ignore")  # sums that a divergence has spoilt are no finite evidence
+    def settled(self, free: np.ndarray, point: NoiseAndMotion, looks: Sequence[Look] = WIDE_FIRST) -> NoiseAndMotion:
+        """Linearise, find the noise, step, smooth, until the evidence stays.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted.
+            point: where to begin.
+            looks: the noises that are looked at in each round.
+        """
+        arounds: Sequence[LinearisedRun] = self.around(point, free)
+        best = point
+        for rounds_left, look in zip(reversed(range(len(looks))), looks, strict=True):
+            tables = self.tables(arounds, point, look)
+            found = tables.evidence(free)
+            if not np.isfinite(found.value):
+                break
+            noises = tuple(
+                scaled(t.noises[i], level) for t, i, level in zip(tables.tables, found.picks, found.levels, strict=True)
+            )
+            best = replace(point, noises=noises, evidence=found.value)
+            if not rounds_left or abs(found.value - point.evidence) < SETTLED:
+                break
+            weights = tuple(a.believed(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
+            begin = replace(best, weights=weights)
+            picked = zip(tables.tables, found.picks, found.levels, strict=True)
+            left = [float(t.square[i]) / level**2 for t, i, level in picked]
+            point, arounds = self._moved(begin, sum(left[: self.training]), arounds, found.change, free)
+            if point is begin:
+                break
+        return best
+
+    def _moved(
+        self,
+        point: NoiseAndMotion,
+        left: float,
+        arounds: Sequence["LinearisedRun"],
+        change: np.ndarray,
+        free: np.ndarray,
+    ) -> tuple[NoiseAndMotion, Sequence["LinearisedRun"]]:
+        """The point after a (P,) change, or after a part of it that leaves no more; linearised there by what is `free`.
+
+        Where no part of it does, the point itself is returned.
+        """
+        for share in (1.0, 0.5, 0.2, 0.05):
+            values = np.clip(point.values + share * change, self.problem.lower, self.problem.upper)
+            states = tuple(a.smoothed(n, values - point.values)[0] for a, n in zip(arounds, point.noises, strict=True))
+            there = replace(point, values=values, states=states, edges=self._edges)
+            if all(np.isfinite(s).all() for s in states):
+                found = self.around(there, free)
+                if all(a.finite for a in found) and self._left(there, found) < WORSE * left:
+                    return there, found
+        return point, arounds
+
+    def _left(self, point: NoiseAndMotion, arounds: Sequence["LinearisedRun"]) -> float:
+        """Squared innovations of the training runs at a point's values and noise."""
+        pairs = list(zip(arounds, point.noises, strict=True))[: self.training]
+        return float(sum(at_one(a, n).square[0] for a, n in pairs))
+
+    def determined(self, point: NoiseAndMotion, wanted: np.ndarray) -> np.ndarray:
+        """(P,) bool: those of `wanted` that the runs around their motion, with the priors, tell from those before them.
+
+        Looked at with kicks as large as they may be: what shows only in a motion that nothing kicks is not lost then.
+        """
+        known = np.diag((self.problem.prior_weight * self.problem.typical) ** 2)
+        return independent(known + self._kicked(point), wanted)
+
+    def seen(self, point: NoiseAndMotion) -> np.ndarray:
+        """(P,) bool: unknowns that change anything in the runs."""
+        return np.diag(self._kicked(point)) > UNSEEN
+
+    def _kicked(self, point: NoiseAndMotion) -> np.ndarray:
+        """(P, P) what the runs tell, in typical sizes, with kicks as large as they may be."""
+        typical = self.problem.typical
+        gram = np.zeros((len(typical), len(typical)))
+        for run in self.around(point):
+            noise = Noise(run.kick_unit, (1.0,) * len(run.rows), (Colour(),) * len(run.rows))
+            gram += run.innovations([noise], np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
+        return gram
+
+    def starts(self, free: np.ndarray, point: NoiseAndMotion) -> Iterator[np.ndarray]:
+        """(P,) values at a point, then those of the way on which kicks shrink to nothing (output error), its end first.
+
+        The kicks shrink from round to round, so that the motions go over from what was measured to what the model says
+        without ever losing the measured swing.
+        """
+        yield self.with_starts(point)
+        share, way = 1.0, list[np.ndarray]()
+        white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
+        arounds: Sequence[LinearisedRun] = self.around(point, free)
+        while share > TIED:
+            noises = tuple(
+                replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(KICKS[[0, -1]])))))
+                for n, a in zip(white, arounds, strict=True)
+            )
+            before = replace(point, noises=noises)
+            tables = self.tables(arounds, before, at_one)
+            found = tables.evidence(free)
+            if not np.isfinite(found.value):
+                break
+            left = sum(float(t.square[0]) for t in tables.tables[: self.training])
+            point, arounds = self._moved(before, left, arounds, found.change, free)
+            if point is before:
+                break
+            way.append(self.with_starts(point))
+            share *= SHRINK
+        yield from reversed(way)
+
+    def with_starts(self, point: NoiseAndMotion) -> np.ndarray:
+        """(P,) values at a point, those that say how a run begins as its first state does."""
+        values = point.values.copy()
+        for run, states in zip(self.runs, point.states, strict=True):
+            model, theta = run.pieces.model, values[run.places].copy()
+            starts = [model.names.index(name) for name in model.start_names]
+            for _ in range(3):
+                state, by_start, _ = run.pieces.beginning(theta)
+                theta[starts] += pseudo_inverse(by_start) @ (states[0] - state)
+            columns = run.places[starts]
+            values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])
+        return values

@@ -1,0 +1,296 @@
+"""One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armdyn.identify.fit import NEAR_NOISE
+from armdyn.identify.least_squares import GROSS
+from armdyn.identify.noise import quiet_noise
+from armdyn.identify.problem import Problem
+from armdyn.identify.state_space.innovations import (
+    Chain,
+    Colour,
+    Gram,
+    Innovations,
+    Rows,
+    blocks,
+    combined,
+    filtered,
+    smoothed,
+)
+from armdyn.physics.pieces import Pieces, pseudo_inverse
+from armdyn.physics.simulated import SimulatedModel
+from armdyn.recording.gaps import until
+
+HALF = 0.5
+"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and an error
+of a sensor at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real
+recordings say 10 to 1000 times less."""
+UNSTABLE = 100.0
+"""Times that an error may grow within a piece."""
+LOOSE = 100.0
+"""Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
+FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
+"""Pieces through which a force is followed first, growth of their number, and most steps of the smoother at each."""
+UNBELIEVED = 4.0
+"""Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
+MOST_ACTING = 0.75
+"""Share of the unknowns that act, above which it saves nothing to leave out the others."""
+MOST_UNBELIEVED = 0.1
+"""Share of the samples that can be glitches; more are how the sensor is."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of one run.
+
+    Attributes:
+        kick: standard deviation of the kicks, in typical sizes of the speeds.
+        level: by channel, of the white noise over the quiet noise.
+        colour: by channel.
+    """
+
+    kick: float
+    level: tuple[float, ...]
+    colour: tuple[Colour, ...]
+
+
+def scaled(noise: Noise, factor: float) -> Noise:
+    """The noise with everything larger by a factor."""
+    return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
+
+
+class GreyRun:
+    """One run around its motion.
+
+    Args:
+        problem: whose unknowns count.
+        index: of the run.
+        swing: period, s.
+        share: of a swing between two kicks.
+    """
+
+    def __init__(self, problem: Problem, index: int, swing: float, share: float = HALF) -> None:
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        self.problem, self.index, self.swing = problem, index, swing
+        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
+        self.pieces = Pieces(model, self.run, share * swing)
+        self.places = problem.places(index)
+        self.channels = self.pieces.channels
+        self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
+        self._typical = np.array([model.parameters[name].typical for name in model.start_names])
+
+    def initial_states(self, values: np.ndarray) -> np.ndarray:
+        """(J, n) states from what was measured of the motion; else those that a smoother makes of a simulation.
+
+        A piece in which an error grows out of all proportion, as near the upright, is cut.
+
+        Args:
+            values: (P,) of the unknowns.
+        """
+        theta = values[self.places]
+        while True:
+            states = self._from_measured(values)
+            found = self.pieces.linearised(theta, states, np.zeros(0, dtype=int))
+            _, by_start = self.pieces.motion(theta, states)
+            size = by_start * self._typical
+            grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
+            if not self.pieces.halve(~(grown < UNSTABLE)):
+                return states
+
+    def _from_measured(self, values: np.ndarray) -> np.ndarray:
+        theta = values[self.places]
+        begin = self.pieces.model.measured_motion(self.run, self.pieces.starts, theta, self.swing)
+        return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
+
+    def _from_force(self, values: np.ndarray) -> np.ndarray:
+        """(J, n) states that follow a force: simulated from the start, smoothed over a stretch that grows.
+
+        What the model lacks, such as friction or a length that is a little wrong, has grown to another swing at the end
+        of a long simulation; kicks keep it small while the stretch grows.
+        """
+        theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
+        states, known = self.pieces.rolled(theta), FIRST_PIECES
+        none = np.zeros(len(values), dtype=bool)
+        around = self.around(values, states, even, none)
+        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS:
+            begin, known = known, min(len(states), STRETCHED * known)
+            for _ in range(FOLLOWED):
+                if not around.finite or around.left(begin, known) < NEAR_NOISE:
+                    break
+                states = around.smoothed_until(known)
+                states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
+                around = self.around(values, states, even, none)
+        return states
+
+    def around(
+        self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray], wanted: np.ndarray
+    ) -> "LinearisedRun":
+        """The run linearised at (P,) values of the unknowns and (J, n) states.
+
+        Args:
+            values: (P,).
+            states: (J, n).
+            weights: by channel (N,) variance of each sample over the others'; larger where it is not believed.
+            wanted: (P,) bool, the unknowns by which it is linearised; the others are taken as known.
+        """
+        pieces, places = self._holding(values, wanted)
+        theta, unknowns = values[places], np.flatnonzero(wanted)
+        parameters = np.flatnonzero(wanted[places])
+        columns = np.searchsorted(unknowns, places[parameters])
+        found = pieces.linearised(theta, states, parameters)
+        # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
+        gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
+        by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
+        here, there = found.definition
+        by_unknown[:, :, columns], definition[:, :, columns] = found.by_theta + found.transition @ here - there, here
+        begin, by_start, by_theta = pieces.beginning(theta)
+        model = pieces.model
+        kicked = by_start[:, model.kicked] * self._typical[model.kicked]
+        free = np.abs(by_start).sum(axis=1) > 0.0
+        start = np.zeros((states.shape[1], len(unknowns) + 1))
+        start[~free, -1] = (begin - states[0])[~free]
+        start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
+        wide = by_start * (LOOSE * self._typical)
+        chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
+        given = zip(self.channels, self.quiet, weights, strict=True)
+        rows = [
+            Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
+            for c, quiet, weight in given
+        ]
+        return LinearisedRun(self, states, chain, rows, definition, wanted)
+
+    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
+        """The pieces of a model without the effects that do nothing here, and the unknowns of its parameters.
+
+        Those that bring states stay: states of all sets are the same ones.
+        """
+        model = self.pieces.model
+        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
+        assert isinstance(lean, SimulatedModel)
+        return self.pieces.of(lean), self.places[places]
+
+
+class LinearisedRun:
+    """A run linearised around a motion by some unknowns; whitened sums are kept by colour.
+
+    Args:
+        run: which.
+        states: (J, n) of the motion.
+        chain: of its pieces; P' unknowns.
+        rows: by channel.
+        definition: (J, n, P') how the states change with the unknowns where the motion stays.
+        wanted: (P,) bool, which of the problem's unknowns these are.
+    """
+
+    def __init__(
+        self,
+        run: GreyRun,
+        states: np.ndarray,
+        chain: Chain,
+        rows: Sequence[Rows],
+        definition: np.ndarray,
+        wanted: np.ndarray,
+    ) -> None:
+        self.run, self.states, self.chain, self.rows = run, states, chain, rows
+        self._definition, self._wanted = definition, wanted
+        self._grams: dict[tuple[int, Colour], Gram] = {}
+        direction = np.sqrt(np.diag(chain.kicked))
+        n = states.shape[1]
+        told = [
+            np.einsum("i,jik,k->j", direction, self.gram(c, Colour()).sums[:, :n, :n], direction)
+            for c in range(len(rows))
+        ]
+        self.sharpest = int(np.argmax([np.median(t) for t in told]))
+        made = [chain.gap, chain.transition, chain.by_unknown, *(one.value for one in rows)]
+        self.finite = all(bool(np.isfinite(x).all()) for x in made)
+        self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
+
+    def gram(self, channel: int, colour: Colour) -> Gram:
+        """Whitened sums of one channel."""
+        if (channel, colour) not in self._grams:
+            (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
+        return self._grams[channel, colour]
+
+    def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
+        """At the colours and levels of C noises, with (K,) sizes of the kicks each; 0 for unknowns taken as known."""
+        acting = self._acting
+        if acting.all() and self._wanted.all():
+            return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
+        n, P = self.states.shape[1], len(acting)
+        columns = np.concatenate([np.arange(n), n + np.flatnonzero(acting), [n + P]])
+        parts = (
+            (sums[:, :, columns[:, None], columns], logs, rows) for sums, logs, rows in self._sums(noises, len(kicks))
+        )
+        found = filtered(parts, self.chain.of(acting), kicks)
+        S, where = len(found.square), np.flatnonzero(self._wanted)[acting]
+        gram, slope = (np.zeros((S, *[len(self._wanted)] * k)) for k in (2, 1))
+        gram[:, where[:, None], where], slope[:, where] = found.gram, found.slope
+        return replace(found, gram=gram, slope=slope)
+
+    @cached_property
+    def _acting(self) -> np.ndarray:
+        """(P',) bool: unknowns that change anything, as the place of an absent force does not; all where most do."""
+        n = self.states.shape[1]
+        acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
+        for rows in self.rows:
+            acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
+        return np.asarray(acting if acting.sum() < MOST_ACTING * len(acting) else np.ones_like(acting))
+
+    def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""
+        width = self.rows[0].width
+        for pieces in blocks(len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)):
+            grams = [
+                self._whitened(c, list(dict.fromkeys(n.colour[c] for n in noises)), pieces) for c in self._channels
+            ]
+            found = [combined([grams[c][noise.colour[c]] for c in self._channels], noise.level) for noise in noises]
+            sums, logs, rows = (list(part) for part in zip(*found, strict=True))
+            yield np.array(sums), np.array(logs), rows[0]
+
+    def _whitened(self, channel: int, colours: Sequence[Colour], pieces: slice) -> dict[Colour, Gram]:
+        """Sums of one channel and some pieces by colour."""
+        known = {c: self._grams[channel, c].of(pieces) for c in colours if (channel, c) in self._grams}
+        new = [c for c in colours if c not in known]
+        return known | dict(zip(new, self.rows[channel].whitened(new, pieces), strict=True)) if new else known
+
+    @property
+    def _channels(self) -> range:
+        return range(len(self.rows))
+
+    def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
+        moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
+        return self.states + moved + self._definition @ change[self._wanted], kicks
+
+    def left(self, begin: int, end: int) -> float:
+        """Mean squared error over the noise in the pieces from `begin` to `end`."""
+        residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
+        return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
+
+    def smoothed_until(self, known: int) -> np.ndarray:
+        """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""
+        channels = len(self.rows)
+        sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
+        sums[known:] = 0.0
+        return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
+
+    def _at(self, noise: Noise) -> np.ndarray:
+        """(J, w, w) whitened sums of all channels at a noise."""
+        return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
+
+    def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
+        """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
+        change = change[self._wanted]
+        moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
+        found = []
+        for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
+            z = rows.deviates(colour, level, moved, change)
+            bad = z > UNBELIEVED
+            few = bad.sum() < MOST_UNBELIEVED * len(bad)
+            found.append(np.where(bad & few, z**2, 1.0))
+        return tuple(found)

@@ -1,0 +1,324 @@
+"""The evidence of every set of effects, each at the noise that suits it best.
+
+The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown;
+what a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop,
+Pattern Recognition and Machine Learning, 2006, §3.5).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from armdyn.identify.problem import Problem
+from armdyn.identify.state_space.grey_run import LOOSE, LinearisedRun, Noise, scaled
+from armdyn.identify.state_space.innovations import Colour
+from armdyn.linear.solve import log_det, solve_bounded, solve_positive
+
+KICKS = np.arange(-7.0, 10.1, 1.2)
+"""Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
+RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
+"""Variances of the coloured error that are tried, over that of the white noise of one row."""
+TIMES = (0.02, 0.08, 1.0 / 3.0)
+"""Correlation times that are tried, in swings: beyond a third it would be an offset."""
+LEVELS = (0.6, 1.6)
+"""Factors on the level of one of several channels that are tried beside the present one."""
+PULLED = float(np.log(100.0))
+"""Nats that a value could gain beyond a bound from which on it is the bound that explains."""
+COARSE = (3, 3)
+"""Every which of the colours, and of the kicks, is looked at first."""
+ROUNDS = 3
+"""In which the noises of several runs, and levels beside values, settle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Innovations of one run at S noises.
+
+    Attributes:
+        noises: (S,).
+        gram: (S, P, P).
+        slope: (S, P).
+        square: (S,).
+        log_std: (S,).
+        rows: of the run.
+        kicks: number of kicks that follow one another in `noises`.
+    """
+
+    noises: tuple[Noise, ...]
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    log_std: np.ndarray
+    rows: float
+    kicks: int
+
+    def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "Table":
+        """The table for the unknowns `kept` (k,), after a change (c,) of the unknowns `columns` (c,)."""
+        X, d = self.gram[:, columns], change
+        slope = self.slope[:, kept] - X[:, :, kept].transpose(0, 2, 1) @ d
+        square = self.square - 2.0 * self.slope[:, columns] @ d + (X[:, :, columns] @ d) @ d
+        return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
+
+    def likelihood(self, level: np.ndarray) -> np.ndarray:
+        """(S,) logarithms at (S,) levels of everything."""
+        return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
+
+
+def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
+    """Innovations at every one of `noises` with every size (K,) of the kicks."""
+    found = around.innovations(noises, kicks)
+    every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
+    return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
+
+
+def at_one(around: LinearisedRun, noise: Noise) -> Table:
+    """Innovations at one noise."""
+    return tabled(around, [noise], np.array([noise.kick]))
+
+
+def at_every_kick(around: LinearisedRun, noise: Noise) -> Table:
+    """Innovations over the whole range of kicks, with the colours of one noise."""
+    return tabled(around, [noise], around.kick_unit * np.exp(KICKS))
+
+
+def everywhere(around: LinearisedRun, noise: Noise) -> Table:
+    """Innovations over the whole range of kicks and of one channel's colours, the other channels' as in `noise`.
+
+    The channel that says most about the motion is looked at; what the others are like shows beside it.
+    """
+    noise = scaled(noise, 1.0 / min(noise.level))
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(KICKS)
+    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(RATIOS[1:], TIMES)]
+    k = around.sharpest
+    noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
+    return tabled(around, noises, kicks)
+
+
+def nearby(around: LinearisedRun, noise: Noise) -> Table:
+    """Innovations around one noise."""
+    noise = scaled(noise, 1.0 / min(noise.level))
+    kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
+    kicks = kicks * np.exp(np.arange(-4.0, 4.0))
+    found = [noise]
+    for c, colour in enumerate(noise.colour):
+        for other in _neighbours(colour, around.run.swing):
+            found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
+        for factor in LEVELS if len(noise.level) > 1 else ():
+            found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
+    return tabled(around, found, kicks)
+
+
+def _neighbours(colour: Colour, swing: float) -> list[Colour]:
+    """Colours next to one in the grid."""
+    if colour.ratio == 0.0:
+        return [Colour(RATIOS[1], t * swing) for t in TIMES[1::2]]
+    r = RATIOS.index(min(RATIOS, key=lambda x: abs(x - colour.ratio)))
+    t = int(np.argmin([abs(x * swing - colour.time) for x in TIMES]))
+    found = [Colour()] if r == 1 else []
+    for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
+        if 0 < r + dr < len(RATIOS) and 0 <= t + dt < len(TIMES):
+            found.append(Colour(RATIOS[r + dr], TIMES[t + dt] * swing))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a set is worth at the noise that suits it best.
+
+    Attributes:
+        value: log evidence of the training runs, nats.
+        predicted: log likelihood of the others, as predicted.
+        occam: nats of `value` that the unknowns' freedom costs.
+        change: (P,) of the unknowns.
+        picks: by run, which of the table's noises; the level is not the table's.
+        levels: by run, factor on the level.
+        information: (P, P) of the training runs, levels counted in.
+        inside: whether no effect does what it does by a value that the runs pull beyond a bound; one at which the
+            effect is absent, and one from which they pull no more than by chance, is none.
+    """
+
+    value: float
+    predicted: float
+    occam: float
+    change: np.ndarray
+    picks: tuple[int, ...]
+    levels: tuple[float, ...]
+    information: np.ndarray
+    inside: bool
+
+
+class Tables:
+    """Tables of several runs at one point, from which the evidence of every set follows.
+
+    Args:
+        tables: by run, those that are fitted first.
+        values: (P,) the point.
+        problem: whose unknowns these are.
+        training: number of runs that are fitted; the others are predicted.
+        removable: (P,) bool, unknowns that are at null where they are not fitted.
+        begin: by run, the noise near which evidence is looked for, in one round; None for several, from the middle.
+    """
+
+    def __init__(
+        self,
+        tables: Sequence[Table],
+        values: np.ndarray,
+        problem: Problem,
+        training: int,
+        removable: np.ndarray,
+        begin: Sequence[int] | None = None,
+    ) -> None:
+        self._begin, self._rounds = begin, ROUNDS if begin is None else 1
+        self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
+        self._removable = removable
+        self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
+        self.rows = sum(table.rows for table in tables[:training])
+        with np.errstate(divide="ignore"):
+            known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
+            self._width = np.minimum(LOOSE * problem.typical, known)
+        self._typical = np.minimum(problem.typical, self._width)
+        guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
+        self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
+
+    def coarse(self, like: Evidence) -> "Tables":
+        """The same at fewer noises, looked at once from a set's own: enough to see which sets to look at closely."""
+        thinned, begin = [], []
+        for table, pick in zip(self.tables, like.picks, strict=True):
+            colours = len(table.noises) // table.kicks
+            at = np.array(
+                [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
+            )
+            begin.append(int(np.argmin(np.abs(at - pick))))
+            thinned.append(
+                replace(
+                    table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
+                    square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
+                )
+            )  # fmt: skip
+        return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
+
+    @np.errstate(all="ignore")
+    def evidence(self, free: np.ndarray) -> Evidence:
+        """The best evidence of a set.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted; effects among the others return to null.
+        """
+        p = self.problem
+        c = np.flatnonzero(free & ((self._owner < 0) | (self._owner < self.training)))
+        gone = np.flatnonzero(~free & self._removable & (self.values != p.null))
+        away = (p.null - self.values)[gone]
+        parts = [t.after(gone, away, c) for t in self.tables]
+        R = self.training
+        picks = list(self._begin or (len(t.square) // 2 for t in self.tables))
+        levels, value = [1.0] * len(parts), -np.inf
+
+        def summed(runs: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
+            """(c, c) and (c,) sums of some runs at the noise of each."""
+            H, g = np.zeros((len(c), len(c))), np.zeros(len(c))
+            for i in runs:
+                H += parts[i].gram[picks[i]] / levels[i] ** 2
+                g += parts[i].slope[picks[i]] / levels[i] ** 2
+            return H, g
+
+        for _ in range(1 if R == 1 else self._rounds):
+            for r in range(R):
+                others = [i for i in range(R) if i != r]
+                over, level = self._over(parts[r], *summed(others), c, levels[r])
+                over = over + sum(float(parts[i].likelihood(np.array(levels[i]))[picks[i]]) for i in others)
+                picks[r] = int(np.argmax(over))
+                levels[r] = float(level[picks[r]])
+                value = float(over[picks[r]]) + _peak(over, picks[r], self.tables[r].kicks)
+        H, g = summed(range(R))
+        d, cost, pulled = self._bounded(H, g, c)
+        value -= 0.5 * (cost - float(self._solved(H[None], g[None], c)[1][0]))
+        change = np.zeros(len(self.values))
+        change[c], change[gone] = d, away
+        own = c[p.is_effect[c]]
+        sizes = (self.values + change - p.null)[own] / p.typical[own]
+        spread = float(np.sum(np.log1p(sizes**2)))
+        predicted = 0.0
+        for r in range(R, len(parts)):
+            said, picks[r], levels[r] = self._predicted(r, change, c, H, np.flatnonzero(free & (self._owner == r)))
+            predicted += said
+        information = np.zeros((len(change), len(change)))
+        information[np.ix_(c, c)] = H
+        ends = (self.values + change)[c] != p.null[c]
+        inside = not np.any((pulled > PULLED) & ends & p.is_effect[c])
+        occam = float(self._freedom(H, c)) + spread
+        return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
+
+    def _predicted(
+        self, r: int, change: np.ndarray, c: np.ndarray, known: np.ndarray, own: np.ndarray
+    ) -> tuple[float, int, float]:
+        """Log density of a run as the training runs predict it, at the noise that suits it best.
+
+        What these leave uncertain of the values is integrated over, as are the unknowns that are its `own`: a length
+        that is known to a micrometre may still be a swing too long or too short after a thousand of them.
+
+        Args:
+            r: which run.
+            change: (P,) from the training runs.
+            c: (k,) unknowns that they fitted.
+            known: (k, k) what they say of these, in inverse squares.
+            own: (m,) unknowns of the run alone.
+        """
+        loose, moved = np.concatenate([c, own]), np.flatnonzero(change)
+        part = self.tables[r].after(moved, change[moved], loose)
+        A = np.diag(np.concatenate([self._width[c], self.problem.typical[own]]) ** -2.0)
+        A[: len(c), : len(c)] += known
+        square = part.square - np.sum(part.slope * solve_positive(A + part.gram, part.slope), axis=1)
+        level = np.sqrt(np.maximum(square / part.rows, 1.0))
+        over = replace(part, square=square).likelihood(level) - 0.5 * (log_det(A + part.gram) - log_det(A))
+        pick = int(np.argmax(over))
+        return float(over[pick]) + _peak(over, pick, part.kicks), pick, float(level[pick])
+
+    def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
+        t = self._width[c]
+        d = solve_positive(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
+        off = (d - self._centre[c]) / t
+        squares = np.sum(d * (H @ d[:, :, None])[:, :, 0], axis=1) - 2.0 * np.sum(g * d, axis=1)
+        return d, squares + np.sum(off**2, axis=1)
+
+    def _freedom(self, H: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(S,) nats that the freedom of unknowns c costs, of (S, c, c) what runs say of them."""
+        T = self._typical[c]
+        return 0.5 * log_det(T[:, None] * H * T + np.eye(len(c)))
+
+    def _over(
+        self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
+        levels = np.full(len(part.square), level)
+        for k in range(self._rounds + 1):
+            H = part.gram / levels[:, None, None] ** 2 + H0
+            d, added = self._solved(H, part.slope / levels[:, None] ** 2 + g0, c)
+            if k < self._rounds:
+                own = part.square - 2.0 * np.sum(part.slope * d, axis=1)
+                own += np.sum(d * (part.gram @ d[:, :, None])[:, :, 0], axis=1)
+                levels = np.sqrt(np.maximum(own / part.rows, 1.0))
+        return part.likelihood(levels) - 0.5 * added - self._freedom(H, c), levels
+
+    def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
+        p, t = self.problem, self._width[c]
+        lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
+        A = H + np.diag(t**-2.0)
+        found = solve_bounded(A, g + self._centre[c] / t**2, lower, upper)
+        d = found.x
+        off = (d - self._centre[c]) / t
+        pulled = np.where(found.held != 0, 0.5 * found.gradient**2 / np.diag(A), 0.0)
+        return d, float(d @ H @ d - 2.0 * g @ d + off @ off), pulled
+
+
+def _peak(value: np.ndarray, best: int, kicks: int) -> float:
+    """By how much a parabola through the best of (S,) values and its neighbours along the kicks is higher."""
+    k = best % kicks
+    if not 0 < k < kicks - 1:
+        return 0.0
+    a, b, c = value[best - 1 : best + 2]
+    bend = 2.0 * b - a - c
+    return float((c - a) ** 2 / (8.0 * bend)) if bend > 0.0 else 0.0

@@ -1,0 +1,275 @@
+"""Output error from the measured motion: a fit that is never lost.
+
+Started at one state and simulated to the end of a long recording, a pendulum that is slightly wrong is soon in another
+phase, and a descent ends in one of many minima. Here the fit begins linear around the measured motion, with kicks that
+hold what the model lacks; the kicks shrink to nothing, and the motion goes over into the model's own.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from armdyn.identify.fit import NEAR_NOISE, Fit, converged, fit
+from armdyn.identify.least_squares import GROSS
+from armdyn.identify.problem import Problem
+from armdyn.identify.state_space.grey_box import NEARBY, GreyBox, NoiseAndMotion
+from armdyn.identify.state_space.places import places
+from armdyn.identify.state_space.starts import alike, likeliest_starts
+from armdyn.physics.simulated import SimulatedModel
+
+UNLIKE = 0.1
+"""Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
+SKETCHED = 5
+"""Steps after which the better ones of several starts are carried on."""
+OTHERS = 3
+"""Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
+SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
+"""Factors on the size of effects with which fits with large errors are tried as well."""
+ASTRAY = 10.0
+"""Kicks, over what one piece tells of a speed, beyond which a motion that only a force shows may be a wrong one."""
+MOST_STEPS, QUICK_STEPS = 30, 10
+"""Of a fit, and of one that only ranks a set among others."""
+MOST_PREDICTED = 5_000_000
+"""Samples that a fit with large errors may predict in looking at other places: five seconds. All of them are looked at
+in recordings of up to 37,000 samples, five minutes of a swing; in longer ones fewer, beyond 111,000 none."""
+
+
+def shows_motion(problem: Problem) -> bool:
+    """Whether every run shows the motion itself, and not only a force that depends on it."""
+    model = problem.model
+    if not isinstance(model, SimulatedModel):
+        return False
+    values = problem.start()
+    return all(
+        model.measured_motion(run, np.array([run.channels[model.predicted_channels(run)[0]].time[0]]), theta, 1.0)
+        is not None
+        for i, run in enumerate(problem.runs)
+        for theta in [problem.theta(i, values)]
+    )
+
+
+class AroundMotion:
+    """Runs around their measured motion, and the fits that begin there.
+
+    Args:
+        problem: model with every effect that may be fitted, training runs first.
+        training: number of runs that are fitted; the others are followed.
+        present: (P,) bool, unknowns of effects that the model has already.
+        options: (P,) values to begin with, of which the likeliest counts.
+
+    Attributes:
+        box: the runs.
+        measured: whether the motion itself was measured, and not only a force.
+        base: (P,) bool, what is fitted in every set: what the runs tell of it where no effect is added. An angle does
+            not see a mass, and a drag would take it with it.
+        point: where the base is settled.
+        seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
+        places: by unknown, values that matter only where their effect is there; see `places`.
+    """
+
+    def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        values = options[0]
+        self.problem, self.measured, self._given = problem, shows_motion(problem), values
+        swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+        self.of_starts = problem.of(model.start_names)
+        self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
+        wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
+        self.base, self.point = self._begun(wanted, options)
+        self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
+        self.places = places(self.box, self.point, self.base, self.seen)
+        problem.place(self.names_of_places)
+        self._given = values.copy()
+        for k, place in self.places.items():
+            self.point.values[k] = self._given[k] = place
+        self.seen |= self.box.seen(self.point)
+        self.seen[list(self.places)] = True
+        self._settled = {self.base.tobytes(): (self.base, self.point)}
+
+    @property
+    def names_of_places(self) -> dict[str, float]:
+        """By parameter, where the effect of what matters only where it is there is looked for first."""
+        return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
+
+    def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, NoiseAndMotion]:
+        """The base that is told, and the runs settled with it from (P,) options or from what recordings show directly.
+
+        A value of the file may be far off, and the period of a large swing shows a length that is too large.
+        """
+        problem, values = self.problem, options[0]
+        model = problem.model
+        assert isinstance(model, SimulatedModel)
+        shown: dict[str, list[float]] = {}
+        for i, run in enumerate(problem.runs[: self.box.training]):
+            for name, value in model.shown_by(run, problem.theta(i, values)).items():
+                shown.setdefault(name, []).append(value)
+        other = values.copy()
+        for j in np.flatnonzero(wanted & (problem.prior_weight == 0.0)):
+            name = problem.columns[j].parameter.name
+            if name in shown:
+                other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
+        if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
+            options = [*options, other]
+        if self.measured:
+            options = likeliest_starts(problem, self.box.training, wanted, values) or options
+        found = list[tuple[np.ndarray, NoiseAndMotion]]()
+        for option in options:
+            if any(alike(option, point.values, wanted) for _, point in found):
+                continue
+            found.append(self._settled_from(option, wanted))
+            if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
+                break  # nothing says that the motion may be another one
+            # An option may cut pieces of the runs, which all of them share.
+            found = [(base, self._settled_anew(base, point)) for base, point in found]
+        return max(found, key=lambda one: one[1].evidence)
+
+    def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, NoiseAndMotion]:
+        """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
+        begin = self.box.begin(option)
+        base = self.box.determined(begin, wanted)
+        if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
+            # What a start makes up for is kept by a weak prior: an effect may bring what tells it.
+            with np.errstate(all="ignore"):
+                change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
+            base[np.flatnonzero(guessed)[change > 0.0]] = True
+        return base, self.box.settled(base, begin)
+
+    def _settled_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+        """A point, settled again where pieces were cut since: evidence at other kicks is not comparable."""
+        return self.box.settled(free, point, NEARBY) if self.box.is_cut(point) else point
+
+    def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
+        """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
+
+        Where `like` is given, also from where that set stands: the better one counts.
+        """
+        key = free.tobytes()
+        if key not in self._settled:
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
+        if like is not None:
+            there = self._settled[like.tobytes()][1]
+            other = self.box.settled(free, self._without(there, free), NEARBY)
+            if other.evidence > self._settled[key][1].evidence:
+                self._settled[key] = free, other
+        return self._settled[key][1]
+
+    def settled_point(self, free: np.ndarray) -> NoiseAndMotion | None:
+        """Where the runs were settled with (P,) `free` unknowns; None where they were not."""
+        found = self._settled.get(free.tobytes())
+        return None if found is None else found[1]
+
+    def _followed_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
+        """A settled point, or a better one where a force is followed anew with its values.
+
+        The motion that followed a force with other values, such as without the bias that is most of it, may be another
+        one altogether; then large kicks are what is left of the difference.
+        """
+        if self.measured or self.box.largest_kick(point) < ASTRAY:
+            return point
+        other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
+        return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
+
+    def believed(self, free: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+        """By run and channel, (N,) weights of the samples at the most similar optimised set; see `NoiseAndMotion`."""
+        return self._near(free).weights
+
+    def _near(self, free: np.ndarray) -> NoiseAndMotion:
+        """The point of the most similar set that was settled, effects that are not `free` at null."""
+        near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
+        return self._without(near, free)
+
+    def _without(self, near: NoiseAndMotion, free: np.ndarray) -> NoiseAndMotion:
+        """A point with the effects that are not `free` at null."""
+        return replace(
+            near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
+        )
+
+    def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
+        """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for."""
+        return self.box.starts(free, self._near(free))
+
+    def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        """(P,) values with other sizes of the effects than `starts`, (P,) values each, have.
+
+        Where an effect is not the right one, its best size over whole runs is another one than around the motion, or
+        than in other runs.
+        """
+        sized = free & self.box.removable
+        if sized.any():
+            found = list(islice(starts, 2))
+            yield from (np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in SIZES)
+            yield from self._of_single_runs(free, found[0])
+
+    def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
+        """(P,) values from which a fit may begin where the model's are guesses, whatever was settled; see `spread`.
+
+        What a base alone comes to, which lacks something, may be far from where it is with what it lacks.
+        """
+        return likeliest_starts(self.problem, self.box.training, free, self._given)
+
+    def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+        """(P,) values with every run's start as that run alone tells it, and all else as one of the runs tells it.
+
+        A friction that is not the right one has another size in a large swing than in a small one; between them lie
+        minima in which a start makes up for the wrong size.
+        """
+        problem, count = self.problem, self.box.training
+        if count == 1:
+            return []
+        found, starts = list[np.ndarray](), values.copy()
+        for i, run in enumerate(problem.runs[:count]):
+            single = Problem(problem.model, [run], problem.noise)
+            places = problem.places(i)[[column.index for column in single.columns]]
+            alone = fit_run(single, values[places], (free | self.of_starts)[places])
+            told = values.copy()
+            told[places] = alone.values
+            found.append(told)
+            own = problem.per_run[places]
+            starts[places[own]] = alone.values[own]
+        return [np.where(problem.per_run, starts, told) for told in found]
+
+
+def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
+    """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`.
+
+    A fit that ends at the noise, or near enough where no `others` are asked for, is in no wrong minimum: then the kicks
+    need not be shrunk step by step.
+    """
+    values, steps = iter(starts), MOST_STEPS if others else QUICK_STEPS
+    found = [_bounded_fit(problem, free, next(values), steps)]
+    if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
+        found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
+    best = min(found, key=lambda one: one.cost)
+    others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
+    if best.chi2_per_sample > GROSS and others:
+        # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
+        nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
+        sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
+        found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
+    best = min(found, key=lambda one: one.cost)
+    return converged(best) if steps == MOST_STEPS else best
+
+
+def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
+    return fit(problem, free, np.clip(values, problem.lower, problem.upper), most_steps=steps)
+
+
+def _cost(problem: Problem, values: np.ndarray) -> float:
+    values = np.clip(values, problem.lower, problem.upper)
+    with np.errstate(all="ignore"):
+        found = problem.expansion(values, np.zeros(len(values), dtype=bool)).cost
+    return found if np.isfinite(found) else np.inf
+
+
+def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
+    """A run fitted by its start, and what else is (P,) `free`, from its measured motion; the rest stays."""
+    model = single.model
+    assert isinstance(model, SimulatedModel)
+    swing = model.swing(single.runs[0], single.theta(0, values))
+    box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
+    own = free & ~single.of(model.start_names)
+    point = box.settled(own, box.begin(values))
+    return best_minimum(single, free, box.starts(own, point))

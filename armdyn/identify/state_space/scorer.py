@@ -1,0 +1,240 @@
+"""SetScore around the measured motion: for models that simulate, where the model's own error is part of the model."""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from itertools import combinations
+from math import log
+
+import numpy as np
+
+from armdyn.identify.fit import channel_rmse
+from armdyn.identify.problem import transferred
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.set_score import TIE, SetScore, SetScorer
+from armdyn.identify.state_space.grey_box import SETTLED, NoiseAndMotion
+from armdyn.identify.state_space.grey_run import LOOSE
+from armdyn.identify.state_space.noise_evidence import Tables, everywhere
+from armdyn.identify.study import LITTLE, Study
+
+LOOKED_AT = 16
+"""Changes of a set, those that promise most at a few noises, that are scored at all."""
+VERIFIED = 4
+"""Changes of a set, those that promise most of their kind, that are settled before one of them is taken."""
+COMPARED = 3
+"""Next steps of a way, those that promise most, that are compared by what they leave."""
+MANY = 36
+"""Effects, those that promise most alone, of which two are added at once: more than any catalogue has for a model."""
+MOST_PAIRED = 3
+"""Effects of a set to which two more are added at once: what one imitates, two may be."""
+
+PROMISED = 12.0
+"""Nats below which a set may turn out to be tied where it is settled itself."""
+MOSTLY = 0.5
+"""Share of an effect's evidence up to which a rival may lack it, to be settled itself and compared by what it leaves:
+seen from where a sensor's lag of 12 ms is settled, a gripper's lacks 19 of 414 nats that it has where it is settled."""
+KEPT = 4
+"""Settled sets whose tables are kept, the last ones: two that are compared in turn, and what they came from."""
+
+
+class StateSpaceScorer(SetScorer):
+    """Scores sets by their evidence at the noise that suits each best.
+
+    Args:
+        study: model, runs, catalogue.
+    """
+
+    most_named = 5
+
+    def __init__(self, study: Study) -> None:
+        assert study.motion is not None
+        self._study, self._motion = study, study.motion
+        problem = self._motion.problem
+        seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
+        super().__init__(problem, tuple(atom for c in seen for atom in c.split_by_joint()))
+        self.tried = study.tried
+        self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
+        self._always = self._motion.base
+        self._tables: dict[frozenset[Candidate], tuple[NoiseAndMotion, Tables]] = {}
+        self._settled = set[frozenset[Candidate]]()
+        self._verified: dict[frozenset[Candidate], tuple[NoiseAndMotion, SetScore]] = {}
+        self.settle(())
+
+    def settle(self, effects: Iterable[Candidate]) -> SetScore:
+        """A set at its own motion and noise; other sets are scored from there until another one is settled."""
+        self._at = frozenset(effects)
+        point = self._motion.settled(self._free(self._at))
+        kept = self._tables.pop(self._at, None)
+        if kept is None or kept[0] is not point:
+            box = self._motion.box
+            kept = point, box.tables(box.around(point), point, everywhere)
+        self._tables[self._at] = kept
+        if len(self._tables) > KEPT:
+            del self._tables[next(iter(self._tables))]
+        # What was scored from elsewhere is looked at anew; what was settled stays.
+        self._settled.add(self._at)
+        self._known = {key: one for key, one in self._known.items() if key in self._settled and key != self._at}
+        return self.of(self._at)
+
+    def _verify(self, effects: tuple[Candidate, ...]) -> SetScore:
+        """What a set is worth at its own motion and noise; linearised by its own unknowns alone, it is faster found."""
+        key, free, box = frozenset(effects), self._free(effects), self._motion.box
+        point = self._motion.settled(free)
+        if key not in self._verified or self._verified[key][0] is not point:
+            own = box.tables(box.around(point, free), point, everywhere)
+            self._verified[key] = point, self._score_by(own, effects)
+        return self._verified[key][1]
+
+    def _free(self, effects: Iterable[Candidate]) -> np.ndarray:
+        """(P,) bool: what is fitted with a set."""
+        free = self._always.copy()
+        for c in effects:
+            free |= self._columns[c]
+        return free
+
+    @property
+    def _here(self) -> Tables:
+        return self._tables[self._at][1]
+
+    def _score_of(self, effects: tuple[Candidate, ...]) -> SetScore:
+        return self._score_by(self._here, effects)
+
+    def _score_by(self, tables: Tables, effects: tuple[Candidate, ...]) -> SetScore:
+        free = self._free(effects)
+        found = tables.evidence(free)
+        columns = np.flatnonzero(free | (found.change != 0.0))
+        price = self.complexity_penalty(effects)
+        worth = found.value + found.predicted - price if found.inside else -np.inf
+        return SetScore(
+            effects=effects,
+            score=worth,
+            likelihood=found.value + found.occam,
+            log_predictive=found.predicted,
+            freedom=found.occam,
+            values=float(free.sum() - self._always.sum()),
+            columns=columns,
+            change=found.change[columns],
+            misfit=-worth,
+        )
+
+    def best_set(self, say: Callable[[str], None]) -> SetScore:
+        """The set that is worth most: one or two effects more, one exchanged for one or two, or one less, in turn.
+
+        What a change promises is seen from the present set; it is taken where it holds at its own motion and noise.
+        """
+        now, refused = self.settle(()), {frozenset[Candidate]()}
+        while True:
+            say(f"{len(now.effects)} effects chosen")
+            changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
+            promised = [self.of(one) for one in self._looked_at(changed)]
+            promised = sorted((o for o in promised if o.score > now.score + SETTLED), key=lambda o: -o.score)
+            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED]
+            refused |= {frozenset(option) for option in options}
+            found = []
+            for i, option in enumerate(options):
+                say(f"{i} of {len(options)} candidates tried")
+                found.append(self._verify(option))
+            better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + SETTLED]
+            following = next((one for one in better if one.score > self._again(now, one).score + SETTLED), None)
+            if following is None:
+                return self.settle(now.effects)
+            now = self.settle(following.effects)
+
+    def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
+        """See `SetScorer.ties`: by evidence, each set settled near the other one as well, or by what they leave.
+
+        Above the noise something else is missing, which an exchange that changes the error by little may stand for.
+        """
+        standing = self.schwarz_score(whole)
+        gap = standing - self.schwarz_score(other)
+        near = gap <= MOSTLY * (standing - self.schwarz_score(without))
+        if (near or gap < PROMISED) and standing - self.schwarz_score(self._again(other, whole)) < TIE:
+            return True
+        study = self._study
+        if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
+            return False  # an experiment that was made to tell them apart does it by evidence
+        found = study.fit_with((*study.present, *whole.effects), None)
+        if study.is_at_noise(found):
+            return False
+        least = study.squared_error(found)
+        left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
+        return left * (1.0 - LITTLE) < least and left - least < LITTLE * (most - least)
+
+    def _again(self, now: SetScore, better: SetScore) -> SetScore:
+        """The score of a set, settled from where a better one stands as well: its noise may be better there."""
+        self._motion.settled(self._free(now.effects), self._free(better.effects))
+        return self._verify(now.effects)
+
+    def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
+        """Those of many sets that are worth a closer look."""
+        coarse = self._coarse()
+        ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
+        return list(dict.fromkeys([*ranked[:LOOKED_AT], *_unlike(ranked, self._at)[:LOOKED_AT]]))
+
+    def _coarse(self) -> Tables:
+        """Sums at few noises, those near the one that suits the present set."""
+        here = self._here
+        return here.coarse(here.evidence(self._free(self._at)))
+
+    def _promised(self, coarse: Tables, one: tuple[Candidate, ...]) -> float:
+        found = coarse.evidence(self._free(one))
+        return found.value + found.predicted - self.complexity_penalty(one) if found.inside else -np.inf
+
+    def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
+        """Sets that differ from one by little."""
+        left = [c for c in self.candidates if c not in effects]
+        paired = left
+        if len(left) > MANY:
+            coarse = self._coarse()
+            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:MANY]
+        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MOST_PAIRED else ())]
+        for gone in (None, *effects):
+            rest = tuple(c for c in effects if c != gone)
+            yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
+
+    def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
+        """See `SetScorer.next_reported`: what leaves least in output error, of those that promise most.
+
+        What a reader counts is the error: an offset of the camera may be surer than the drag that it hides behind.
+        """
+        self.settle(now.effects)
+        promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.score)
+        compared = promised if not now.effects else promised[:COMPARED]
+        best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
+        return self.settle(best.effects)
+
+    def values(self, one: SetScore) -> np.ndarray:
+        """See `SetScorer.values`."""
+        values = self._here.values.copy()
+        values[one.columns] += one.change
+        return values
+
+    def schwarz_score(self, one: SetScore) -> float:
+        """See `SetScorer.schwarz_score`."""
+        return one.likelihood + one.log_predictive - 0.5 * one.values * log(self._here.rows)
+
+    def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
+        """See `SetScorer.errors_by_channel`: output error, what users compare."""
+        fit = self._study.quick_fit((*self._study.present, *one.effects))
+        held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
+        return fit.rmse(), channel_rmse(held_out)
+
+    def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
+        """See `SetScorer.fitted`: those of the output error."""
+        fit = self._study.quick_fit((*self._study.present, *one.effects))
+        found = self._here.evidence(self._free(one.effects))
+        T = self.problem.typical
+        told = np.isfinite(found.information).all()  # runs in which a simulation diverges tell nothing
+        information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
+        spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + information, hermitian=True)
+        deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
+        return transferred(fit.values, fit.problem, self.problem), deviations
+
+
+def _unlike(sets: Iterable[tuple[Candidate, ...]], now: Collection[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Of many sets, in their order, those that bring, or else leave out, no effect that an earlier one does."""
+    found, changed = list[tuple[Candidate, ...]](), set[Candidate]()
+    for effects in sets:
+        change = set(effects).difference(now) or set(now).difference(effects)
+        if not change & changed:
+            found.append(effects)
+            changed |= change
+    return found

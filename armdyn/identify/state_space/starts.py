@@ -1,0 +1,116 @@
+"""Several values to begin with, where those of a model are no more than guesses: the likeliest within the bounds.
+
+A motion that is simulated in short pieces, each begun where it was measured, is nearly linear in all values: what is
+best there has few minima, and lies near the one of the whole recording.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armdyn.identify.fit import first_part
+from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.state_space.grey_box import GreyBox
+from armdyn.identify.state_space.noise_evidence import at_every_kick
+from armdyn.physics.simulated import SimulatedModel
+
+TRIED, KEPT = 24, 3
+"""Values that are tried in short pieces, and those of them that are told, the likeliest and unlike each other."""
+WIDE = 3.0
+"""Factor by which they differ from the value of the model, up or down; of one without a size, so many typical ones."""
+SHORT = 1.0 / 8.0
+"""Of a swing: the short pieces. In half a swing a stiffness that is four times too large is another oscillation."""
+SWINGS = 8.0
+"""Of every run, through which they are tried."""
+ROUNDS = 4
+"""In which a start settles in short pieces."""
+AGAIN = 3
+"""Starts that end at the best place that was found, after which no more are tried."""
+ALIKE = 0.05
+"""Relative difference up to which two ends are one."""
+
+
+def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+    """(P,) values from which a fit may begin, the likeliest first; none where no value is a guess, or all diverge.
+
+    Args:
+        problem: model and runs, those that are fitted first.
+        training: number of these.
+        wanted: (P,) bool, unknowns that are fitted.
+        values: (P,) as the model has them.
+    """
+    model = problem.model
+    assert isinstance(model, SimulatedModel)
+    guessed = wanted & problem.of(model.guessed) & ~problem.per_run
+    if not guessed.any():
+        return []
+    acting = wanted | (values != problem.null)
+    needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
+    runs = [
+        first_part(run, SWINGS * model.swing(run, problem.theta(i, values)))
+        for i, run in enumerate(problem.runs[:training])
+    ]
+    cut = Problem(model.with_only(needed), runs, problem.noise)
+    free = transferred_mask(wanted, problem, cut)
+    ends = list[tuple[float, np.ndarray]]()
+    for tried in _spread(problem, guessed, values):
+        evidence, end = _settled(cut, free, transferred(tried, problem, cut))
+        if np.isfinite(evidence):
+            ends.append((evidence, transferred(end, cut, problem)))
+            best = max(ends, key=lambda one: one[0])[1]
+            if sum(alike(end, best, guessed) for _, end in ends) == AGAIN:
+                break
+    told = list[np.ndarray]()
+    for _, end in sorted(ends, key=lambda one: -one[0]):
+        if len(told) < KEPT and not any(alike(end, other, guessed) for other in told):
+            told.append(end)
+    return told
+
+
+def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
+    """Whether two (P,) values are about the same in the unknowns `where`, (P,) bool."""
+    return bool(np.allclose(one[where], other[where], rtol=ALIKE, atol=0.0))
+
+
+def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Evidence and (P,) values, with those that begin the runs, where these settle in short pieces from (P,) values."""
+    model = cut.model
+    assert isinstance(model, SimulatedModel)
+    swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
+    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT)
+    with np.errstate(all="ignore"):  # values that diverge have no finite evidence
+        point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    return point.evidence, box.with_starts(point)
+
+
+def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
+    """(P,) values, the given ones first, then evenly around them within their bounds: an additive recurrence.
+
+    Its steps are powers of 1/g, g^(k+1) = g + 1 of k dimensions (Roberts, The unreasonable effectiveness of
+    quasirandom sequences, 2018).
+    """
+    places = np.flatnonzero(guessed).tolist()
+    ratio = 2.0
+    for _ in range(32):
+        ratio = (1.0 + ratio) ** (1.0 / (len(places) + 1))
+    steps = ratio ** -np.arange(1.0, len(places) + 1)
+    yield values
+    for k in range(1, TRIED):
+        tried = values.copy()
+        for j, share in zip(places, (0.5 + k * steps) % 1.0, strict=True):
+            tried[j] = _between(problem, j, values[j], share)
+        yield tried
+
+
+def _between(problem: Problem, unknown: int, value: float, share: float) -> float:
+    """A value of an unknown, from the lowest (share 0) to the highest (share 1) that is tried."""
+    lower, upper = problem.lower[unknown], problem.upper[unknown]
+    if weight := problem.prior_weight[unknown]:
+        mean = problem.prior_mean[unknown]
+        lower, upper = max(lower, mean - 2.0 / weight), min(upper, mean + 2.0 / weight)
+    typical = problem.typical[unknown]
+    ends = np.sort([value / WIDE, value * WIDE]) if value else WIDE * np.array([-typical, typical])
+    low, high = np.clip(ends, lower, upper)
+    if low * high > 0.0:
+        return float(np.sign(value) * abs(low) ** (1.0 - share) * abs(high) ** share)
+    return float(low + share * (high - low))

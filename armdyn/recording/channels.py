@@ -1,0 +1,296 @@
+"""The channels of a recording: their names, their units and what a sane value is."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armdyn.errors import InputError, UnknownNameError
+from armdyn.recording.units import si_factor, si_unit, to_base_units
+from urdf.bounds import shown
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """What a channel means.
+
+    Attributes:
+        units: SI units it may have inside; joints turn or slide, so theirs have two.
+        measured: True where a model predicts it.
+        held: True where it keeps its value until the next stamp.
+    """
+
+    units: tuple[str, ...]
+    measured: bool = False
+    held: bool = False
+
+
+PENDULUM_CHANNELS = {
+    "gripper_x": ChannelKind(("m",)),  # of the string's upper end along the line, + = robot's left
+    "gripper_v": ChannelKind(("m/s",)),
+    "gripper_a": ChannelKind(("m/s^2",)),
+    "gripper_z": ChannelKind(("m",)),
+    "load_force": ChannelKind(("N",), measured=True),
+    "swing_angle": ChannelKind(("rad",), measured=True),  # 0 hanging; the load is at gripper_x - l sin(angle)
+    "swing_rate": ChannelKind(("rad/s",), measured=True),
+}
+JOINT_CHANNELS = {
+    "q": ChannelKind(("rad", "m")),
+    "v": ChannelKind(("rad/s", "m/s")),
+    "a": ChannelKind(("rad/s^2", "m/s^2")),
+    "tau": ChannelKind(("N m", "N"), measured=True),
+    "q_cmd": ChannelKind(("rad", "m"), held=True),  # what the joint was told
+    "v_cmd": ChannelKind(("rad/s", "m/s"), held=True),
+    "tau_ff": ChannelKind(("N m", "N")),  # asked for beside them
+    "duty": ChannelKind(("1",)),  # what the drive did
+    "current": ChannelKind(("A",)),
+    "voltage": ChannelKind(("V",)),
+    "enabled": ChannelKind(("1",)),  # 0 where the drive was off
+}
+
+LARGEST = {
+    "s": 1e10,  # admits the seconds since 1970
+    "m": 1e3,
+    "m/s": 1e3,
+    "m/s^2": 1e5,
+    "rad": 1e4,  # admits a joint that turns on and on
+    "rad/s": 1e4,
+    "rad/s^2": 1e6,
+    "N": 1e6,
+    "N m": 1e6,
+}
+"""Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
+LARGEST_OF_OTHERS = 1e15
+"""In units that are not among them: a frequency of light, in Hz, is the largest that anybody records."""
+FURTHER = "extra"
+"""Before the dot, of a column that holds any further quantity, such as ``extra.temperature``."""
+FURTHER_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
+
+
+MIN_SAMPLES = 10
+"""Fewer samples than this cannot tell a model from its noise."""
+
+
+def in_contract(name: str) -> bool:
+    """True where `name` is the name of a channel."""
+    quantity, dot, joint = name.partition(".")
+    return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
+
+
+def is_auxiliary(name: str) -> bool:
+    """True where `name` is that of a further quantity, of any kind, that was recorded beside the channels."""
+    quantity, _, own = name.partition(".")
+    return quantity == FURTHER and own.isidentifier()
+
+
+def channel_kind(name: str, where: str = "channel") -> ChannelKind:
+    """What the channel `name` means.
+
+    Raises:
+        UnknownNameError: there is no such channel; `where` says what was looked up.
+    """
+    quantity, _, joint = name.partition(".")
+    if not in_contract(name):
+        if quantity == FURTHER:
+            raise InputError(f"{where} '{shown(name)}': write a further quantity as {FURTHER_FORM}")
+        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {FURTHER_FORM}")
+    if is_auxiliary(name):
+        return ChannelKind(("1",))
+    return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
+
+
+def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
+    """SI units that the channel `name`, or ``"time"``, may have inside.
+
+    Raises:
+        UnknownNameError: there is no such channel; `where` says what was looked up.
+    """
+    return ("s",) if name == "time" else channel_kind(name, where).units
+
+
+class Conversion(NamedTuple):
+    """How written values become those of a channel: ``factor * value + zero`` in `unit`, an SI unit."""
+
+    unit: str
+    factor: float = 1.0
+    zero: float = 0.0
+
+    def __call__(self, value: FloatArray) -> FloatArray:
+        """(n,) written values in `unit`."""
+        return value if (self.factor, self.zero) == (1.0, 0.0) else value * self.factor + self.zero
+
+
+def channel_unit(name: str, unit: str) -> Conversion:
+    """To the SI unit of the channel `name` when it is written in `unit`; a further quantity may have any.
+
+    Raises:
+        UnknownNameError: there is no such channel.
+        InputError: the unit is unknown or of another kind than the channel, or a further quantity has none.
+    """
+    choices = channel_units(name)
+    if is_auxiliary(name):
+        if not unit:
+            raise InputError(f"it has no unit: write it as '{name} [K]', or in whatever it is; '1' is a plain number")
+        return Conversion(*to_base_units(unit))
+    problems = []
+    for si in choices:
+        try:
+            return Conversion(si, si_factor(unit, si))
+        except InputError as error:
+            problems.append(error)
+    if len(choices) == 1:
+        raise problems[0]
+    si_unit(unit)  # an unknown unit has a message of its own
+    raise InputError(f"'{unit}' is of another kind than {' and '.join(choices)}: write it in one of these")
+
+
+def _valid_names(joint: str) -> Iterable[str]:
+    of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS)
+    return ("time", *PENDULUM_CHANNELS, *of_joints, f"{FURTHER}.{joint or '<name>'}")
+
+
+class SampleError(InputError):
+    """A sample of a size that nothing has.
+
+    Args:
+        index: of the sample in its channel.
+        said: what is wrong with it.
+    """
+
+    def __init__(self, index: int, said: str) -> None:
+        self.index, self.said = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
+        super().__init__(f"sample {index}: {self.said}")
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One measured quantity with its own time stamps.
+
+    The arrays are copied once and cannot be written to.
+
+    Attributes:
+        time: (n,) s, strictly increasing.
+        value: (n,) in `unit`; no missing samples.
+        unit: SI unit.
+
+    Raises:
+        InputError: lengths differ, time does not increase, or a value is missing, infinite or of no possible size.
+    """
+
+    time: FloatArray
+    value: FloatArray
+    unit: str
+
+    def __post_init__(self) -> None:
+        time, value = np.array(self.time, dtype=float), np.array(self.value, dtype=float)
+        if time.ndim != 1 or time.shape != value.shape:
+            raise InputError(f"a channel needs one value per time stamp, not shapes {value.shape} and {time.shape}")
+        if not np.isfinite(value).all():
+            raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
+        check_clock(time)
+        for unit, array in (("s", time), (self.unit, value)):
+            largest = LARGEST.get(unit, LARGEST_OF_OTHERS)
+            beyond = np.flatnonzero(np.abs(array) > largest)
+            if beyond.size:
+                i = int(beyond[0])
+                raise SampleError(i, f"{array[i]:.6g} {unit} is beyond {largest:g} {unit}")
+        time.setflags(write=False)
+        value.setflags(write=False)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "value", value)
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
+        return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
+        """The samples of which (n,) is true."""
+        return Channel(self.time[which], self.value[which], self.unit)
+
+    def held(self, time: FloatArray) -> FloatArray:
+        """(n,) values at (n,) times of what holds from its stamp to the next one, as a command does."""
+        return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
+
+    def averaged(self, group: int) -> "Channel":
+        """Means of so many samples in a row, those of their stamps included; what is left over at the end is left out.
+
+        It shifts nothing in time and lowers white noise by the square root of `group`; see `Run.spread` for what bends.
+        """
+        n = len(self) // group * group
+        time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (self.time, self.value))
+        return Channel(time, value, self.unit)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(Channel):
+    """A torque that a drive gave by its own error: unlike a torque sensor's, it holds what smoothed positions lost.
+
+    So it is compared within the positions' band only, with the noise that differentiated positions bring.
+
+    Attributes:
+        off: standard deviation by which the whole of it may be off, as the drive's gain and delay are known, in `unit`.
+        told: (5, n) what the drive was told at the stamps, as `armdyn.arm.physics.Told` has it.
+    """
+
+    off: float = 0.0
+    told: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __reduce__(self) -> Any:
+        return Reading, (self.time, self.value, self.unit, self.off, self.told)
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
+        """See `Channel.kept`."""
+        told = self.told[:, which] if len(self.told) else self.told
+        return replace(self, time=self.time[which], value=self.value[which], told=told)
+
+
+def check_clock(time: FloatArray) -> None:
+    """Refuse stamps that are not one increasing row.
+
+    Raises:
+        InputError: names the first sample that is wrong.
+    """
+    if time.ndim != 1:
+        raise InputError(f"time has shape {time.shape}: give one stamp per sample, (n,)")
+    if not np.isfinite(time).all():
+        raise InputError(f"time is missing at sample {int(np.flatnonzero(~np.isfinite(time))[0])}")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(f"time does not increase at sample {i + 1}: {time[i]:.9g} s, then {time[i + 1]:.9g} s")
+
+
+def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
+    """Refuse a joint that turns in one channel and slides in another.
+
+    Args:
+        channels: name and SI unit of each channel.
+
+    Raises:
+        InputError: names the joint and the two channels.
+    """
+    first: dict[str, tuple[str, str, int]] = {}
+    for name, unit in channels:
+        quantity, dot, joint = name.partition(".")
+        if not dot or quantity == FURTHER or len(JOINT_CHANNELS[quantity].units) == 1:
+            continue
+        slides = JOINT_CHANNELS[quantity].units.index(unit)
+        other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))
+        if slides != other_slides:
+            raise InputError(f"joint '{joint}' turns and slides: '{other}' is in {other_unit}, '{name}' in {unit}")
+
+
+_LABEL = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
+
+
+def name_and_unit(label: str) -> tuple[str, str]:
+    """``"q.elbow [deg]"`` as ``("q.elbow", "deg")``; the unit is empty where none is written."""
+    match = _LABEL.fullmatch(label.strip())
+    return (match["name"].strip(), match["unit"].strip()) if match else (label.strip(), "")

@@ -1,0 +1,162 @@
+"""What a recording must be before it is compared with a model: a sane clock, possible positions, values that it has.
+
+A file can be well formed and still be of no use: milliseconds declared as seconds, a clock that was set while it ran,
+one impossible sample of an encoder. A simulation over such a span would need gigabytes, so it is refused here.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from armdyn.effects.effect import Effect, columns_of
+from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.model import Model
+from armdyn.parameter import RecordedColumn
+from armdyn.recording.sidecar import POSITIVE
+from armdyn.recording.units import si_factor
+from armdyn.run import Run
+
+MOST_STEPS = 40
+"""Steps of a simulation per sample, on average, beyond which the recording shows no motion: 0.2 s of a load or of an
+arm. It bounds the memory."""
+FEW_STEPS = 40_000
+"""Steps of a simulation that is small: so long a recording may have gaps of any kind, 200 s of a load or of an arm."""
+FASTEST = 2e-5
+"""s between samples below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at most."""
+REPEATED = 5e-7
+"""s; samples that are closer are one sample that was stamped twice."""
+IMPOSSIBLE = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
+"""Step between samples and speed, per s, that together no joint or gripper makes; a turn that is counted from zero
+again (6.3 rad) is a smaller step."""
+
+
+def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
+    """Refuse a recording that this model cannot use.
+
+    Args:
+        model: to compare it with.
+        run: the recording.
+        adding: effects that the model is about to get; their values may be known, too.
+
+    Raises:
+        InputError: names the file, the channel or value and the time, what is wrong and what to do.
+    """
+    with at(run.source or run.name):
+        _check_known(model, run, adding)
+        check_stamps(run)
+        _check_span(run, model.step)
+        _check_further(run, columns_of((*model.effects, *adding)))
+        check_steps(run)
+
+
+def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
+    for effect in adding:
+        if model.lacks(effect):
+            model = model.with_effect(effect)
+    for name, known in run.known.items():
+        if name not in model.parameters:
+            if name in POSITIVE:
+                continue  # what hangs on the gripper is written beside every recording, also of an arm
+            raise _unknown(model, name)
+        with at(f"[known] {name}"):
+            si_factor(known.unit, model.parameters[name].unit)
+
+
+def _unknown(model: Model, name: str) -> InputError:
+    from armdyn.effects.catalogue import CATALOGUE
+
+    effect = name.partition(".")[0]
+    if effect in CATALOGUE and not model.joints_with(effect):
+        return InputError(
+            f"[known] {name}: this model lacks the effect '{effect}': add it with 'armdyn add', or remove the line"
+        )
+    return UnknownNameError("quantity in [known]", name, model.names)
+
+
+def check_stamps(run: Run) -> None:
+    """Refuse stamps that no sensor gives.
+
+    Raises:
+        InputError: names the channel, what is wrong and what to do.
+    """
+    for name, channel in run.channels.items():
+        if len(channel) < 2 or name in run.own:  # anything may be as fast as it likes
+            continue
+        steps = np.diff(channel.time)
+        typical, least = float(np.median(steps)), int(np.argmin(steps))
+        if typical < FASTEST:
+            raise InputError(
+                f"time: '{name}' has a sample every {typical:.3g} s, which no sensor does: check the unit of 'time', "
+                "such as 'time [s]'"
+            )
+        if steps[least] < REPEATED:
+            raise InputError(
+                f"time: '{name}' has two samples {steps[least]:.3g} s apart at {channel.time[least]:.9g} s: "
+                "remove one of them"
+            )
+
+
+def _check_span(run: Run, step: float) -> None:
+    """Refuse a recording that is too long for its samples at `step` s."""
+    channels = {name: c for name, c in run.channels.items() if len(c) > 1}
+    if not channels:
+        return
+    names = list(channels)
+    start, end = (np.array([c.time[i] for c in channels.values()]) for i in (0, -1))
+    if end.max() - start.min() <= step * max(FEW_STEPS, MOST_STEPS * max(map(len, channels.values()))):
+        return
+    for name, channel in channels.items():
+        span, steps = float(channel.time[-1] - channel.time[0]), np.diff(channel.time)
+        if span <= step * max(FEW_STEPS, MOST_STEPS * len(channel)):
+            continue
+        longest = int(np.argmax(steps))
+        if steps[longest] > 0.5 * span:
+            raise InputError(
+                f"time: '{name}' jumps by {steps[longest]:.6g} s after {channel.time[longest]:.9g} s: "
+                "cut the recording there into two files"
+            )
+        raise InputError(
+            f"time: '{name}' has a sample every {np.median(steps):.3g} s over {span:.6g} s, too few to show a motion "
+            f"in steps of {step:.3g} s: check the unit of 'time' (milliseconds are 'time [ms]'), record faster, or "
+            "give a slow base of your own a longer 'period'"
+        )
+    first, last = names[int(np.argmin(start))], names[int(np.argmax(end))]
+    raise InputError(
+        f"time: '{first}' begins at {start.min():.9g} s and '{last}' ends at {end.max():.9g} s: "
+        "record all channels with one clock"
+    )
+
+
+def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
+    """Refuse further quantities in another unit than effects read, or recorded before or after everything else."""
+    for column in columns:
+        column.over(run.extra, np.zeros(0))
+    start = min((channel.time[0] for channel in run.channels.values()), default=-np.inf)
+    end = max((channel.time[-1] for channel in run.channels.values()), default=np.inf)
+    for name, channel in run.extra.items():
+        if channel.time[0] > end or channel.time[-1] < start:
+            raise InputError(
+                f"time: '{name}' was recorded from {channel.time[0]:.9g} to {channel.time[-1]:.9g} s, all else from "
+                f"{start:.9g} to {end:.9g} s: record all with one clock"
+            )
+
+
+def check_steps(run: Run) -> None:
+    """Refuse positions that no joint or gripper has one after the other.
+
+    Raises:
+        InputError: names the channel, the place, what is wrong and what to do.
+    """
+    for name, channel in run.channels.items():
+        bound = IMPOSSIBLE.get(channel.unit)
+        if bound is None or name.partition(".")[0] not in ("q", "swing_angle", "gripper_x", "gripper_z"):
+            continue
+        step, interval = np.diff(channel.value), np.diff(channel.time)
+        beyond = np.flatnonzero((np.abs(step) > bound[0]) & (np.abs(step) > bound[1] * interval))
+        if beyond.size:
+            i = int(beyond[0])
+            raise InputError(
+                f"'{name}' goes from {channel.value[i]:.6g} to {channel.value[i + 1]:.6g} {channel.unit} within "
+                f"{interval[i]:.3g} s at {channel.time[i + 1]:.6g} s, which nothing does: empty the cells where the "
+                "sensor failed, or check the unit"
+            )

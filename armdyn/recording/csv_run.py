@@ -1,0 +1,169 @@
+"""The CSV form of a recording: ``name [unit]`` per column, a row per time stamp, empty cells for missing samples."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from armdyn.errors import InputError, UnknownNameError, at
+from armdyn.recording.channels import (
+    MIN_SAMPLES,
+    Channel,
+    Conversion,
+    FloatArray,
+    SampleError,
+    channel_unit,
+    channel_units,
+    check_joint_units,
+    in_contract,
+    is_auxiliary,
+    name_and_unit,
+)
+from armdyn.recording.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
+from armdyn.recording.units import si_factor
+from urdf.bounds import LONGEST_NAME, number, shown
+
+
+def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
+    """Read and check every column.
+
+    Args:
+        path: the CSV file.
+        units: SI unit of every column that there may be, where they are not those of a recording; then no sample may
+            be missing, however few they are.
+
+    Returns:
+        Channel by name, in SI units, without missing samples.
+
+    Raises:
+        InputError: names the file, the row or column, what is wrong and what to do.
+    """
+    # Quotes are dropped: a comma inside them is a decimal comma, which gives the row too many cells: an error below.
+    text = read_text(path).replace('"', "")
+    header, proposal = header_of(text), f"'armdyn import {path} --output runs --guess'"
+    if units is None and _is_foreign(header):
+        raise InputError(
+            f"{path}: its columns ({shown(header.strip())}) are not written as a run's, such as 'time [s]': make a run "
+            f"of it, {proposal}"
+        )
+    try:
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if separator in header and "," not in header:
+                raise InputError(f"columns are separated by {name}: save it with commas and decimal points")
+        columns = _columns(labels_of(header, ","), units)
+        return _channels(parse_delimited(text), columns, complete=units is not None)
+    except UnknownNameError as error:
+        strange = f"; if it is another program's: {proposal}" if units is None else ""
+        raise InputError(f"{path}: {error}{strange}") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _is_foreign(header: str) -> bool:
+    """Whether a header is no run's, not even with mistakes: no unit in brackets, or neither the time nor a channel."""
+    cells = [name_and_unit(cell) for cell in re.split("[,;\t]", header)]
+    known = any(name == "time" or in_contract(name) for name, _ in cells)
+    return len(cells) > 1 and not (known and "[" in header)
+
+
+def csv_text(channels: Mapping[str, Channel]) -> str:
+    """Channels as one table; stamps that a channel does not have get an empty cell.
+
+    Numbers have all their digits: reading them back gives the same floats.
+
+    Raises:
+        InputError: a channel has a name that would be read back as another.
+    """
+    for name in channels:
+        if set(name) & set(',"[]') or not name.isprintable() or len(name) > LONGEST_NAME:
+            raise InputError(
+                f"channel {shown(name)}: no table holds such a name: rename its joint, or map its column to another"
+            )
+    time = np.unique(np.concatenate([channel.time for channel in channels.values()]))
+    columns = [[repr(t) for t in time.tolist()]]
+    for channel in channels.values():
+        cells = [""] * time.size
+        for row, value in zip(np.searchsorted(time, channel.time).tolist(), channel.value.tolist(), strict=True):
+            cells[row] = repr(value)
+        columns.append(cells)
+    header = ",".join(["time [s]", *(f"{name} [{channel.unit}]" for name, channel in channels.items())])
+    return "\n".join([header, *map(",".join, zip(*columns, strict=True))]) + "\n"
+
+
+def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[str, Conversion]:
+    """By the name of each column, how it is converted to its SI unit."""
+    columns: dict[str, Conversion] = {}
+    for place, label in enumerate(labels, start=1):
+        name, written = name_and_unit(label)
+        if not written and "[" in label and not label.endswith("]"):
+            raise InputError(f"column {place} '{shown(label)}' is not 'name [unit]': the file may be cut off")
+        name = name.partition("[")[0].strip()
+        if not name:
+            raise InputError(f"column {place} has no name: write it as 'name [unit]', or remove it")
+        if name in columns:
+            first = list(columns).index(name) + 1
+            raise InputError(f"columns {first} and {place} are both '{name}': rename or remove one")
+        if units is not None and name not in units:
+            raise UnknownNameError("column", name, units)
+        choices = channel_units(name, where="column") if units is None else (units[name],)
+        if not written and not is_auxiliary(name):
+            raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
+        with at(f"column '{name}'"):
+            columns[name] = (
+                channel_unit(name, written) if units is None else Conversion(choices[0], si_factor(written, choices[0]))
+            )
+    if "time" not in columns:
+        raise InputError("no 'time' column: add one named 'time [s]'")
+    if len(columns) < 2:
+        raise InputError("nothing but time: add a measured column such as 'load_force [N]'")
+    if units is None:
+        check_joint_units((name, column.unit) for name, column in columns.items() if name != "time")
+    return columns
+
+
+def _channels(table: Delimited, columns: Mapping[str, Conversion], *, complete: bool) -> dict[str, Channel]:
+    """The channels of a table; `complete` where no sample may be missing."""
+    names, rows, values = list(columns), table.rows, table.values
+    for k, cells in table.texts.items():
+        for i, cell in cells.items():
+            try:
+                number(cell)
+            except ValueError as error:
+                where = f"row {rows[i]}, column '{names[k]}'"
+                raise InputError(f"{where}: {error}: leave a missing sample's cell empty") from None
+    least = 1 if complete else MIN_SAMPLES
+    if len(rows) < least:
+        raise InputError(f"holds {len(rows)} samples where at least {least} are needed: record longer")
+    if complete and not np.isfinite(values).all():
+        i, k = np.argwhere(~np.isfinite(values))[0]
+        raise InputError(
+            f"row {rows[i]}, column '{names[k]}' holds no finite number: a trajectory has no missing samples"
+        )
+    samples = {name: to_si(column) for (name, to_si), column in zip(columns.items(), values.T, strict=True)}
+    for name, value in samples.items():
+        if np.isnan(value).all():
+            raise InputError(f"column '{name}' holds no number at all: remove it or record it again")
+    time = samples.pop("time")
+    _check_time(time, rows)
+    found = {}
+    for name, value in samples.items():
+        present = ~np.isnan(value)
+        try:
+            found[name] = Channel(time[present], value[present], columns[name].unit)
+        except SampleError as error:
+            raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.said}") from error
+    return found
+
+
+def _check_time(time: FloatArray, rows: IntArray) -> None:
+    missing = np.flatnonzero(np.isnan(time))
+    if missing.size:
+        raise InputError(f"row {rows[missing[0]]} has no time: fill it in or remove the row")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(
+            f"row {rows[i + 1]}: time does not increase, {time[i + 1]:.9g} s after {time[i]:.9g} s in row {rows[i]}: "
+            "sort by time and remove repeated rows"
+        )

@@ -1,0 +1,199 @@
+"""Tables of text, such as CSV: one reader for the recordings of armdyn and for those of others.
+
+Rows are counted as a spreadsheet shows them: the header is row 1 where no blank line stands before it.
+"""
+
+import csv
+import io
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from armdyn.errors import InputError
+from armdyn.recording.bytes_in import read_bytes
+from armdyn.recording.channels import FloatArray, name_and_unit
+from armdyn.recording.cut_off_end import LOOKED_AT, cut_off, is_whole
+from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
+
+BLOCK = 2**20
+"""Characters that are split into cells at a time: a cell takes ten times as much memory as its text."""
+MISSING = frozenset({"", "nan", "-nan", "+nan"})
+"""Cells of missing samples, in small letters."""
+IntArray = npt.NDArray[np.int64]
+
+
+class CutOffError(InputError):
+    """A file ends in the middle of its last row, or may do so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Delimited:
+    """A table of n rows and c columns.
+
+    Attributes:
+        labels: (c,) cells of the header.
+        values: (n, c), nan where a cell is empty or no number.
+        rows: (n,) number of each row.
+        texts: cells that are neither a number nor missing, by column and by place in `rows`.
+    """
+
+    labels: tuple[str, ...]
+    values: FloatArray
+    rows: IntArray
+    texts: Mapping[int, Mapping[int, str]]
+
+
+def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
+    """The text of a file, with line feeds between its lines.
+
+    Raises:
+        InputError: it cannot be read, is empty or no text.
+    """
+    data = read_bytes(path)
+    if not data.strip():
+        raise InputError(f"{path}: is empty: record again or give another file")
+    if data.startswith(b"\x89MCAP"):
+        raise InputError(f"{path}: is an MCAP recording: rename it to end in .mcap")
+    if b"\0" in data:
+        raise InputError(f"{path}: is not a text file: give a CSV or an .mcap recording")
+    for encoding in encodings:
+        try:
+            return data.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+        except UnicodeDecodeError as error:
+            row = data.count(b"\n", 0, error.start) + 1
+    raise InputError(f"{path}: row {row} is not UTF-8 text: give a CSV saved as UTF-8, or an .mcap")
+
+
+def header_of(text: str) -> str:
+    """The first line that is not blank."""
+    return next((line for line in text.split("\n") if line.strip()), "")
+
+
+def separator_of(header: str) -> str:
+    """What divides a header into cells; of a comma and a semicolon the semicolon: then commas are decimal."""
+    return next((separator for separator in (";", "\t", ",") if separator in header), " ")
+
+
+def labels_of(header: str, separator: str) -> tuple[str, ...]:
+    """The cells of a header.
+
+    Raises:
+        InputError: there are too many, or one is too long or does not show.
+    """
+    labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
+    if len(labels) > MOST_COLUMNS:
+        raise InputError(f"has {len(labels)} columns where {MOST_COLUMNS} are the most: leave some out")
+    for place, label in enumerate(labels, start=1):
+        if len(label) > LONGEST_NAME or not label.isprintable():
+            raise InputError(
+                f"column {place} '{shown(label)}': a name has at most {LONGEST_NAME} printable letters: rename it"
+            )
+    return labels
+
+
+def parse_delimited(
+    text: str, separator: str = ",", missing: Collection[str] = MISSING, *, decimal_comma: bool = False
+) -> Delimited:
+    """Header and numbers of a table.
+
+    Args:
+        text: see `read_text`.
+        separator: between cells.
+        missing: cells of missing samples, in small letters.
+        decimal_comma: whether a cell ``0,5`` is a number.
+
+    Raises:
+        CutOffError: the file ends in the middle of a row.
+        InputError: it has too many rows or columns, or a row has another number of cells than the header.
+    """
+    header = header_of(text)
+    start = text.find(header) + len(header) + 1
+    row = text.count("\n", 0, start) + (start > len(text)) + 1
+    labels = labels_of(header, separator)
+    unfinished = start < len(text) and not text.endswith("\n")  # a finished file ends in a newline
+    size = len(text) if '"' in text else BLOCK  # a cell in quotes may hold line breaks
+    tables, rows = [np.empty((0, len(labels)))], [np.empty(0, dtype=np.int64)]
+    texts: dict[int, dict[int, str]] = {}
+    count = 0
+    while start < len(text):
+        end = text.find("\n", start + size) + 1 or len(text)
+        block = text[start:end]
+        table, found = _plain(block, len(labels), separator, decimal_comma), np.arange(row, row + block.count("\n"))
+        if table is None:
+            lines = _split(block, separator, row)
+            _check_widths(lines, labels, unfinished and end == len(text))
+            table = np.empty((len(lines), len(labels)))
+            for i, (_, cells) in enumerate(lines):
+                for k, cell in enumerate(cells):
+                    table[i, k] = _number(cell, missing, decimal_comma)
+                    if table[i, k] == np.inf:
+                        table[i, k] = np.nan
+                        texts.setdefault(k, {})[count + i] = cell.strip()
+            found = np.array([at for at, _ in lines], dtype=np.int64)
+        tables.append(table)
+        rows.append(found)
+        count, row, start = count + len(table), row + block.count("\n"), end
+        if count > MOST_ROWS:
+            raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
+    last = text[text.rfind("\n") + 1 :]
+    if unfinished and last.strip():
+        tail = text[text.find(header) + len(header) :][-BLOCK:].split("\n")[1:]
+        ends = [line.rpartition(separator)[2] for line in tail[-LOOKED_AT - 1 :] if line.strip()]
+        if not is_whole(ends):
+            raise CutOffError(cut_off(row, ends[-1], name_and_unit(labels[-1])[0]))
+    return Delimited(labels, np.concatenate(tables), np.concatenate(rows), texts)
+
+
+def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> FloatArray | None:
+    """Whole rows of so many numbers or empty cells, (n, width); None where anything is not as it mostly is."""
+    if separator != ",":
+        block = block.replace(",", "." if decimal_comma else "_").replace(separator, ",")
+    if not block.endswith("\n") or not block.isascii() or "_" in block:
+        return None
+    marks = np.frombuffer(block.encode("ascii"), dtype=np.uint8)
+    commas = np.cumsum(marks == ord(","))[marks == ord("\n")]
+    if (np.diff(commas, prepend=0) != width - 1).any():
+        return None
+    cells = block[:-1].replace("\n", ",").split(",")
+    try:
+        if "" in cells:
+            values = np.array([float(cell) if cell else np.nan for cell in cells])
+        else:
+            values = np.fromiter(map(float, cells), dtype=float, count=len(cells))
+    except ValueError:
+        return None
+    table = values.reshape(-1, width)
+    return None if np.isinf(values).any() or (np.isnan(table).all(axis=1)).any() else table
+
+
+def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str]]]:
+    """Rows as cells with the number of each, those without any content left out; the first line is number `row`."""
+    reader = csv.reader(io.StringIO(block), delimiter=separator, skipinitialspace=True)
+    try:
+        return [(row + reader.line_num - 1, cells) for cells in reader if any(map(str.strip, cells))]
+    except csv.Error as error:
+        raise InputError(f"is no table: {error}: give a CSV") from error
+
+
+def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str], unfinished: bool) -> None:
+    for row, cells in lines:
+        if len(cells) < len(labels) and unfinished and row == lines[-1][0]:
+            raise CutOffError(cut_off(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
+        if len(cells) != len(labels):
+            raise InputError(
+                f"row {row} has {len(cells)} cells where the header has {len(labels)}: mend or remove the row"
+            )
+
+
+def _number(cell: str, missing: Collection[str], decimal_comma: bool) -> float:
+    """A cell's number; nan where it is missing, and infinity where it is text."""
+    text = cell.strip()
+    if text.lower() in missing:
+        return np.nan
+    try:
+        return number(text.replace(",", ".") if decimal_comma else text)
+    except ValueError:
+        return np.inf

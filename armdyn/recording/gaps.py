@@ -1,0 +1,86 @@
+"""Cuts runs where samples are missing, so that nothing is smoothed, filtered or simulated across a gap."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armdyn.recording.channels import MIN_SAMPLES, Channel, FloatArray
+from armdyn.run import Run
+
+GAP, CUT = 5.0, 0.25
+"""Times the usual interval, and s, beyond both of which samples are missing. Over 0.25 s motions of 1.5 Hz are still
+interpolated to 2 %."""
+FEWEST = 40
+"""Samples of every channel in a piece that is worth keeping, where the whole run has so many."""
+
+
+def gaps_of(run: Run) -> list[tuple[float, float]]:
+    """Spans, s, in which a channel was not recorded; those that overlap as one."""
+    spans = []
+    for channel in run.channels.values():
+        steps = np.diff(channel.time)
+        if len(steps) >= MIN_SAMPLES:
+            for i in np.flatnonzero(steps > shortest_gap(channel.time)):
+                spans.append((float(channel.time[i]), float(channel.time[i + 1])))
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        else:
+            merged.append((begin, end))
+    return merged
+
+
+def shortest_gap(time: FloatArray) -> float:
+    """S between two of (n,) stamps beyond which samples between them are missing."""
+    steps = np.diff(time)
+    return max(GAP * float(np.median(steps)), CUT) if len(steps) else CUT
+
+
+def until(run: Run, end: float) -> Run:
+    """The part of a run up to `end` s."""
+    return replace(run, channels=between(run, -np.inf, end))
+
+
+def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
+    """Channels of a run from `begin` to `end`, s; those with fewer than `fewest` samples there are left out."""
+    found = {}
+    for name, channel in run.channels.items():
+        inside = (channel.time >= begin) & (channel.time <= end)
+        if inside.sum() >= fewest:
+            found[name] = channel.kept(inside)
+    return found
+
+
+def cut_at_gaps(run: Run) -> tuple[Run, ...]:
+    """The run, or its pieces between gaps; see `Run.warnings` and `Run.began`.
+
+    A piece that is too short to say anything is left out, unless all are.
+    """
+    spans = gaps_of(run)
+    if not spans:
+        return (run,)
+    edges = [-np.inf, *(t for span in spans for t in span), np.inf]
+    parts = [between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
+    whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= FEWEST]
+    if not whole:
+        return (run,)
+    return in_pieces(run, whole, f"no samples {told(spans)}: the run is cut there, each piece with its own start")
+
+
+def told(spans: Iterable[tuple[float, float]]) -> str:
+    """Spans of time, s, for a sentence."""
+    return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
+
+
+def in_pieces(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
+    """Parts of a run as runs of their own; why it was cut is said with the first of them."""
+    began = min(float(channel.time[0]) for channel in run.channels.values())
+    return tuple(
+        replace(
+            run, name=f"{run.name}#{k}" if len(parts) > 1 else run.name, channels=channels, began=began,
+            warnings=(*run.warnings, said) if k == 1 else (),
+        )
+        for k, channels in enumerate(parts, start=1)
+    )  # fmt: skip

@@ -1,0 +1,147 @@
+"""The MCAP form of a recording, as the pipeline writes it and Foxglove and PlotJuggler show it.
+
+One topic per group of channels (``/gripper``, ``/load``, ``/q``, ...) holds JSON messages ``{"time": 0.01, "x": 0.2}``.
+The metadata of each topic says which channel a field is and in which unit: ``{"x": "gripper_x [m]"}``. The sidecar's
+text is the metadata record ``armdyn.sidecar``. Topics without such metadata are left alone: a file may hold more.
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armdyn.errors import InputError, at
+from armdyn.recording.bytes_in import read_bytes
+from armdyn.recording.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
+from armdyn.recording.mcap_records import sound_records
+from armdyn.recording.sidecar import Sidecar, parse_sidecar
+
+SIDECAR_RECORD = "armdyn.sidecar"
+TIME_FIELD = "time"
+
+
+def topic_and_field(channel: str) -> tuple[str, str]:
+    """Where a channel is in the file: ``gripper_x`` is field ``x`` of ``/gripper``, ``q.right_s1`` one of ``/q``."""
+    separator = "." if "." in channel else "_"
+    group, _, field = channel.partition(separator)
+    return f"/{group}", field or "value"
+
+
+@dataclass(frozen=True)
+class McapRecording:
+    """Content of one file.
+
+    Attributes:
+        channels: the contract's channels and all others that were recorded beside them, by name.
+        sidecar: what is known besides the samples.
+        warnings: a sentence per thing that was lost; empty for a whole file.
+    """
+
+    channels: dict[str, Channel]
+    sidecar: Sidecar
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class _Samples:
+    unit: str
+    time: list[float] = field(default_factory=list)
+    value: list[float] = field(default_factory=list)
+
+
+@dataclass
+class _Content:
+    """What a file holds up to where it can be read; `problem` says why reading stopped early."""
+
+    samples: dict[str, _Samples] = field(default_factory=dict)
+    sidecar: Sidecar = field(default_factory=Sidecar)
+    problem: str | None = None
+
+
+def read_mcap(path: Path, recover: bool = False) -> McapRecording:
+    """Read a recording.
+
+    Args:
+        path: the file.
+        recover: take what can be read of a file that was cut off or damaged, and say so in `warnings`.
+
+    Raises:
+        InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
+    """
+    data = _bytes(path)
+    with at(path):
+        content = _scan(data)
+    recorded = {name: samples for name, samples in content.samples.items() if samples.time}
+    warnings: tuple[str, ...] = ()
+    if content.problem is not None:
+        if not recover:
+            raise InputError(
+                f"{path}: {content.problem}: copy it again, or recover what is there with read_run(path, recover=True)"
+            )
+        last = max((samples.time[-1] for samples in recorded.values()), default=0.0)
+        warnings = (f"{path.name} {content.problem}; recovered up to {last:.3f} s",)
+    if not recorded and content.problem is not None:
+        raise InputError(f"{path}: {content.problem}, before the first sample could be read: copy it again")
+    if not recorded:
+        raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
+    channels = {}
+    for name, samples in recorded.items():
+        with at(f"{path}: channel '{name}'"):
+            channels[name] = _channel(name, samples)
+    return McapRecording(channels, content.sidecar, warnings)
+
+
+def _bytes(path: Path) -> bytes:
+    data = read_bytes(path)
+    if not data:
+        raise InputError(f"{path}: is empty: record again or give another file")
+    if not data.startswith(b"\x89MCAP0\r\n"[: len(data)]):
+        raise InputError(f"{path}: is not an MCAP file: give one, or a CSV that ends in .csv")
+    return data
+
+
+def _scan(data: bytes) -> _Content:
+    from mcap.records import Channel as Topic
+    from mcap.records import Message, Metadata
+
+    content, problems = _Content(), list[str]()
+    labels: dict[int, dict[str, tuple[str, str]]] = {}
+    try:
+        for record in sound_records(data, problems):
+            if isinstance(record, Topic):
+                labels[record.id] = {
+                    key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
+                }
+                for name, unit in labels[record.id].values():
+                    content.samples.setdefault(name, _Samples(unit))
+            elif isinstance(record, Message) and labels.get(record.channel_id):
+                _take(json.loads(record.data), labels[record.channel_id], content.samples)
+            elif isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
+                content.sidecar = parse_sidecar(record.metadata["toml"])
+    except InputError:
+        raise
+    except Exception as error:  # what is in a record is damaged
+        problems.append(f"is damaged ({type(error).__name__})")
+    content.problem = ", and ".join(dict.fromkeys(problems)) or None
+    return content
+
+
+def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples: dict[str, _Samples]) -> None:
+    time = float(message[TIME_FIELD])
+    for name_in_topic, value in message.items():
+        if name_in_topic in labels:
+            channel = samples[labels[name_in_topic][0]]
+            channel.time.append(time)
+            channel.value.append(float(value))
+
+
+def _channel(name: str, samples: _Samples) -> Channel:
+    time, value = np.array(samples.time), np.array(samples.value)
+    if not in_contract(name):
+        return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
+    to_si = channel_unit(name, samples.unit)
+    try:
+        return Channel(time, to_si(value), to_si.unit)
+    except SampleError as error:
+        raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error

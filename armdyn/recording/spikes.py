@@ -1,0 +1,301 @@
+"""Faulty samples, which are left out before a comparison: isolated spikes, and readings at the end of the range."""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from armdyn.kept import cached_with_first_argument
+from armdyn.recording.differences import LONGEST_SPAN, normalised_differences
+from armdyn.run import Channel, Run
+from armdyn.smoothing.choice import resolution
+
+ORDER = 4
+"""Order of the differences in which a spike shows: they vanish for a cubic, which follows the signal well enough."""
+SPIKE = 6.0
+"""Robust standard deviations beyond which a difference is no noise; of white noise one in 5e8 is larger."""
+STEP = 1.0
+"""Steps of an encoder or of a file's digits that a difference has at most when a signal is rounded to them: the sum of
+the weights' sizes over the root of the sum of their squares, 16 / 8.4, times half a step."""
+EXACT = 1e-9
+"""Of a signal's range: differences below are rounding of numbers without noise."""
+AROUND = 25
+"""Differences to either side that tell how large they are around here, where a signal is rougher than elsewhere."""
+TOGETHER = 2
+"""Most faulty samples side by side; what lasts longer is an event of the motion."""
+CROWD = 1.0 / 3.0
+"""Largest share of faulty samples from the first to the last of a group; where every other sample would have to go, the
+signal shakes."""
+FARTHER = 1.5
+"""Times the longest other way that a signal makes across a gap before it is a step."""
+RARE = 0.03
+"""Share of the samples up to which strange ones are faults; where they are more, such is the noise of this sensor. Of
+samples that fail one time in a hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
+FEW = 4
+"""Faults that even a short run may have."""
+ROUGH, STANDS_OUT = 2.0, 4.0
+"""Where differences are typically so many times those of the quietest stretch, something goes on, such as a load that
+hits something and shakes; a fault there is so many times larger than all that is left without it."""
+HOPELESS = 0.4
+"""Share of differences that are too large beyond which single samples are not searched for."""
+CROWDED = 5.0
+"""Times as many samples share the extreme value as the value next to it (and one more) where the sensor was at its
+end: of a sine that is coarsely rounded 2.4 times as many are at the peak."""
+HIGHEST_RATE = 125.0
+"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
+DISTURBED = 2
+"""Samples to either side of a saturated one that are left out as well: noise decided which of them saturated."""
+
+
+def clean(
+    run: Run, measured: Iterable[str], driving: Iterable[str], held: Collection[str] = (), highest: float = HIGHEST_RATE
+) -> Run:
+    """The run without faulty samples of the channels that a model uses, and thinned.
+
+    Args:
+        run: as recorded.
+        measured: channels that are compared with a prediction; these are thinned.
+        driving: channels that the prediction follows.
+        held: those of these that keep their value until the next sample: a pulse of one sample is no fault of theirs.
+        highest: rate beyond which samples are averaged, Hz.
+    """
+    measured = tuple(measured)
+    used = (*measured, *(name for name in driving if name in run.channels and name not in held))
+    # First as recorded: when samples are averaged, a spike spoils its group. Then again: what was brief is now one.
+    whole = without_spikes(without_saturation(run, measured), used)
+    thin = thin_out(whole, held, highest)
+    averaged = [name for name in measured if len(thin.channels[name]) < len(whole.channels[name])]
+    return without_spikes(thin, averaged) if averaged else thin
+
+
+def without_saturation(run: Run, names: Iterable[str]) -> Run:
+    """The run without those samples of these channels that are at the end of the sensor's range."""
+    return _without(run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", DISTURBED)
+
+
+def without_spikes(run: Run, names: Iterable[str]) -> Run:
+    """The run without isolated outliers of these channels; `Run.warnings` counts them.
+
+    Where there are more of them than `RARE`, all samples stay, and the warning says that.
+    """
+    found = {name: spikes_of(run.channels[name]) for name in names}
+    many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
+    rare = {name: bad for name, bad in found.items() if name not in many}
+    kept = _without(run, rare, "far from its neighbours", 0)
+    counts = dict(run.outliers)
+    for name, bad in rare.items():
+        if bad.any():
+            counts[name] = counts.get(name, 0) + int(bad.sum())
+    kept = replace(kept, outliers=counts)
+    told = [
+        f"{name}: {bad.sum()} of {len(bad)} samples are far from their neighbours, too many to be faults: none is left "
+        "out; check the sensor"
+        for name, bad in many.items()
+    ]
+    return replace(kept, warnings=(*kept.warnings, *told)) if told else kept
+
+
+def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
+    """Number of samples that were left out as faulty, by channel, of several runs."""
+    counts: dict[str, int] = {}
+    for run in runs:
+        for name, count in run.outliers.items():
+            counts[name] = counts.get(name, 0) + count
+    return counts
+
+
+def outlier_sentence(runs: Iterable[Run]) -> str:
+    """For a person, to follow another sentence: how many samples were left out; empty where none was."""
+    counts = outliers_of(runs)
+    return f" Left out as outliers: {', '.join(f'{n} of {name}' for name, n in counts.items())}." if counts else ""
+
+
+def _rare(faults: int, samples: int) -> bool:
+    return faults <= max(FEW, RARE * samples)
+
+
+def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int) -> Run:
+    """The run without faulty samples and those `around` them; `Run.warnings` says how many and when."""
+    channels, warnings = dict(run.channels), list(run.warnings)
+    for name, bad in faulty.items():
+        if bad.any():
+            channel, kept = run.channels[name], np.convolve(bad, np.ones(2 * around + 1), mode="same") < 0.5
+            first, last = channel.time[bad][[0, -1]]
+            when = f"at {first:.4g} s" if bad.sum() == 1 else f"between {first:.4g} and {last:.4g} s"
+            some = f"1 of {len(bad)} samples" if bad.sum() == 1 else f"{bad.sum()} of {len(bad)} samples"
+            warnings.append(f"{name}: {some} {what} left out, {when}")
+            channels[name] = channel.kept(kept)
+    return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
+
+
+def at_the_end(value: np.ndarray) -> np.ndarray:
+    """(n,) bool: samples that share the largest or the smallest value, where these are suspiciously many."""
+    levels, counts = np.unique(value, return_counts=True)
+    found = np.zeros(len(value), dtype=bool)
+    for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
+        if counts[extreme] >= CROWDED * (1 + counts[beside]):
+            found |= value == levels[extreme]
+    return found
+
+
+@cached_with_first_argument
+def spikes_of(channel: Channel) -> np.ndarray:
+    """(n,) bool: `spikes` of a channel; asked for by the inspection of a run and again when it is prepared."""
+    found = spikes(channel.time, channel.value)
+    found.setflags(write=False)
+    return found
+
+
+def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(n,) bool: samples without which those around them lie on a smooth curve, but not with them.
+
+    Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: beyond `SPIKE` times the median absolute
+    difference, of all or of those around here, whichever is larger. A sample counts where it and few others explain
+    all that is too large around it. What stays is an event: a load that hits something shakes for longer, and the
+    torque of dry friction, where a joint turns round, steps to where it then remains.
+    """
+    found = np.zeros(len(value), dtype=bool)
+    if len(value) < 2 * AROUND:
+        return found
+    size = np.abs(normalised_differences(time, value, ORDER))
+    if not np.isfinite(size).any():
+        return found
+    rounding = max(STEP * resolution(value), EXACT * float(np.ptp(value)))
+    typical = _typical(np.where(np.isfinite(size), size, np.nanmedian(size)))
+    limit = np.maximum(SPIKE * 1.4826 * typical, rounding)
+    strange = np.flatnonzero(size > limit)
+    if not 0 < len(strange) <= HOPELESS * len(value):
+        return found
+    for group in np.split(strange, np.flatnonzero(np.diff(strange) > ORDER) + 1):
+        begin, end = max(0, group[0] - ORDER), min(len(value), group[-1] + 2 * ORDER + 1)
+        rough = bool(typical[group].max() > ROUGH * typical.min())
+        window = _Window(time[begin:end], value[begin:end], float(limit[group].max()), rough)
+        found[[begin + i for i in window.culprits(len(group))]] = True
+    return found
+
+
+class _Window:
+    """Samples around differences that are too large.
+
+    Args:
+        time: (w,) s.
+        value: (w,).
+        limit: largest difference of noise.
+        rough: whether something goes on here, so that a fault must stand out more.
+    """
+
+    def __init__(self, time: np.ndarray, value: np.ndarray, limit: float, rough: bool) -> None:
+        self._time, self._value, self._limit = time, value, limit
+        largest = np.nanmax(np.abs(normalised_differences(time, value, ORDER)))
+        if rough:
+            self._limit = min(limit, float(largest) / STANDS_OUT)
+        self._typical = float(np.median(np.diff(time)))
+
+    def culprits(self, strange: int) -> list[int]:
+        """Positions of the fewest samples without which no difference is too large; empty where it is an event.
+
+        Args:
+            strange: how many differences are too large; every sample takes part in `ORDER` + 1 of them.
+        """
+        count = len(self._time)
+        for few in range(1, TOGETHER + 1):
+            if count <= ORDER + 1 + few:
+                return []
+            choices = np.array(list(combinations(range(count), few)))
+            left = self._left(choices)
+            if left.min() == 0.0:
+                # At an end one difference alone is too large, and several samples would do: the one that leaves the
+                # smoothest rest, and no step.
+                enough = choices[left == 0.0]
+                rest = np.nanmean(self._differences(enough) ** 2, axis=0)
+                found = (self._isolated(enough[i].tolist()) for i in np.argsort(rest, kind="stable"))
+                return next((out for out in found if out), [])
+        return self._isolated(self._one_by_one(int(CROWD * strange) + 1))
+
+    def _one_by_one(self, most: int) -> list[int]:
+        """Samples taken out one after another, each time that which explains most; empty where `most` do not do."""
+        out: list[int] = []
+        while len(out) < most and len(self._time) > len(out) + ORDER + 2:
+            others = [i for i in range(len(self._time)) if i not in out]
+            left = self._left(np.array([[*out, i] for i in others]))
+            out.append(others[int(np.argmin(left))])
+            if left.min() == 0.0:
+                return out
+        return []
+
+    def _isolated(self, out: list[int]) -> list[int]:
+        """These samples, unless so many lie side by side or so close that it is an event."""
+        if not out:
+            return []
+        ordered = np.sort(out)
+        alone = np.split(ordered, np.flatnonzero(np.diff(ordered) > 1) + 1)
+        longest = max((len(side_by_side) for side_by_side in alone), default=0)
+        crowded = len(out) > TOGETHER and len(out) > CROWD * (ordered[-1] - ordered[0] + 1)
+        step = any(self._steps(side_by_side, ordered) for side_by_side in alone)
+        return [] if longest > TOGETHER or crowded or step else out
+
+    def _steps(self, out: np.ndarray, everything: np.ndarray) -> bool:
+        """Whether the signal is elsewhere after neighbouring samples that are taken out than it was before them.
+
+        High differences hardly see a step in a gap. It is one where the way across the gap is longer, by more than the
+        noise, than every other way as long around here; or than most of them, and what is taken out lies between.
+        """
+        before, after = int(out[0]) - 1, int(out[-1]) + 1
+        if before < 0 or after >= len(self._value):
+            return False
+        ends = self._value[[before, after]]
+        ways = np.abs(self._value[after - before :] - self._value[: before - after])
+        touched = np.isin(np.arange(len(self._value)), everything)
+        others = ways[np.lib.stride_tricks.sliding_window_view(touched, after - before + 1).sum(axis=1) == 0]
+        if len(others) == 0:
+            return False
+        between = bool(np.all((self._value[out] >= ends.min()) & (self._value[out] <= ends.max())))
+        usual = float(np.median(others) if between else np.max(others))
+        return bool(np.ptp(ends) > FARTHER * usual + self._limit)
+
+    def _left(self, choices: np.ndarray) -> np.ndarray:
+        """(r,) sum of what differences are beyond the limit, squared, without the samples (r, k) that a row names."""
+        size = self._differences(choices)
+        excess = np.where(size > self._limit, size - self._limit, 0.0)
+        return np.asarray((excess**2).sum(axis=0))
+
+    def _differences(self, choices: np.ndarray) -> np.ndarray:
+        """(d, r) sizes of the differences without the samples (r, k) that a row names; NaN across a gap."""
+        rows, without = choices.shape
+        kept = np.ones((rows, len(self._time)), dtype=bool)
+        kept[np.arange(rows)[:, None], choices] = False
+        place = np.nonzero(kept)[1].reshape(rows, -1)
+        # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
+        longest = LONGEST_SPAN + without / ORDER
+        return np.abs(normalised_differences(self._time[place].T, self._value[place].T, ORDER, longest, self._typical))
+
+
+def _typical(size: np.ndarray) -> np.ndarray:
+    """(n,) median of all, or of those around each where that is larger."""
+    return np.maximum(median_filter(size, 2 * AROUND + 1, mode="mirror"), np.median(size))
+
+
+def thin_out(run: Run, held: Collection[str] = (), highest: float = HIGHEST_RATE) -> Run:
+    """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
+
+    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.
+
+    Args:
+        run: as recorded.
+        held: channels that stay as they are: the mean of a command that is held is late by half its samples.
+        highest: rate beyond which samples are averaged, Hz.
+    """
+    channels, noise, spread = {}, dict(run.noise), dict(run.spread)
+    for name, channel in run.channels.items():
+        interval = float(np.median(np.diff(channel.time))) if len(channel) > 1 else np.inf
+        group = int(1.0 / (highest * interval) + 1e-6) if interval > 0 else 1
+        if group < 2 or name in held or len(channel) < 4 * group:
+            channels[name] = channel
+            continue
+        channels[name] = channel.averaged(group)
+        spread[name] = spread.get(name, 0.0) + interval**2 * (group**2 - 1) / 12.0
+        if name in noise:
+            noise[name] /= np.sqrt(group)
+    return replace(run, channels=channels, noise=noise, spread=spread)
