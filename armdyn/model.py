@@ -247,12 +247,9 @@ class Model(Displayable):
         kept = {n: p for n, p in self.parameters.items() if p.effect != name or p.joint in left}
         return self._with((e.on(*left) if e.name == name else e for e in self.effects if e.name != name or left), kept)
 
-    def with_only(self, effects: Collection[str], *, wrong: bool = True) -> Self:
-        """The model with these effects only, and with formulas known to be wrong unless `wrong` is False.
-
-        Its parameters keep their order.
-        """
-        kept = tuple(effect for effect in self.effects if effect.name in effects or (wrong and effect.wrong))
+    def with_only(self, effects: Collection[str]) -> Self:
+        """The model with these effects only; its parameters keep their order."""
+        kept = tuple(effect for effect in self.effects if effect.name in effects)
         if len(kept) == len(self.effects):
             return self
         own = {n: p for n, p in self.parameters.items() if not p.effect or p.effect in effects}
@@ -473,11 +470,6 @@ class Model(Displayable):
         if name not in self.parameters:
             raise UnknownNameError("parameter", name, self.names)
         return self.parameters[name]
-
-    def corrected(self) -> "Self | None":
-        """The model with the right formulas where it has some that are known to be wrong; None where it has none."""
-        right = self.with_only([e.name for e in self.effects if not e.wrong], wrong=False)
-        return None if right is self else right
 
     @abstractmethod
     def predicted_channels(self, run: Run) -> tuple[str, ...]:

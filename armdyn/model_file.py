@@ -120,7 +120,7 @@ def model_text(file: ModelFile, folder: Path) -> str:
     document = tomlkit.document()
     for key, value in {**model.described(folder), **file.description}.items():
         document[key] = value
-    document["effects"] = [effect.label for effect in model.effects if not effect.wrong]
+    document["effects"] = [effect.label for effect in model.effects]
     parameters = tomlkit.table()
     usual = {p.name: p.prior for effect in model.effects for p in effect.parameters()}
     for name, parameter in model.parameters.items():

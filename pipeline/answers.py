@@ -12,7 +12,7 @@ from armdyn.recording.spikes import outliers_of
 from pipeline.fields import fields, number, plain
 
 if TYPE_CHECKING:
-    from armdyn.identify.compare import Comparison, Correction
+    from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
     from armdyn.identify.explained import RepairStep
     from armdyn.identify.problem import Problem
@@ -34,7 +34,6 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
         **fields(found, "verdict explained sentence"),
         **fit_answer(found),
         **rollout_answer(found),
-        "correction": _correction(found.correction),
         "missing_force": missing_force_answer(found.missing_force),
     }
 
@@ -117,7 +116,7 @@ def link_answer(link: Any) -> dict[str, Any]:
 
 def model_answer(study: Study) -> dict[str, Any]:
     """Base and effects of the model as given."""
-    named = [effect.name for effect in study.model.named_effects if not effect.wrong]
+    named = [effect.name for effect in study.model.named_effects]
     return {"base": study.model.base, "effects": named}
 
 
@@ -217,19 +216,6 @@ def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
         **fields(found, "sentence behaves_like_dynamics=", behaves_like_dynamics=found.process_error),
         "terms": [fields(term, "channel expression share") for term in found.terms],
         "frequencies": [fields(peak, "channel frequency amplitude unit") for peak in found.peaks],
-    }
-
-
-def _correction(found: Correction | None) -> dict[str, Any] | None:
-    """What the right formula does, where the model has a wrong one."""
-    if found is None:
-        return None
-    return {
-        "sentence": found.sentence,
-        "chi2_per_sample": number(found.fit.chi2_per_sample),
-        "parameters": parameters_answer(found.parameters),
-        "wrong_chi2_per_sample": number(found.wrong.chi2_per_sample),
-        "where": places_answer(found.places),
     }
 
 

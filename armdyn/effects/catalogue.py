@@ -15,8 +15,11 @@ def _collect() -> Mapping[str, Effect]:
 
 
 CATALOGUE: Mapping[str, Effect] = _collect()
-STAGES: tuple[str, ...] = tuple(dict.fromkeys(item.acts_on for item in CATALOGUE.values()))
-"""What effects of the catalogue act on; a user's own physics may have other stages."""
+STAGES: tuple[str, ...] = tuple(dict.fromkeys((*(item.acts_on for item in CATALOGUE.values()), "tension")))
+"""What effects of the catalogue act on, and the string's tension, which only effects of a user's own change.
+
+A user's own physics may have other stages.
+"""
 
 
 def find(name: str, extra: Iterable[Effect] = ()) -> Effect:

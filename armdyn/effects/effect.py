@@ -30,7 +30,6 @@ class Effect:
         function: ``(stage, **parameters, **columns) -> stage``, pure.
         reach: joints that it can act on; for an effect on joints only.
         joints: joints that it does act on, in the order of the arm; all within its reach where empty.
-        wrong: whether it is a formula known to be wrong, which a comparison holds against the right one.
         needs: channels of which a recording must have one to show it, whatever its parameters need; any will do where
             empty.
     """
@@ -43,7 +42,6 @@ class Effect:
     function: Callable[..., Any]
     reach: Reach = "every"
     joints: tuple[str, ...] = ()
-    wrong: bool = False
     needs: tuple[str, ...] = ()
     columns: Mapping[str, RecordedColumn] = field(default_factory=dict)
 
@@ -131,7 +129,6 @@ def effect(
     summary: str,
     source: str,
     reach: Reach = "every",
-    wrong: bool = False,
     needs: tuple[str, ...] = (),
 ) -> Callable[[Callable[..., Physics]], Effect]:
     """Make an `Effect` of a function whose first argument is the stage, the others parameters, `quantity`, or columns.
@@ -168,7 +165,7 @@ def effect(
         declared = MappingProxyType(quantities)
         return Effect(
             called, at, declared, summary, source, function, reach,
-            wrong=wrong, needs=needs, columns=MappingProxyType(columns),
+            needs=needs, columns=MappingProxyType(columns),
         )  # fmt: skip
 
     return make

@@ -15,7 +15,7 @@ from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import Problem, by_channel, chi2_of, samples_of
+from armdyn.identify.problem import by_channel, chi2_of, samples_of
 from armdyn.identify.residual.character import behaves_like, process_error_share
 from armdyn.identify.residual.force_law import law_sentence
 from armdyn.identify.residual.localise import Place, localise
@@ -66,32 +66,6 @@ class ChannelQuality:
     exam_rmse: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """What the right formula does where a model has one that is known to be wrong.
-
-    Attributes:
-        fit: of the model with the right formula.
-        parameters: of that.
-        wrong: the wrong formula at the right one's values: its error, nothing fitted to it.
-        places: where it fails.
-    """
-
-    fit: Fit
-    parameters: dict[str, Parameter]
-    wrong: Fit
-    places: tuple[Place, ...]
-
-    @property
-    def sentence(self) -> str:
-        """For a person."""
-        text = f"With the right formula χ² per sample is {self.fit.chi2_per_sample:.3g}; for the same motion and "
-        text += f"parameters the wrong one gives {self.wrong.chi2_per_sample:.3g}"
-        if self.places:
-            text += f", worst {self.places[0].sentence}"
-        return text + "."
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Displayable):
     """A model held against runs.
@@ -108,7 +82,6 @@ class Comparison(Displayable):
         undetermined: parameters that these runs say nothing about.
         left_out: what was not used of the recordings, such as outliers, and of the model as given, a sentence each.
         together: values that these runs cannot tell from one another; they have no standard deviation.
-        correction: what the right formula does; None where the model has no wrong one.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
         lost: what is needed where the fit is lost, a sentence; see `lost`. Empty where it is not.
@@ -129,7 +102,6 @@ class Comparison(Displayable):
     undetermined: tuple[str, ...]
     left_out: tuple[str, ...] = ()
     together: tuple[Together, ...] = ()
-    correction: Correction | None = None
     widened: float = 1.0
     lost: str = ""
     bands: Bands | None = None
@@ -151,12 +123,6 @@ class Comparison(Displayable):
             *([motion_section(self.rollout)] if self.rollout else []),
             *([place_section("Where the model fails", self.places)] if self.places and not self.lost else []),
         ]
-        if self.correction is not None:
-            right = parameter_table(self.correction.parameters)
-            sections += [
-                Section("The right formula", "With it the fit gives:", tables=[replace(right, name="")]),
-                place_section("Where the wrong formula fails for that motion", self.correction.places),
-            ]
         return Document(
             "Comparison",
             self.sentence,
@@ -231,28 +197,14 @@ class Comparison(Displayable):
             text += f"; worst {self.places[0].sentence}"
         if self.process_error is not None:
             text += f"; {behaves_like(self.process_error)}"
-        return text + "." + (f" {self.correction.sentence}" if self.correction is not None else "")
+        return text + "."
 
 
 @one_thread
 def compare(study: Study) -> Comparison:
     """Fit the model of a study as it is and look at what is left."""
     fit = study.first()
-    found = comparison(study, fit, study.tests(fit, study.present))
-    return replace(found, correction=_correction(study))
-
-
-def _correction(study: Study) -> Correction | None:
-    right = study.model.corrected()
-    if right is None:
-        return None
-    others = Study(right, study.runs, study.held_out, [])
-    best = others.first()
-    problem = Problem(study.model, study.runs, study.noise)
-    wrong = Fit(problem, best.free, best.values, tuple(problem.blocks(best.values)), best.outcome)
-    # What is fastest shows best what is wrong: the time at which it fails says little of a formula.
-    places = tuple(place for place in localise(wrong) if place.against != "time")
-    return Correction(best, fitted_parameters(others, best), wrong, places)
+    return comparison(study, fit, study.tests(fit, study.present))
 
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:

@@ -7,18 +7,17 @@ from pathlib import Path as File
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
 from armdyn.effects.catalogue import natural_order
-from armdyn.effects.effect import Effect, effect
-from armdyn.errors import InputError, UnknownNameError
+from armdyn.effects.effect import Effect
+from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
 from armdyn.pendulum.composition import STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
-from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY, Tension
+from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
 from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest, swing_shown
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
@@ -32,7 +31,7 @@ from armdyn.physics.simulated import (
 )
 from armdyn.run import Channel, Run
 
-KEYS = ("tension",)
+KEYS = ()
 """Keys of a model file that belong to this base."""
 INITIAL = ("initial_angle", "initial_rate")
 GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
@@ -40,21 +39,6 @@ SLOWEST = 1.5
 """Periods of small swings that a swing lasts at most; the length is a guess."""
 STEEPEST = 1.5
 """rad; no load hangs at rest beyond."""
-
-
-# Not in the catalogue: nobody looks for a formula that was published and is wrong. A model file asks for it with
-# ``tension = "printed"``, and a comparison then shows where it fails.
-@effect(
-    wrong=True,
-    summary="The tension as printed in the paper: two wrong signs, and one mass is missing.",
-    source="Wilson, Schultz, Ansari & Murphey, IEEE T-ASE 2016; the right one is in armdyn.pendulum.dynamics",
-)
-def printed_tension(tension: Tension) -> Tension:
-    """T = m g cos(phi) - m l phi'^2 - u sin(phi); the equations of motion stay right."""
-    m, phi, g = tension.mass, tension.angle, tension.gravity
-    return tension.with_value(
-        m * g * ca.cos(phi) - m * tension.length * tension.rate**2 - tension.acceleration * ca.sin(phi)
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,11 +190,6 @@ class PendulumModel(SimulatedModel):
         """See `SimulatedModel`: what brings states or inputs."""
         return frozenset(effect.name for effect in self.effects if any(_brings(effect)))
 
-    def described(self, folder: File) -> Mapping[str, Any]:
-        """See `Model.described`."""
-        printed = printed_tension in self.effects
-        return {**super().described(folder), **({"tension": "printed"} if printed else {})}
-
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Swing angle and rate as predicted, and the gripper's motion; see `Model.covariates`."""
         path = run_path(run)
@@ -283,13 +262,6 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
 
 
 def read_base(table: Mapping[str, Any], folder: File) -> tuple[PendulumModel, dict[str, Any]]:
-    """The model without effects, and what else of the file belongs to the base.
-
-    Raises:
-        UnknownNameError: there is no such formula of the tension.
-    """
-    del folder
-    tension = table.get("tension", "exact")
-    if tension not in ("exact", "printed"):
-        raise UnknownNameError("tension formula", str(tension), ("exact", "printed"))
-    return pendulum_model(0.35, 0.1, [printed_tension] if tension == "printed" else []), {}
+    """The model without effects, and what else of the file belongs to the base."""
+    del table, folder
+    return pendulum_model(0.35, 0.1), {}

@@ -27,7 +27,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
     answer: dict[str, Any] = {
         "schema": "armdyn.parameters/1",
         "base": model.base,
-        "effects": [effect.label for effect in named.effects if not effect.wrong],
+        "effects": [effect.label for effect in named.effects],
         "parameters": {
             name: {
                 "value": number(p.value),

@@ -16,7 +16,7 @@ from armdyn.identify.tables import step_name
 from pipeline.report.fit import dependence_section, error_section, key_figures, runs_of
 from pipeline.report.missing_force import missing_force_sections
 from pipeline.report.motion import illustrated
-from pipeline.report.overlay import Overlays, of_fits
+from pipeline.report.overlay import Overlays
 
 
 def comparison_report(study: Study, found: Comparison) -> Document:
@@ -25,7 +25,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
     shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
     title = "Compare: the model against recordings"
-    return replace(made, title=title, sections=illustrated([*made.sections, *_formula_sections(found)], found.rollout))
+    return replace(made, title=title, sections=illustrated(made.sections, found.rollout))
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
@@ -84,18 +84,6 @@ def _illustrated(
         subtitle=runs_of(study),
         key_figures=key_figures(shown),
     )
-
-
-def _formula_sections(found: Comparison) -> list[Section]:
-    """Where a formula that is known to be wrong fails; nothing where the model has none."""
-    if found.correction is None:
-        return []
-    wrong, places = found.correction.wrong, found.correction.places
-    ranges = [f"{p.against} {p.start:.3g} to {p.end:.3g} {p.unit}" for p in places[:3]]
-    text = "Nothing is fitted here. It fails most at " + "; ".join(ranges) + "." if ranges else "It does not fail."
-    curves = Overlays(of_fits([wrong], places)).section()
-    at_right_motion = replace(curves, title="The wrong formula at the right motion", sentence=text)
-    return [at_right_motion, dependence_section(wrong, "the wrong formula")]
 
 
 def _added(path: Sequence[RepairStep]) -> str:

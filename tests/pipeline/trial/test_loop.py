@@ -1,17 +1,20 @@
 """A swing misses for a hidden effect; the recording of that trial says why; the next swing lands."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.compare import compare
-from armdyn.identify.repair import repair
+from armdyn.effects.user import load_effects
+from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 from armdyn.model_file import read_model
-from armdyn.pendulum.model import pendulum_model, printed_tension
+from armdyn.pendulum.model import pendulum_model
 from armdyn.run import read_run
 from pipeline.trial import TrialSettings, run_trial, simulate
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 RIVALS = [
     CATALOGUE[name]
     for name in (
@@ -96,13 +99,10 @@ def test_a_load_in_wind_rests_where_the_wind_holds_it():
     assert pendulum_model(0.4, 0.1).rest_angle() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_printed_tension_fails_and_the_comparison_says_where(trial):
+def test_a_load_cell_decides_against_the_printed_tension(trial):
     folder, _ = trial
-    model = read_model(folder / "model.toml").with_effect(printed_tension)
-    found = compare(Study(model, [read_run(folder / "trial.csv")], [], []))
-    assert found.fit.chi2_per_sample > 100.0
-    assert found.correction is not None
-    assert found.correction.fit.chi2_per_sample < 2.0
-    assert found.correction.parameters["length"].value == pytest.approx(0.368, abs=1e-3)
-    assert found.correction.places[0].against == "swing_rate"  # the centripetal force has the wrong sign
-    assert "right formula" in found.sentence
+    (printed,) = load_effects(EXAMPLES / "printed_tension.py")
+    model, run = read_model(folder / "model.toml"), read_run(folder / "trial.csv")
+    share = add(Study(model, [run], [], [printed]), [printed]).model.parameters["printed_tension.share"]
+    assert share.value == pytest.approx(0.0, abs=5 * share.std)
+    assert share.std < 0.01
