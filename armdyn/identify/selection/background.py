@@ -29,7 +29,7 @@ PRICE = log(len(WIDTHS))
 """Nats that a background must gain: its width is one of several."""
 MOST_ROUNDS = 5
 """Expansions, each around what the last one led to; two or three nearly always."""
-STEPS = 4
+STEPS = 8
 """Gauss-Newton steps of the whole model from the linear solution, at most."""
 
 
@@ -86,10 +86,9 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
     for _ in range(MOST_ROUNDS):
         scorer = study.scorer(near)
         sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
-        small = [c for c in scorer.candidates if scorer.simpler_effects_in(c) == 1]
-        by_width = {s: scorer.predicted(scorer.widths(sure.effects, s, small)) - PRICE * (s > 0.0) for s in WIDTHS}
+        by_width = {s: scorer.predicted(scorer.widths(sure.effects, s)) - PRICE * (s > 0.0) for s in WIDTHS}
         width = max(by_width, key=by_width.__getitem__)
-        widths = scorer.widths(sure.effects, width, small)
+        widths = scorer.widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
         found = FullModel(scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums foretell little of what is far from linear.

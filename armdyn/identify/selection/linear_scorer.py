@@ -176,15 +176,13 @@ class LinearScorer(SetScorer):
         """(c,) of a squared error in training runs."""
         return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
 
-    def widths(
-        self, effects: Iterable[Candidate], width: float, small: Iterable[Candidate] | None = None
-    ) -> np.ndarray:
-        """(c,) prior widths: of effects and of the base as in any fit, of `small` effects, all when None, `width`.
+    def widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
+        """(c,) prior widths: of effects and of the base as in any fit, of all other effects `width`.
 
         What acts through another unknown of an effect that is not there stays where it was settled.
         """
         found = np.zeros(len(self.columns))
-        rest = self._of(self.candidates if small is None else small)
+        rest = self._of(self.candidates)
         found[rest] = np.where(self._latent, 0.0, np.minimum(width, self._wide))[rest]
         found[: self._base] = self._wide[: self._base]
         for one in effects:
