@@ -1,8 +1,8 @@
-"""Whether a fit is lost: worse than no model at all, so that nothing may be concluded from it.
+"""Detect a failed ("lost") fit: it is worse than no model at all, so nothing may be concluded from it.
 
-A simulation from wrong values ends in another motion, and a descent in a minimum that has nothing to do with the
-recording. What it leaves then varies more than the signal itself does. Predictions that are linear in what is fitted
-have one minimum and are never lost.
+A simulation from wrong values ends in another motion, and a descent in a minimum that is unrelated to the recording.
+The residual then varies more than the signal itself. Predictions that are linear in the fitted values have one minimum
+and are never lost.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,14 @@ from armdyn.identify.sentence import listed
 from armdyn.identify.study import Study
 
 MOST_NAMED = 3
-"""Parameters that a sentence asks start values of."""
+"""Number of parameters whose start values the sentence asks for."""
 
 
 def lost(study: Study, fit: Fit) -> bool:
-    """Whether a fit of a model with states leaves more than the signals' own spread, in training or held-out runs.
+    """Whether the residual of a fitted model with states varies more than the signals, in training or held-out runs.
 
-    What is at the noise is not lost: a recording in which nothing happens has no spread but that. See `left_of_spread`.
+    A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise. See
+    `left_of_spread`.
     """
     if study.model.linear or fit.chi2_per_sample < NEAR_NOISE:
         return False
@@ -30,9 +31,9 @@ def lost(study: Study, fit: Fit) -> bool:
 
 
 def left_of_spread(blocks: Sequence[Block]) -> float:
-    """Variance of the residual over that of the signal, the mean over channels: 0 is perfect, 1 as good as a constant.
+    """Variance of the residual over that of the signal, mean over channels: 0 is perfect, 1 as good as a constant.
 
-    Both vary about the mean of every run: an offset that a model lacks is no other motion.
+    Both variances are about the mean of each run: a missing offset does not make another motion.
     """
     shares = []
     for mine in by_channel(blocks).values():
@@ -45,7 +46,7 @@ def left_of_spread(blocks: Sequence[Block]) -> float:
 
 
 def lost_sentence(fit: Fit) -> str:
-    """For a person: that a fit is lost, and of which parameters start values or priors are needed."""
+    """A sentence for a reader: the fit is lost, and which parameters need start values or priors."""
     return (
         f"lost: give start values or a prior for {listed(_asked(fit))}. The fit leaves more than the signal itself "
         "varies by, so it says nothing of what the model lacks."
@@ -53,9 +54,9 @@ def lost_sentence(fit: Fit) -> str:
 
 
 def _asked(fit: Fit) -> list[str]:
-    """Parameters of the base that nothing is known of beforehand: on a bound first, then what the cost feels most.
+    """Parameters of the base model without prior: first those on a bound, then by influence on the cost.
 
-    Where there is none, or the simulation diverges, what was stated may be wrong.
+    Empty where every parameter has a prior or the simulation diverges; then a stated value may be wrong.
     """
     problem = fit.problem
     own = ~problem.per_run & ~problem.is_effect

@@ -1,7 +1,7 @@
-"""Several values to begin with, where those of a model are no more than guesses: the likeliest within the bounds.
+"""Start values for a model whose values are guesses: the likeliest ones within the bounds.
 
-A motion that is simulated in short pieces, each begun where it was measured, is nearly linear in all values: what is
-best there has few minima, and lies near the one of the whole recording.
+A motion simulated in short pieces, each started at the measurement, is nearly linear in all values: the cost has few
+minima there, and they lie near the minimum of the whole recording.
 """
 
 from collections.abc import Iterator
@@ -15,29 +15,30 @@ from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.physics.simulated import SimulatedModel
 
 TRIED, KEPT = 24, 3
-"""Values that are tried in short pieces, and those of them that are told, the likeliest and unlike each other."""
+"""Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
 WIDE = 3.0
-"""Factor by which they differ from the value of the model, up or down; of one without a size, so many typical ones."""
+"""Largest factor between a tried value and the model's value, up or down; where that is 0, in typical sizes."""
 SHORT = 1.0 / 8.0
-"""Of a swing: the short pieces. In half a swing a stiffness that is four times too large is another oscillation."""
+"""Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
+oscillation."""
 SWINGS = 8.0
-"""Of every run, through which they are tried."""
+"""Length of the part of every run in which values are tried, in periods of the swing."""
 ROUNDS = 4
-"""In which a start settles in short pieces."""
+"""Rounds in which a start is optimised in short pieces."""
 AGAIN = 3
-"""Starts that end at the best place that was found, after which no more are tried."""
+"""Number of starts that end at the best optimum found, after which no more are tried."""
 ALIKE = 0.05
-"""Relative difference up to which two ends are one."""
+"""Relative difference up to which two results are the same."""
 
 
 def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-    """(P,) values from which a fit may begin, the likeliest first; none where no value is a guess, or all diverge.
+    """(P,) start values for a fit, the likeliest first; an empty list where no value is a guess, or all diverge.
 
     Args:
-        problem: model and runs, those that are fitted first.
-        training: number of these.
+        problem: model and runs; the fitted runs come first.
+        training: number of fitted runs.
         wanted: (P,) bool, unknowns that are fitted.
-        values: (P,) as the model has them.
+        values: (P,) values of the model.
     """
     model = problem.model
     assert isinstance(model, SimulatedModel)
@@ -68,25 +69,25 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
 
 
 def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
-    """Whether two (P,) values are about the same in the unknowns `where`, (P,) bool."""
+    """Whether two (P,) values are nearly equal in the unknowns `where`, (P,) bool."""
     return bool(np.allclose(one[where], other[where], rtol=ALIKE, atol=0.0))
 
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Evidence and (P,) values, with those that begin the runs, where these settle in short pieces from (P,) values."""
+    """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
     model = cut.model
     assert isinstance(model, SimulatedModel)
     swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT)
-    with np.errstate(all="ignore"):  # values that diverge have no finite evidence
+    with np.errstate(all="ignore"):  # diverging values have no finite evidence
         point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
     return point.evidence, box.with_starts(point)
 
 
 def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
-    """(P,) values, the given ones first, then evenly around them within their bounds: an additive recurrence.
+    """(P,) values, the given ones first, then an even sequence within their bounds (additive recurrence).
 
-    Its steps are powers of 1/g, g^(k+1) = g + 1 of k dimensions (Roberts, The unreasonable effectiveness of
+    Its steps are powers of 1/g with g^(k+1) = g + 1 in k dimensions (Roberts, The unreasonable effectiveness of
     quasirandom sequences, 2018).
     """
     places = np.flatnonzero(guessed).tolist()
@@ -103,7 +104,7 @@ def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterat
 
 
 def _between(problem: Problem, unknown: int, value: float, share: float) -> float:
-    """A value of an unknown, from the lowest (share 0) to the highest (share 1) that is tried."""
+    """A value of an unknown between the lowest (share 0) and the highest (share 1) that is tried."""
     lower, upper = problem.lower[unknown], problem.upper[unknown]
     if weight := problem.prior_weight[unknown]:
         mean = problem.prior_mean[unknown]
