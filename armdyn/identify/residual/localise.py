@@ -1,4 +1,4 @@
-"""Where a model fails: stretches of time, angle, rate or joint speed whose residual is far above the noise."""
+"""Where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,10 +13,10 @@ from armdyn.run import Channel
 BINS = 16
 TIME_BINS = 30
 SIGNIFICANT = 5.0
-"""Standard deviations by which a bin's chi2 must exceed what noise gives."""
+"""Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
 MOST = 12
 FAR_ABOVE = 1.5
-"""Times the whole run's chi2 per sample that a stretch must reach to be worth naming."""
+"""Ratio of the chi2 per sample of a range to that of the whole run from which on the range is named."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Place:
     """A range in which the model fails.
 
     Attributes:
-        channel: whose residual.
+        channel: the channel of the residual.
         run: name of the run; ``""`` where all runs are taken together.
-        against: what the range is in: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
-        start: lower end.
-        end: upper end.
-        unit: of both.
-        chi2_per_sample: there; 1 is noise.
-        share: of the channel's whole misfit that lies there.
+        against: quantity of the range: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        start: lower end of the range.
+        end: upper end of the range.
+        unit: unit of both ends.
+        chi2_per_sample: squared residual over the noise variance, per sample, in the range; 1 is noise.
+        share: share of the channel's squared residual that lies in the range.
     """
 
     channel: str
@@ -45,13 +45,13 @@ class Place:
 
     @property
     def sentence(self) -> str:
-        """Where it is, such as ``"against time from 3 to 4 s in a.csv"``."""
+        """The range in words, such as ``"against time from 3 to 4 s in a.csv"``."""
         text = f"against {self.against} from {self.start:.3g} to {self.end:.3g} {self.unit}"
         return f"{text} in {self.run}" if self.run else text
 
 
 def localise(fit: Fit) -> tuple[Place, ...]:
-    """The worst places first; empty where nothing stands out of the noise."""
+    """Find where a fit fails, the worst place first; empty where no place stands out of the noise."""
     covariates, places = fit.covariates(), list[Place]()
     for channel, blocks in by_channel(fit.blocks).items():
         total, samples = chi2_of(blocks), samples_of(blocks)
@@ -125,7 +125,7 @@ def _bins(
             first = i
         elif not fails and first is not None:
             level = float(sums[first:i].sum() / counts[first:i].sum())
-            # the share is a sum of squares until the caller knows the channel's whole misfit
+            # a sum of squares here; the caller divides it by the channel's sum
             places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
                                 float(sums[first:i].sum())))  # fmt: skip
             first = None

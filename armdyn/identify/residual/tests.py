@@ -1,4 +1,4 @@
-"""Whether there is anything left to explain, and what an effect would bring, from derivatives at the present fit alone.
+"""Test whether a residual is more than noise, and predict the effects' contribution from derivatives at the fit alone.
 
 With r the residual and J the derivatives of everything fitted, Q = orth(J), an effect with derivatives d lowers the
 chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
@@ -17,17 +17,19 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
 IDENTIFIABLE = 1e-3
-"""An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
+"""An effect is not identifiable in these runs where its derivatives, without what fitted parameters imitate, keep less
+than this share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What one candidate promises.
+    """Predicted contribution of one candidate effect.
 
     Attributes:
-        candidate: which.
-        drop: predicted fall of chi2, respecting the bounds.
-        same_as: the fitted parameters that imitate it, where they leave less than `IDENTIFIABLE` of its derivatives.
+        candidate: the candidate.
+        drop: predicted decrease of chi2, within the bounds.
+        same_as: the fitted parameters that imitate it, where less than `IDENTIFIABLE` of its derivatives is
+            independent.
     """
 
     candidate: Candidate
@@ -36,15 +38,15 @@ class Score:
 
 
 AT_ONCE = 2**13
-"""Samples that are worked with at a time."""
+"""Number of samples that are factored at once."""
 
 
 def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) residuals and (m, P) derivatives of all blocks, with the priors as further samples, in P + 1 rows.
+    """(m,) residuals and (m, P) derivatives of all blocks, with the priors as further samples, reduced to P + 1 rows.
 
-    Rows are turned into one another so that all but the first are zero: a score consists of products of columns, which
-    no rotation changes. With the factors of parts factored again (Demmel et al., SIAM J. Sci. Comput. 34, 2012) a long
-    run takes no more memory than a short one.
+    The rows are reduced by rotations (QR): a score consists of products of columns, which no rotation changes. Factors
+    of parts are factored again (Demmel et al., SIAM J. Sci. Comput. 34, 2012), so a long run takes no more memory than
+    a short one.
     """
     table = np.column_stack([np.diag(problem.prior_weight), problem.prior_weight * (problem.prior_mean - values)])
     for block in blocks:
@@ -56,12 +58,12 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
 
 
 def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
-    """Every candidate's promise at a fit, the largest drop first."""
+    """Predicted contribution of every candidate at a fit, the largest drop first."""
     problem = fit.problem
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
     with np.errstate(all="ignore"):
         scaled = jacobian * problem.typical
-    if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a simulation that diverges promises nothing
+    if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a diverging simulation predicts nothing
         return [Score(candidate, 0.0, ()) for candidate in candidates]
     Q, R = np.linalg.qr(scaled[:, fit.free])
     residual = residual - Q @ (Q.T @ residual)
@@ -73,9 +75,9 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
 
 
 def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
-    """(P,) values within their bounds that fit best, with the parameters `names` free as well, linear around a fit.
+    """(P,) values within their bounds that fit best in the model linearised at a fit, with `names` free as well.
 
-    Unknowns without a prior stay within `WIDE` typical sizes where the runs do not tell them.
+    Unknowns without a prior stay within `WIDE` typical sizes where the runs do not identify them.
     """
     problem = fit.problem
     columns = np.flatnonzero(fit.free | problem.of(names))
@@ -125,19 +127,19 @@ def _score(
 LARGEST_Z = 5.0
 SMALLEST_WHITENESS = 1e-4
 SMALLEST_SCORE = 5e-3
-"""0 false alarms in 360 clean runs with the first two. Effects resemble one another, so that the third, which counts
-them all, is half as likely as it says."""
+"""Thresholds of the tests: 0 false alarms in 360 clean runs with the first two. Effects resemble one another, so the
+third one, which counts all of them, has half the stated false-alarm rate."""
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """How a fit's residual compares with the noise.
+    """Comparison of a fit's residual with the noise.
 
     Attributes:
         z: standard deviations by which chi2 exceeds the number of samples, the largest over channels.
-        whiteness: probability that white noise is as correlated, the smallest over runs and channels, times their
-            number.
-        score: probability that the best effect of the catalogue seems as good by chance, times the number of effects.
+        whiteness: probability that white noise is at least as correlated, the smallest over runs and channels, times
+            their number.
+        score: probability that the best effect of the catalogue fits as well by chance, times the number of effects.
     """
 
     z: float
@@ -146,7 +148,7 @@ class ResidualTests:
 
     @property
     def fails(self) -> bool:
-        """Whether something is left to explain."""
+        """Whether the residual is more than noise."""
         return self.z > LARGEST_Z or self.whiteness < SMALLEST_WHITENESS or self.score < SMALLEST_SCORE
 
 
