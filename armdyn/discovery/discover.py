@@ -21,7 +21,7 @@ from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.diagnose import IDEALISED, explained_share
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.lost import lost, lost_sentence
@@ -134,7 +134,9 @@ def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
 def _is_whole(study: Study, found: Search) -> bool:
     """Whether nothing is left, or nothing that matters."""
     start, last = found.steps[0], found.last
-    return not last.tests.fails or (len(found.steps) > 1 and explained_share(study, start, last) > IDEALISED)
+    return not last.tests.fails or (
+        len(found.steps) > 1 and explained_share(study, start, last) > MIN_EXPLAINED_AT_NOISE
+    )
 
 
 def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:

@@ -13,7 +13,7 @@ from armdyn.identify.fit import Fit, converged
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.set_score import SURE
+from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
@@ -136,7 +136,7 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
     # Else one effect among all of the catalogue is believed by the same fall of chi2 as in a diagnosis.
-    margin = MARGIN if designed else 2.0 * (SURE + float(np.log(len(study.candidates))))
+    margin = MARGIN if designed else 2.0 * (BELIEF_NATS + float(np.log(len(study.candidates))))
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 

@@ -22,10 +22,10 @@ import numpy as np
 
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.identify.least_squares import Expansion, descend
-from armdyn.identify.selection.set_score import TIE
+from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.linear.solve import solve_bounded
 
-MARGIN = 2.0 * TIE
+MARGIN = 2.0 * TIE_NATS
 """Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""
 DRAWS = 400
 """Outcomes of an experiment that are drawn to say how probable a right verdict is."""

@@ -27,7 +27,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.identify.study import Study
 
-LEVEL = 0.95
+COVERAGE_LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Bands:
 
     half_width: dict[tuple[str, str], np.ndarray]
     covered: dict[str, float]
-    level: float = LEVEL
+    level: float = COVERAGE_LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
 def _factor(runs: Sequence[np.ndarray]) -> float:
     """k_c: the largest quantile of any run; 1.96 where there is no error at all."""
     known = [run[np.isfinite(run)] for run in runs]
-    return max((float(np.quantile(run, LEVEL)) for run in known if len(run)), default=1.96)
+    return max((float(np.quantile(run, COVERAGE_LEVEL)) for run in known if len(run)), default=1.96)
 
 
 def _crossed(judging: Sequence[_Samples], channel: str) -> list[np.ndarray]:

@@ -19,14 +19,14 @@ from scipy.stats import theilslopes
 from armdyn.identify.series import Series, StepTest, correlation
 from armdyn.recording.channels import FloatArray
 
-FALSE_ALARMS = 0.01
+FALSE_ALARM_RATE = 0.01
 """Probability that a batch in which nothing changes has an alarm."""
-BATCHES = 4000
+SIMULATED_BATCHES = 4000
 """Simulated batches: the bound at 1 % is then the 40th largest value, known within a sixth of that 1 %."""
-NEARBY = 12
+NEIGHBOURING_RECORDINGS = 12
 """Recordings on either side that are neighbours of a step: over so many a slow curve is nearly straight, while a change
 that lasts for a while still looks like a step."""
-MOST, LEAST_BATCHES = 50_000_000, 1000
+MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
 """Largest number of simulated values, some ten seconds of work, and smallest number of batches: for large data fewer
 batches are simulated, but so many that the bound at 1 % is the 10th largest value."""
 
@@ -97,7 +97,11 @@ class Found:
 
 
 def find_changes(
-    series: Mapping[Name, Series], false_alarms: float = FALSE_ALARMS, *, batches: int = BATCHES, seed: int = 0
+    series: Mapping[Name, Series],
+    false_alarms: float = FALSE_ALARM_RATE,
+    *,
+    batches: int = SIMULATED_BATCHES,
+    seed: int = 0,
 ) -> Found:
     """Find the steps and drifts in a batch of parameter series.
 
@@ -120,7 +124,7 @@ def find_changes(
     phi = {kind: correlation(group, rng) for kind, group in kinds.items()}
     tests = {name: test for name in tests if (test := StepTest.of(series[name], phi[_kind(name[1])])) is not None}
     size = sum(len(test.time) for test in tests.values())
-    batches = min(batches, max(LEAST_BATCHES, MOST // size))
+    batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))
     largest = np.zeros((2, batches))
     for test in tests.values():
         np.maximum(largest, test.by_chance(batches, rng), out=largest)
@@ -152,10 +156,14 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
     deviates, best, _ = test.largest(test.scores[None])
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    nearby = StepTest.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)), phi)
+    nearby = StepTest.of(
+        series.part(max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)), phi
+    )
     sharp = max(
         test.beside(int(best[0]), parabola=True),
-        nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False)
+        nearby.beside(
+            int(np.argmin(np.abs(nearby.splits - min(middle - first, NEIGHBOURING_RECORDINGS)))), parabola=False
+        )
         if nearby
         else 0.0,
     )

@@ -40,7 +40,7 @@ from armdyn.recording.preparation import of_all_runs, sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
-NOT_WHITE = 0.01
+WHITENESS_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
     mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if lost(study, fit) else ""
-    white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
+    white = all(c.white > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
         parameters=fitted_parameters(study, fit),

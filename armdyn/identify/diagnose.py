@@ -13,9 +13,9 @@ from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.tests import LARGEST_Z
+from armdyn.identify.residual.tests import MAX_Z
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import NOISY
+from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
 from armdyn.identify.selection.path import Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect
 from armdyn.identify.selection.search import Search, repair_step, search
@@ -27,13 +27,13 @@ from armdyn.recording.spikes import outlier_sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
-IDEALISED = 0.97
+MIN_EXPLAINED_AT_NOISE = 0.97
 """Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
 the catalogue are idealised and may be wrong by a sixth of their size; a larger residual is another effect, which the
 nearest effect of the catalogue imitates."""
-LEADS = 0.5
+MIN_LEADING_SHARE = 0.5
 """The first effect must explain at least this share of the squared error."""
-MOST = 0.8
+MIN_EXPLAINED_ABOVE_NOISE = 0.8
 """Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
 with every real robot: effects outside the catalogue leave half of the squared error or more, real robots at most a
 tenth."""
@@ -169,15 +169,18 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
         beyond = beyond and (_above_stated_noise(study, last) or model_limited(study, last.fit))
     if not study.model.linear:  # The error of the measured gripper's path, however significant
-        beyond = beyond and last.fit.chi2_per_sample > NOISY
+        beyond = beyond and last.fit.chi2_per_sample > NOISE_POWER_RATIO
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
         limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
         if study.motion is not None and study.motion.measured:
             limited = 1.0  # what is coloured was told from what is missing
-        asked = IDEALISED + limited * (MOST - IDEALISED)
-        if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < LEADS:
+        asked = MIN_EXPLAINED_AT_NOISE + limited * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
+        if (
+            explained_share(study, start, last) < asked
+            or explained_share(study, start, found.steps[1]) < MIN_LEADING_SHARE
+        ):
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
 
@@ -203,7 +206,7 @@ def _above_stated_noise(study: Study, last: Step) -> bool:
     """Whether the residual of a channel is larger than its stated noise, coloured or not."""
     for blocks in by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        if chi2 > 1.1 * samples and deviates(chi2, samples) > LARGEST_Z:
+        if chi2 > 1.1 * samples and deviates(chi2, samples) > MAX_Z:
             return True
     return False
 

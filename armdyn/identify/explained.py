@@ -17,7 +17,7 @@ import numpy as np
 
 from armdyn.identify.problem import Block, by_channel
 
-WRONG = 2.0
+ERROR_RATIO_TO_EXPLAIN = 2.0
 """An error of this many times the noise needs an explanation."""
 
 
@@ -107,7 +107,11 @@ def least_explained(before: Mapping[str, float], after: Mapping[str, float], sca
 
     Errors are root mean squares by channel; channels whose error was already at the noise are left out.
     """
-    seen = [channel for channel in before if channel in after and before[channel] > WRONG * scale.noise[channel]]
+    seen = [
+        channel
+        for channel in before
+        if channel in after and before[channel] > ERROR_RATIO_TO_EXPLAIN * scale.noise[channel]
+    ]
     shares = {c: share_gone({c: before[c]}, {c: after[c]}, scale) for c in seen}
     return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None
 

@@ -11,16 +11,16 @@ from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples
 from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
-DEPENDENT = 1e-5
+MIN_INDEPENDENT_SHARE = 1e-5
 """A sensitivity is not identifiable where less than this share of its square is independent of the others."""
-NEAR_NOISE = 1.5
+CHI2_NEAR_NOISE = 1.5
 """Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves the signal itself."""
 
-MORE, MORE_STEPS = 16, 8
+MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8
 """Largest number of times that a fit which ran out of steps is continued, and the steps each time: where values
 compensate each other, the cost is a bent valley, and one step goes down a hundredth of it."""
-NEGLIGIBLE = 1.0
-"""Fall of chi2 over `MORE_STEPS`, in units of chi2 per sample, that changes no ranking."""
+NEGLIGIBLE_CHI2_FALL = 1.0
+"""Fall of chi2 over `CONTINUATION_STEPS`, in units of chi2 per sample, that changes no ranking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +118,13 @@ def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: in
 
 def converged(found: Fit) -> Fit:
     """The fit after further steps, as long as they lower the cost by an amount that matters in a comparison."""
-    for _ in range(MORE):
+    for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
-        again = fit(found.problem, found.free, found.values, most_steps=MORE_STEPS)
+        again = fit(found.problem, found.free, found.values, most_steps=CONTINUATION_STEPS)
         before, found = found, replace(again, settled=found.settled)
         # Where the residual is far above the noise, it takes the noise's place.
-        if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
+        if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL * max(1.0, found.chi2_per_sample):
             break
     return found
 
@@ -149,7 +149,7 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     factor = np.empty((0, len(index)))  # rows of the Cholesky factor of the unknowns kept so far
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
         rest = gram[j] - factor[:, j] @ factor
-        if rest[j] > (DEPENDENT * norms[j]) ** 2:
+        if rest[j] > (MIN_INDEPENDENT_SHARE * norms[j]) ** 2:
             factor = np.vstack([factor, rest / np.sqrt(rest[j])])
             kept[index[j]] = True
     return kept

@@ -19,7 +19,7 @@ from armdyn.identify.state_space.output_error import best_minimum, fit_run, show
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
-HARM = 0.02
+MAX_ERROR_INCREASE = 0.02
 """Relative increase of a predicted run's total error that an effect may cause."""
 
 Starts = tuple[Problem, Iterator[np.ndarray]]

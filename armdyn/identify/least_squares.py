@@ -11,9 +11,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-GROSS = 20.0
+GROSS_ERROR_RATIO = 20.0
 """Squared error per sample, over the noise variance, beyond which derivatives say little about a distant minimum."""
-PATIENCE = 2
+MAX_STALLED_STEPS = 2
 """Steps in a row that hardly reduce a gross error before a descent gives up."""
 SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease that a step must deliver (Armijo)."""
@@ -77,8 +77,8 @@ def descend(
         most_steps: largest number of steps; a descent that needs more has not converged.
         tolerance: a descent has converged where the next step is shorter than this, in standard deviations of each
             parameter.
-        samples: number of samples; where given, a descent with a gross error ends as stalled after `PATIENCE` steps in
-            a row that each reduce the cost by less than one sample's share.
+        samples: number of samples; where given, a descent with a gross error ends as stalled after `MAX_STALLED_STEPS`
+            steps in a row that each reduce the cost by less than one sample's share.
     """
     values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
@@ -101,10 +101,10 @@ def descend(
             if damping > 1e9:
                 return Descent(values, at, evaluations, Outcome.STALLED)
             step, _ = _newton_step(at, free, damping)
-        gross = 2.0 * after.cost > GROSS * samples > 0.0
+        gross = 2.0 * after.cost > GROSS_ERROR_RATIO * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after
-        if creeping == PATIENCE:
+        if creeping == MAX_STALLED_STEPS:
             outcome = Outcome.STALLED
             break
         damping = damping / 10 if damping > 1e-6 else 0.0

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, Fit
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
 from armdyn.identify.problem import Block, Problem, by_channel
 from armdyn.identify.sentence import listed
 from armdyn.identify.study import Study
 
-MOST_NAMED = 3
+MAX_NAMED_PARAMETERS = 3
 """Number of parameters whose start values the sentence asks for."""
 
 
@@ -24,7 +24,7 @@ def lost(study: Study, fit: Fit) -> bool:
     A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise. See
     `left_of_spread`.
     """
-    if study.model.linear or fit.chi2_per_sample < NEAR_NOISE:
+    if study.model.linear or fit.chi2_per_sample < CHI2_NEAR_NOISE:
         return False
     kinds = [fit.blocks, study.held_out_blocks(fit)] if study.held_out else [fit.blocks]
     return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
@@ -65,7 +65,7 @@ def _asked(fit: Fit) -> list[str]:
     feels = np.nan_to_num(np.diag(_curvature(problem, fit.values)))[asked] * problem.typical[asked] ** 2
     bound = [problem.columns[j].name in fit.at_bound for j in asked]
     order = np.lexsort((-feels, ~np.array(bound, dtype=bool)))
-    return [problem.columns[j].name for j in asked[order][:MOST_NAMED]]
+    return [problem.columns[j].name for j in asked[order][:MAX_NAMED_PARAMETERS]]
 
 
 def _curvature(problem: Problem, values: np.ndarray) -> np.ndarray:

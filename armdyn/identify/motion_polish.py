@@ -22,31 +22,31 @@ from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
 from armdyn.run import Run
 
-LENGTHS, OPEN = (2.0, np.inf), (0.5,)
+WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
 """Lengths of the windows in turn, s; the second list is for drives without a position command, which pull nothing
 back."""
-ROUNDS = 12
+MAX_WINDOW_STEPS = 12
 """Largest number of steps with windows of one length."""
-ENOUGH = 5e-4
+MIN_DECREASE_SHARE = 5e-4
 """Share of the squared error that a step must remove to be followed by another one."""
-DIFFERENCE = 0.02
+DIFFERENCE_SHARE = 0.02
 """Share of its typical size by which a value is changed in a difference quotient: friction steps in time are rounded
 there."""
-TYPICAL = {"gain": 0.1, "delay": 0.005}
+TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
 """Typical change of the logarithm of a gain, and of a delay, s."""
-LATEST = 0.2
+MAX_DELAY_SECONDS = 0.2
 """Largest delay of a drive, s; known drives are well below."""
-STARTS = 3.0
+START_STD_FACTOR = 3.0
 """Standard deviation of a window's start state, in standard deviations of the smoothed positions and velocities."""
-BEGUN = (1e-3, 1e-2)
+START_DIFFERENCES = (1e-3, 1e-2)
 """Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
-STRETCH = 2.0
+INDEPENDENT_SECONDS = 2.0
 """Length of a stretch of a recording, s, that is independent of the next one: far longer than the memory of a servo."""
-ROBUST = 0.5
+ROBUST_ERROR_RATIO = 0.5
 """Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
 another way, a whole recording diverges."""
 
-LINKED = ("payload", "link_inertia")
+LINK_EFFECTS = ("payload", "link_inertia")
 """Effects that act on a joint and load every joint before it."""
 
 
@@ -84,7 +84,7 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
     usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
         return model
-    lengths = LENGTHS if all(closed(model, run) for run in usable) else OPEN
+    lengths = WINDOW_SECONDS if all(closed(model, run) for run in usable) else OPEN_LOOP_WINDOW_SECONDS
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
@@ -99,7 +99,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
     found, count = [], len(model.arm.joints)
     held = model.background.names if model.background is not None else ()
     for name, p in model.parameters.items():
-        links = p.joint == "" or p.effect in LINKED
+        links = p.joint == "" or p.effect in LINK_EFFECTS
         if p.effect == "torque_gain" or not (p.fitted or (name in held and not links)):
             continue
         joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
@@ -112,9 +112,11 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
         if servo.determined and (gain is None or gain.std is not None):
-            found.append(_Unknown(name, "gain", joints, TYPICAL["gain"], -np.inf, np.inf, known))
+            found.append(_Unknown(name, "gain", joints, TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
-            found.append(_Unknown(name, "delay", joints, TYPICAL["delay"], 0.0, LATEST, (0.0, np.inf)))
+            found.append(
+                _Unknown(name, "delay", joints, TYPICAL_DRIVE_CHANGE["delay"], 0.0, MAX_DELAY_SECONDS, (0.0, np.inf))
+            )
     return found
 
 
@@ -187,7 +189,7 @@ class _Descent:
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
         noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
-        self._known = np.maximum(STARTS * np.array(noise), 1e-9)
+        self._known = np.maximum(START_STD_FACTOR * np.array(noise), 1e-9)
 
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """(N, nj) position errors at (u,) values and (w, 2 nj) deviations of start states from the measured ones."""
@@ -214,8 +216,8 @@ class _Descent:
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(ROUNDS):
-            size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
+        for _ in range(MAX_WINDOW_STEPS):
+            size = np.maximum(ROBUST_ERROR_RATIO * np.median(np.abs(errors), axis=0), 1e-9)
             independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
             cost = _Cost(size, mean, weight, held)
@@ -240,7 +242,7 @@ class _Descent:
                     values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
                 damping *= 8.0
-            if now > (1.0 - ENOUGH) * before:
+            if now > (1.0 - MIN_DECREASE_SHARE) * before:
                 break
         curved = share / (1.0 + (errors / size) ** 2)  # a full step would overestimate the curvature of the robust cost
         H, own, _ = self._eliminated(slopes, of_starts, curved, held)
@@ -264,7 +266,7 @@ class _Descent:
     def _deviations(self, H: np.ndarray, pulls: np.ndarray, free: np.ndarray, typical: np.ndarray) -> np.ndarray:
         """(u,) standard deviations of the free values from Hessian H and (u, N) scores of the samples; else 0."""
         times = [w.time - w.begin for w in self._windows]
-        first = [rows.start + np.flatnonzero(np.diff(t // STRETCH, prepend=-1.0))
+        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
         sums = np.add.reduceat(pulls, np.concatenate(first), axis=1)[free] * typical[free, None]
         inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
@@ -283,7 +285,7 @@ class _Descent:
         slopes = np.zeros((len(values), *errors.shape))
         for group in self._groups:
             changed = values.copy()
-            steps = DIFFERENCE * typical[group]
+            steps = DIFFERENCE_SHARE * typical[group]
             steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
             changed[group] += steps
             found = self._errors(changed, starts) - errors
@@ -293,8 +295,8 @@ class _Descent:
         of_starts = np.zeros((starts.shape[1], *errors.shape))
         for k in range(starts.shape[1]):
             moved = starts.copy()
-            moved[:, k] += BEGUN[k >= errors.shape[1]]
-            of_starts[k] = (self._errors(values, moved) - errors) / BEGUN[k >= errors.shape[1]]
+            moved[:, k] += START_DIFFERENCES[k >= errors.shape[1]]
+            of_starts[k] = (self._errors(values, moved) - errors) / START_DIFFERENCES[k >= errors.shape[1]]
         return slopes, of_starts
 
 

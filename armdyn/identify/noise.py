@@ -10,26 +10,26 @@ from armdyn.identify.problem import Block, by_channel
 from armdyn.recording.channels import Channel
 from armdyn.recording.differences import normalised_differences, quiet_std
 
-LAGS = 20
+WHITENESS_LAGS = 20
 """Lags of the whiteness test."""
-ORDERS = tuple(range(3, 9))
+DIFFERENCE_ORDERS = tuple(range(3, 9))
 """Orders of the differences from which the noise is estimated."""
-CLEARLY_LESS = 0.9
+MAX_SIGNAL_RATIO = 0.9
 """Ratio of the noise estimates of two successive orders below which the lower order contains the signal. For noise with
 a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
 it is 0.3."""
-ORDER = 4
+MAX_AUTOREGRESSION_ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
-FAINTEST = 0.1
+MIN_NOISE_SHARE = 0.1
 """Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
-MOST_LAGS = 50
+MAX_CORRELATION_LAGS = 50
 """Largest number of lags that count in the variance of a mean."""
 
 
-NONE = np.zeros(0)
+NO_JUMPS = np.zeros(0)
 
 
-def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NONE) -> float:
+def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMPS) -> float:
     """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
@@ -46,9 +46,9 @@ def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NON
     Returns:
         The standard deviation, in the unit of `value`; 0 where there are fewer than eight samples without a gap.
     """
-    lowest, *higher = (_difference_std(time, value, order, jumps) for order in ORDERS)
+    lowest, *higher = (_difference_std(time, value, order, jumps) for order in DIFFERENCE_ORDERS)
     for std in higher:
-        if std is None or lowest is None or std > CLEARLY_LESS * lowest:
+        if std is None or lowest is None or std > MAX_SIGNAL_RATIO * lowest:
             break
         lowest = std
     return lowest or 0.0
@@ -72,7 +72,7 @@ def quiet_noise(channel: Channel, noise: float) -> float:
         channel: its samples.
         noise: noise as stated or estimated otherwise; an upper limit of the result.
     """
-    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), FAINTEST * noise)
+    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise)
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
@@ -107,7 +107,7 @@ def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = No
     return total
 
 
-def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
+def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:
     """Probability that white noise is as correlated as (n,) `residual` (Ljung & Box, Biometrika 65, 1978)."""
     n = len(residual)
     lags = min(lags, n // 5)
@@ -129,10 +129,10 @@ def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
     samples = sum(len(residual) for residual in residuals)
     if power == 0.0 or samples == 0:
         return 0.0
-    return power / samples * correlation_time(residuals, MOST_LAGS)
+    return power / samples * correlation_time(residuals, MAX_CORRELATION_LAGS)
 
 
-def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.ndarray:
+def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESSION_ORDER) -> np.ndarray:
     """(order,) coefficients of e_t = sum a_k e_{t-k} + white, by Yule-Walker over several stretches.
 
     Yule-Walker's estimate is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
@@ -146,14 +146,14 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.nd
 
 
 def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Coefficients (0 to `ORDER`,) of the autoregression with the lowest BIC.
+    """Coefficients (0 to `MAX_AUTOREGRESSION_ORDER`,) of the autoregression with the lowest BIC.
 
     Superfluous coefficients misjudge short runs: the sum of four of them over 60 white samples is wrong by 0.25, and
     every standard deviation of a constant with it.
     """
     samples = sum(len(residual) for residual in residuals)
     best, lowest = np.zeros(0), np.inf
-    for order in range(ORDER + 1):
+    for order in range(MAX_AUTOREGRESSION_ORDER + 1):
         coefficients = autoregression(residuals, order) if order else np.zeros(0)
         left = np.concatenate([whitened(residual, coefficients) for residual in residuals])
         variance = max(float(np.mean(left**2)), np.finfo(float).tiny)

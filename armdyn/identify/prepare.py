@@ -13,8 +13,8 @@ from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-LARGEST_SAMPLE_COUNT = 5_000_000
-SMALLEST_NOISE = 1e-6
+MAX_SAMPLES = 5_000_000
+ASSUMED_NOISE_SHARE = 1e-6
 """Noise assumed where a channel shows none, as a share of its range."""
 
 
@@ -58,7 +58,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
         jumps = model.jumps(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
-            floor = max(SMALLEST_NOISE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
+            floor = max(ASSUMED_NOISE_SHARE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
             stated = run.noise.get(name)
             estimate = white_noise_std(channel.time, channel.value, jumps) if stated is None else stated
             noise[run.name, name] = max(estimate, floor, 1e-12)
@@ -84,7 +84,7 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
             predicts.
     """
     longest = max((len(channel) for channel in run.channels.values()), default=0)
-    if longest > LARGEST_SAMPLE_COUNT:
+    if longest > MAX_SAMPLES:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
     parts = cut_at_gaps(run) if model.linear else (run,)  # a simulation goes on through a gap
     for part in parts:

@@ -18,11 +18,11 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
 
-REMEMBERED = 3
-HELD = 0.1
+CACHED_POINTS = 3
+WEAK_PRIOR_SIZE = 0.1
 """Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
 stretch of motion determines a length ten times better, and a stretch at rest must not change it."""
-WIDE = 10.0
+EFFECT_PRIOR_SIZE = 10.0
 """Prior standard deviation of an effect's value about its null value, in typical sizes. A value that a few samples
 hardly determine stays small, and a placeholder of 1 kg can still become 95 kg."""
 Noise = Mapping[tuple[str, str], float]
@@ -114,7 +114,7 @@ def deviates(chi2: float, samples: int) -> float:
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
-GUESSED = 3.0
+GUESS_PRIOR_SIZE = 3.0
 """Standard deviation of a first guess, in typical sizes. The guess acts as a prior where the runs do not identify a
 value, which could otherwise drift out of the range in which the formula is valid; it does not move identified
 values."""
@@ -162,7 +162,10 @@ class Problem:
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         guessed = self.of(model.first_guesses) & (self.prior_weight == 0.0)
-        self.guess_mean, self.guess_weight = self.start(), np.where(guessed, 1.0 / (GUESSED * self.typical), 0.0)
+        self.guess_mean, self.guess_weight = (
+            self.start(),
+            np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
+        )
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
@@ -204,7 +207,7 @@ class Problem:
         """The problem with weak priors at (P,) values of unknowns without a prior, for runs with little information."""
         held = copy(self)
         unknown = self.prior_weight == 0.0
-        width = np.where(self.per_run, 1.0, HELD) * self.typical
+        width = np.where(self.per_run, 1.0, WEAK_PRIOR_SIZE) * self.typical
         held.prior_mean = np.where(unknown, values, self.prior_mean)
         held.prior_weight = np.where(unknown, 1.0 / width, self.prior_weight)
         return held
@@ -219,7 +222,7 @@ class Problem:
         held = copy(self)
         unknown = self.is_effect & (self.prior_weight == 0.0)
         held.prior_mean = np.where(unknown, self.null, self.prior_mean)
-        held.prior_weight = np.where(unknown, max(1.0, left) / (WIDE * self.typical), self.prior_weight)
+        held.prior_weight = np.where(unknown, max(1.0, left) / (EFFECT_PRIOR_SIZE * self.typical), self.prior_weight)
         return held
 
     def key(self, unknown: int) -> tuple[str, str | None]:
@@ -255,7 +258,7 @@ class Problem:
             return self._whole[everything]
         memory = self._whole if key == everything else self._partial
         if key not in memory:
-            while len(memory) >= REMEMBERED:
+            while len(memory) >= CACHED_POINTS:
                 del memory[next(iter(memory))]
             memory[key] = self._blocks(values, *self.holding(held))
         return memory[key]

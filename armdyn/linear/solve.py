@@ -14,16 +14,16 @@ from itertools import count
 
 import numpy as np
 
-ROUNDING = 1e-13
+DIAGONAL_LOADING = 1e-13
 """Added to the diagonal of a matrix whose diagonal is one: rounding may have reduced its eigenvalues by as much."""
-EXACT = 1e-11
+KKT_TOLERANCE = 1e-11
 """Violation of a condition that is due to rounding, where A has a diagonal of ones, relative to the unknowns."""
-PATIENCE = 3
+MAX_FAILED_EXCHANGES = 3
 """Exchanges of all unknowns at once that may fail to reduce the number of violations, before one changes alone."""
-MOST_EXCHANGES = 20
+MAX_EXCHANGES_PER_UNKNOWN = 20
 """Exchanges per unknown after which a matrix counts as indefinite by rounding, which may cycle for ever; positive
 definite ones needed at most 2.4 in 20,000 random problems of 1 to 20 unknowns."""
-LEAST = 1e-9
+MIN_EIGENVALUE = 1e-9
 """Smallest eigenvalue that an indefinite matrix gets, where A has a diagonal of ones."""
 
 
@@ -48,7 +48,7 @@ def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The diagonal of the scaled matrices is one, so that the units of the unknowns do not matter.
     """
     size = np.sqrt(np.diagonal(A, axis1=-2, axis2=-1))
-    return size, A / (size[..., :, None] * size[..., None, :]) + ROUNDING * np.eye(A.shape[-1])
+    return size, A / (size[..., :, None] * size[..., None, :]) + DIAGONAL_LOADING * np.eye(A.shape[-1])
 
 
 def solve_positive(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -85,9 +85,9 @@ def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray)
     """(k, n) minima of k problems whose matrices have diagonals of one, and (k, n) bounds on which the unknowns are."""
     x, held = np.linalg.solve(A, b[..., None])[..., 0], np.zeros(b.shape, dtype=int)
     gradient = np.zeros_like(x)
-    fewest, patience = np.full(len(b), b.shape[1] + 1), np.full(len(b), PATIENCE)
+    fewest, patience = np.full(len(b), b.shape[1] + 1), np.full(len(b), MAX_FAILED_EXCHANGES)
     for exchange in count(1):
-        room = EXACT * (1.0 + np.abs(x))
+        room = KKT_TOLERANCE * (1.0 + np.abs(x))
         beyond = (x > upper + room).astype(int) - (x < lower - room)
         moved = np.where(held == 0, beyond, np.where(gradient * held > room, 0, held))
         broken = moved != held
@@ -95,10 +95,10 @@ def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray)
         left = np.flatnonzero(many)
         if len(left) == 0:
             break
-        if exchange % (MOST_EXCHANGES * b.shape[1]) == 0:
+        if exchange % (MAX_EXCHANGES_PER_UNKNOWN * b.shape[1]) == 0:
             A, least = A.copy(), np.linalg.eigvalsh(A[left])[:, 0]
-            A[left] += np.maximum(LEAST, 2.0 * LEAST - least)[:, None, None] * np.eye(b.shape[1])
-        patience = np.where(many < fewest, PATIENCE, patience - 1)
+            A[left] += np.maximum(MIN_EIGENVALUE, 2.0 * MIN_EIGENVALUE - least)[:, None, None] * np.eye(b.shape[1])
+        patience = np.where(many < fewest, MAX_FAILED_EXCHANGES, patience - 1)
         fewest = np.minimum(many, fewest)
         last = broken & (np.cumsum(broken[:, ::-1], axis=1)[:, ::-1] == 1)
         held = np.where(np.where((patience < 0)[:, None], last, broken), moved, held)

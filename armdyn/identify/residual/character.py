@@ -13,18 +13,18 @@ from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.channels import is_auxiliary
 
-MOST_TERMS = 3
+MAX_TERMS = 3
 SIGNIFICANCE = 1e-3
-SEGMENT = 1.5
+SEGMENT_SECONDS = 1.5
 """Length of a segment, s: in so short a stretch a free start state absorbs missing dynamics, but no sensor error."""
-STATE_STEPS = 4
+START_STATE_STEPS = 4
 """Gauss-Newton steps for the start state of a segment: in so short a stretch predictions are nearly linear in it."""
-LITTLE_LEFT = 1.05
+MIN_EXCESS_RATIO = 1.05
 """Squared error per sample, over the noise variance, below which the residual is too small to be characterised."""
-MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
+MIN_DYNAMICS_SHARE, MAX_SENSOR_SHARE = 0.7, 0.4
 """Process-error shares above which dynamics, and below which a sensor, is named as the cause."""
-FREQUENCIES = 600
-CHUNK = 2**19
+FREQUENCY_COUNT = 600
+SINES_AT_ONCE = 2**19
 """Number of sines that are computed at once."""
 
 
@@ -92,9 +92,9 @@ class ResidualCharacter:
 
 def behaves_like(process_error: float) -> str:
     """What a process-error share means, in words."""
-    if process_error > MOSTLY_DYNAMICS:
+    if process_error > MIN_DYNAMICS_SHARE:
         return "it behaves like missing dynamics"
-    return "it behaves like a sensor error" if process_error < MOSTLY_SENSOR else "dynamics or sensor: undecided"
+    return "it behaves like a sensor error" if process_error < MAX_SENSOR_SHARE else "dynamics or sensor: undecided"
 
 
 def characterise(fit: Fit) -> ResidualCharacter:
@@ -104,22 +104,22 @@ def characterise(fit: Fit) -> ResidualCharacter:
 
 
 def process_error_share(fit: Fit) -> float | None:
-    """Share of the squared residual that vanishes when every `SEGMENT` starts with a state of its own.
+    """Share of the squared residual that vanishes when every `SEGMENT_SECONDS` starts with a state of its own.
 
     Every segment is fitted by Gauss-Newton steps from the simulated motion. None for a model without states, and where
     the residual is zero.
     """
     problem = fit.problem
     model = problem.model
-    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < LITTLE_LEFT:
+    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < MIN_EXCESS_RATIO:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
-        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT)
+        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT_SECONDS)
         states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
-        for _ in range(STATE_STEPS):
+        for _ in range(START_STATE_STEPS):
             square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
             for channel, s in pieces.linearised(theta, states, none).samples.items():
                 noise = problem.noise[run.name, channel]
@@ -156,7 +156,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
         columns = {e: np.concatenate([white(v) for v in values]) for e, values in library.items()}
         total = float(y @ y)
         basis = np.linalg.qr(fitted)[0]
-        for _ in range(MOST_TERMS):
+        for _ in range(MAX_TERMS):
             y = y - basis @ (basis.T @ y)
             best, gain, direction = "", 0.0, np.zeros(len(y))
             for expression, column in columns.items():
@@ -169,7 +169,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
                 break
             found.append(Term(channel, best, gain / total, p))
             basis = np.column_stack([basis, direction])
-    return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
+    return tuple(sorted(found, key=lambda term: -term.share)[:MAX_TERMS])
 
 
 def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
@@ -178,7 +178,7 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
     for channel, blocks in channels.items():
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
-        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)
+        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCY_COUNT * 4)
         white = filters[channel]
         order = len(white.coefficients)
         power = np.zeros(len(frequencies))
@@ -207,7 +207,7 @@ def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) ->
         frequencies: (F,) frequencies, Hz.
     """
     power = np.empty(len(frequencies))
-    together = max(1, CHUNK // len(time))
+    together = max(1, SINES_AT_ONCE // len(time))
     for first in range(0, len(frequencies), together):
         part = slice(first, first + together)
         phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)

@@ -18,14 +18,14 @@ import numpy as np
 from armdyn.identify.residual.missing_force import ForceCurve, pooled, smallest
 from armdyn.recording.channels import FloatArray
 
-CLEAR = float(np.log(100.0))
+CLEAR_EVIDENCE_NATS = float(np.log(100.0))
 """Difference of log evidence, nats. A term is reported where every law without it is a hundred times less likely than
 the best: very strong evidence in the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). Less clear terms are left
 to the picture.
 """
-QUANTITIES = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
+QUANTITY_BY_UNIT = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
 """Name of the missing quantity by its unit; with any other unit it is the rate of a state."""
-RATE = "rate"
+RATE_QUANTITY = "rate"
 
 
 @dataclass(frozen=True)
@@ -50,20 +50,22 @@ class Shape:
     effects: tuple[str, ...] = ()
 
 
-DRY = ("coulomb", "asymmetric", "stribeck", "load_friction")
-STEP = Shape(np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY)
-VISCOUS = Shape(
+DRY_FRICTION_EFFECTS = ("coulomb", "asymmetric", "stribeck", "load_friction")
+STEP_SHAPE = Shape(
+    np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY_FRICTION_EFFECTS
+)
+VISCOUS_SHAPE = Shape(
     np.positive, "{sense} in proportion to the speed, by {size}",
     cause="viscous friction", effects=("viscous", "linear_drag"),
 )  # fmt: skip
-SQUARE = Shape(
+SQUARE_SHAPE = Shape(
     lambda x: x * np.abs(x), "{sense} with the square of the speed, by {size}",
     power=2, cause="air drag", effects=("quadratic_drag",),
 )  # fmt: skip
-LINE = Shape(np.positive, "{sense} with the {against}, by about {size}")
-DRIFT = Shape(np.positive, "{sense} with time, by about {size}")
-CONSTANT = Shape(np.ones_like, "is {size} at every speed and position", power=0)
-SHAPES = {"speed": (STEP, VISCOUS, SQUARE), "time": (DRIFT,)}
+LINE_SHAPE = Shape(np.positive, "{sense} with the {against}, by about {size}")
+DRIFT_SHAPE = Shape(np.positive, "{sense} with time, by about {size}")
+CONSTANT_SHAPE = Shape(np.ones_like, "is {size} at every speed and position", power=0)
+SHAPES_BY_QUANTITY = {"speed": (STEP_SHAPE, VISCOUS_SHAPE, SQUARE_SHAPE), "time": (DRIFT_SHAPE,)}
 """Shapes by quantity; for every other quantity a straight line."""
 
 
@@ -117,7 +119,9 @@ class Law:
         if drives:
             return f"{text}, which drives the motion and is no friction"
         # The medium around a joint may be oil as well.
-        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        causes = [
+            "drag" if self.joint and t.shape is SQUARE_SHAPE else t.shape.cause for t in friction if loss * t.size > 0
+        ]
         return f"{text}: {' and '.join(causes)}" if causes else text
 
 
@@ -158,21 +162,23 @@ def _law(curves: Sequence[ForceCurve]) -> Law | None:
     """The law of one joint: the terms that every plausible law has."""
     tried = [fitted for curve in curves for fitted in _fitted(curve)]
     gain, best = max(tried, key=lambda one: one[0])
-    plausible = [{(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR]
+    plausible = [
+        {(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR_EVIDENCE_NATS
+    ]
     told = tuple(t for t in best if all((t.shape, t.against) in other for other in plausible))
     # Beside a term that varies, a constant is only the part of the force that no shape describes.
-    told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT)
-    return Law(curves[0].joint, QUANTITIES.get(curves[0].unit, RATE), told) if told else None
+    told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT_SHAPE)
+    return Law(curves[0].joint, QUANTITY_BY_UNIT.get(curves[0].unit, RATE_QUANTITY), told) if told else None
 
 
 def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[Term, ...]]]:
     """Evidence of every law in one quantity, relative to no force at all, with its terms."""
-    shapes = SHAPES.get(curve.against, (LINE,))
+    shapes = SHAPES_BY_QUANTITY.get(curve.against, (LINE_SHAPE,))
     sets = [chosen for size in range(3) for chosen in combinations(shapes, size)]
     scale = max(float(np.max(np.abs(curve.x))), np.finfo(float).tiny)
     std = np.maximum(curve.std, smallest(curve.std))
     y, found = curve.as_given / std, []
-    for chosen in (*sets, *((*one, CONSTANT) for one in sets)):
+    for chosen in (*sets, *((*one, CONSTANT_SHAPE) for one in sets)):
         columns = np.array([shape.of(curve.x / scale) / std for shape in chosen]).reshape(len(chosen), len(y)).T
         values = np.linalg.lstsq(columns, y, rcond=None)[0]
         evidence = _evidence(y - columns @ values, len(chosen)) - _evidence(y, 0)
@@ -188,12 +194,12 @@ def _evidence(residual: FloatArray, terms: int) -> float:
 
 def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> Term:
     per = {0: "", 1: f" per {curve.x_unit}", 2: f" per ({curve.x_unit})^2"}[shape.power]
-    against = "" if shape is CONSTANT else curve.against
+    against = "" if shape is CONSTANT_SHAPE else curve.against
     return Term(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
 
 
 def _said(term: Term, what: str, grows: bool) -> str:
-    size = term.size if term.shape is CONSTANT else abs(term.size)
+    size = term.size if term.shape is CONSTANT_SHAPE else abs(term.size)
     number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
     against = term.against.replace("_", " ").replace("load", "predicted load")
     return term.shape.says.format(size=number, sense="grows" if grows else "falls", what=what, against=against)

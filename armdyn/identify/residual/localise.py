@@ -10,12 +10,12 @@ from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, sample
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
-BINS = 16
+LOCATION_BINS = 16
 TIME_BINS = 30
-SIGNIFICANT = 5.0
+SIGNIFICANT_DEVIATES = 5.0
 """Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
-MOST = 12
-FAR_ABOVE = 1.5
+MAX_PLACES = 12
+MIN_CHI2_RATIO = 1.5
 """Ratio of the chi2 per sample of a range to that of the whole run from which on the range is named."""
 
 
@@ -56,7 +56,7 @@ def localise(fit: Fit) -> tuple[Place, ...]:
     for channel, blocks in by_channel(fit.blocks).items():
         total, samples = chi2_of(blocks), samples_of(blocks)
         overall = total / samples
-        if deviates(total, samples) < SIGNIFICANT:
+        if deviates(total, samples) < SIGNIFICANT_DEVIATES:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
@@ -68,16 +68,16 @@ def localise(fit: Fit) -> tuple[Place, ...]:
             found += _against(
                 channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
             )
-        far = (p for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run")
+        far = (p for p in found if p.chi2_per_sample > MIN_CHI2_RATIO * overall or p.against == "run")
         places += [replace(p, share=min(1.0, p.share / total)) for p in far]
-    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
+    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_PLACES])
 
 
 def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
     at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
-    found = _bins(channel, "", name, unit, at, square, BINS, even=False)
+    found = _bins(channel, "", name, unit, at, square, LOCATION_BINS, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
         sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
@@ -98,7 +98,7 @@ def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
     return [
         Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square)
         for b, square in zip(blocks, squares, strict=True)
-        if square / len(b.residual) > FAR_ABOVE * overall
+        if square / len(b.residual) > MIN_CHI2_RATIO * overall
     ]
 
 
@@ -118,7 +118,9 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > SIGNIFICANT * np.sqrt(2 * np.maximum(counts, 1))) & (mean > FAR_ABOVE * overall)
+    failing = (sums - counts > SIGNIFICANT_DEVIATES * np.sqrt(2 * np.maximum(counts, 1))) & (
+        mean > MIN_CHI2_RATIO * overall
+    )
     places, first = [], None
     for i, fails in enumerate([*failing, False]):
         if fails and first is None:

@@ -21,14 +21,14 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 
-SHARE = 1.0 / 16.0
+RESOLUTION_PERIODS = 1.0 / 16.0
 """Time resolution of a missing force, in periods of the swing."""
-ROUNDS = 3
-BINS = (32, 24, 16, 12, 8)
-"""Points of a curve: the largest of these numbers for which most bins have `INDEPENDENT` samples, else the smallest."""
-MOTION = {"speed": "v", "position": "q", "acceleration": "a"}
+KICK_ROUNDS = 3
+CURVE_BINS = (32, 24, 16, 12, 8)
+"""Numbers of points of a curve: the first for which most bins have `MIN_INDEPENDENT_SAMPLES` is used, else the last."""
+JOINT_QUANTITIES = {"speed": "v", "position": "q", "acceleration": "a"}
 """Quantities on which a joint's torque may depend, with the prefix of their channels."""
-INDEPENDENT = 4.0
+MIN_INDEPENDENT_SAMPLES = 4.0
 """Independent samples that a bin needs. On recordings of a UR5 with friction and a payload, eight give curves of 8
 points, which hide the step of dry friction in the slope of the viscous one on three of six joints; four give 32 points,
 which show both on all six. Standard errors remain valid, because the scatter of a bin counts at least as much as the
@@ -133,8 +133,8 @@ def accelerations(fit: Fit) -> list[Unexplained]:
         free, values = motion.base, motion.point.values
     else:
         free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
-    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
-    point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
+    point = box.settled(free, box.begin(values), (at_every_kick,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
     # A diverging simulation has no curve.
     return [
@@ -169,7 +169,7 @@ def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplai
         if joint is not None:
             against = {
                 name: (block.interpolate(c), c.unit)
-                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in MOTION.items())
+                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in JOINT_QUANTITIES.items())
             }
             against["load"] = block.predicted, block.unit
             against |= _recorded(runs[block.run], block.time)
@@ -205,7 +205,7 @@ def curves(
             for other in (of.get((u.run, u.joint)) for of in others)
         )
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
-            if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
+            if len(x) >= CURVE_BINS[-1] and np.ptp(x) > 0.0:
                 found.append(_curve(u, name, x, x_unit, left, gain, rest))
     return tuple(found)
 
@@ -235,12 +235,12 @@ def _curve(
 ) -> ForceCurve:
     """The missing force as given, after repair, added by the repair, and with background, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
-    for bins in BINS:
-        if bins > max(BINS[-1], len(x) / INDEPENDENT):
+    for bins in CURVE_BINS:
+        if bins > max(CURVE_BINS[-1], len(x) / MIN_INDEPENDENT_SAMPLES):
             continue
         place = rank * bins // len(x)
         mean, std, independent = _means(place, u.value)
-        if independent >= INDEPENDENT:
+        if independent >= MIN_INDEPENDENT_SAMPLES:
             break
     after, after_std = (None, None) if left is None else _means(place, left)[:2]
     at = np.bincount(place, x) / np.bincount(place)

@@ -12,11 +12,11 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import WIDE, Block, Problem, by_channel, chi2_of, deviates, samples_of
+from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem, by_channel, chi2_of, deviates, samples_of
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
-IDENTIFIABLE = 1e-3
+MIN_IDENTIFIABLE_SHARE = 1e-3
 """An effect is not identifiable in these runs where its derivatives, without what fitted parameters imitate, keep less
 than this share."""
 
@@ -28,7 +28,7 @@ class Score:
     Attributes:
         candidate: the candidate.
         drop: predicted decrease of chi2, within the bounds.
-        same_as: the fitted parameters that imitate it, where less than `IDENTIFIABLE` of its derivatives is
+        same_as: the fitted parameters that imitate it, where less than `MIN_IDENTIFIABLE_SHARE` of its derivatives is
             independent.
     """
 
@@ -37,7 +37,7 @@ class Score:
     same_as: tuple[str, ...]
 
 
-AT_ONCE = 2**13
+ROWS_AT_ONCE = 2**13
 """Number of samples that are factored at once."""
 
 
@@ -50,8 +50,8 @@ def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tu
     """
     table = np.column_stack([np.diag(problem.prior_weight), problem.prior_weight * (problem.prior_mean - values)])
     for block in blocks:
-        for first in range(0, len(block.residual), AT_ONCE):
-            part = slice(first, first + AT_ONCE)
+        for first in range(0, len(block.residual), ROWS_AT_ONCE):
+            part = slice(first, first + ROWS_AT_ONCE)
             rows = np.column_stack([block.sensitivities[part], block.residual[part]])
             table = np.asarray(np.linalg.qr(np.vstack([table, rows]), mode="r"))
     return table[:, -1], table[:, :-1]
@@ -77,12 +77,12 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
 def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
     """(P,) values within their bounds that fit best in the model linearised at a fit, with `names` free as well.
 
-    Unknowns without a prior stay within `WIDE` typical sizes where the runs do not identify them.
+    Unknowns without a prior stay within `EFFECT_PRIOR_SIZE` typical sizes where the runs do not identify them.
     """
     problem = fit.problem
     columns = np.flatnonzero(fit.free | problem.of(names))
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
-    width = WIDE * problem.typical[columns]
+    width = EFFECT_PRIOR_SIZE * problem.typical[columns]
     scaled = jacobian[:, columns] * width
     lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
     normal = scaled.T @ scaled + np.eye(len(columns))
@@ -108,7 +108,7 @@ def _score(
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
-    if independence < IDENTIFIABLE:
+    if independence < MIN_IDENTIFIABLE_SHARE:
         weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
@@ -124,9 +124,9 @@ def _score(
     return Score(candidate, float(change @ change), ())
 
 
-LARGEST_Z = 5.0
-SMALLEST_WHITENESS = 1e-4
-SMALLEST_SCORE = 5e-3
+MAX_Z = 5.0
+MIN_WHITENESS = 1e-4
+MIN_SCORE_PROBABILITY = 5e-3
 """Thresholds of the tests: 0 false alarms in 360 clean runs with the first two. Effects resemble one another, so the
 third one, which counts all of them, has half the stated false-alarm rate."""
 
@@ -149,7 +149,7 @@ class ResidualTests:
     @property
     def fails(self) -> bool:
         """Whether the residual is more than noise."""
-        return self.z > LARGEST_Z or self.whiteness < SMALLEST_WHITENESS or self.score < SMALLEST_SCORE
+        return self.z > MAX_Z or self.whiteness < MIN_WHITENESS or self.score < MIN_SCORE_PROBABILITY
 
 
 def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:

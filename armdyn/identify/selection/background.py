@@ -23,13 +23,13 @@ from armdyn.identify.selection.set_score import SetScore
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
-WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Widths that are tried, in typical sizes."""
-PRICE = log(len(WIDTHS))
+BACKGROUND_PRICE_NATS = log(len(PRIOR_WIDTHS))
 """Nats that a background must gain, because its width is chosen among several."""
-MOST_ROUNDS = 5
+MAX_EXPANSIONS = 5
 """Largest number of expansions, each at the optimum of the one before; two or three suffice nearly always."""
-STEPS = 4
+MAX_BACKGROUND_STEPS = 4
 """Largest number of Gauss-Newton steps of the whole model, from the linear solution."""
 
 
@@ -83,11 +83,14 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
         say: called with a text on the progress of the search.
     """
     best: FullModel | None = None
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_EXPANSIONS):
         scorer = study.scorer(near)
         sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
         small = [c for c in scorer.candidates if scorer.simpler_effects_in(c) == 1]
-        by_width = {s: scorer.predicted(scorer.widths(sure.effects, s, small)) - PRICE * (s > 0.0) for s in WIDTHS}
+        by_width = {
+            s: scorer.predicted(scorer.widths(sure.effects, s, small)) - BACKGROUND_PRICE_NATS * (s > 0.0)
+            for s in PRIOR_WIDTHS
+        }
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width, small)
         say(f"fitting {np.count_nonzero(widths)} values")
@@ -109,7 +112,7 @@ def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | 
     named = before.within(told.effects)
     unnamed = before.errors_predicted(before.widths(named, 0.0))
     gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
-    if gained < PRICE or study.squared_error(full.fit) >= study.squared_error(told.fit):
+    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(told.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
     own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
@@ -157,4 +160,4 @@ def _with_priors(study: Study, scorer: LinearScorer, widths: np.ndarray, runs: S
     free = width > 0.0
     unknown = free & (problem.prior_weight == 0.0)
     problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
-    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=STEPS)
+    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)

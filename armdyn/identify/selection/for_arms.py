@@ -14,9 +14,9 @@ from armdyn.identify.selection.select_effects import by_evidence, by_share, elim
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.identify.study import Study
 
-FAR = 3.0
+FAR_TILT_SIZES = 3.0
 """Typical sizes of a base's tilt beyond which sums at zero tilt predict little: 0.3 rad."""
-FEW = 2.0
+FEW_VALUES_RATIO = 2.0
 """Ratio of the number of values of all sure effects to that of the leading ones, up to which all are reported."""
 
 Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
@@ -47,9 +47,9 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
 
 
 def _is_few(sure: SetScore, leading: Path) -> bool:
-    """Whether all sure effects have at most `FEW` times as many values as the leading ones."""
+    """Whether all sure effects have at most `FEW_VALUES_RATIO` times as many values as the leading ones."""
     lengths = [sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.whole)]
-    return lengths[0] <= FEW * lengths[1]
+    return lengths[0] <= FEW_VALUES_RATIO * lengths[1]
 
 
 def _leading(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
@@ -117,7 +117,7 @@ def _first(study: Study, given: Step, say: Progress) -> Path:
         fit = converged(study.fit_with((*study.present, candidate), given.fit))
         own = study.problem.of(candidate.names)
         angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
-        if np.any(np.abs(angles) > FAR * typical):
+        if np.any(np.abs(angles) > FAR_TILT_SIZES * typical):
             turned = study.scorer(fit, around.given_misfit)
             held = turned.of((*turned.given, *turned.within((candidate,))))
             whole = _leading(turned, held, say)

@@ -10,7 +10,7 @@ larger, gives the error that no set avoids, and thus the weight of a sample:
 where E_c is the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the
 training runs; v_c that of the wide model; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i
 sizes, which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent
-samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `OF_MODEL_ERROR`
+samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `MODEL_ERROR_SAMPLES`
 however long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
 
     1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
@@ -24,26 +24,26 @@ import numpy as np
 
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import SURE, SetScore, SetScorer
+from armdyn.identify.selection.set_score import BELIEF_NATS, SetScore, SetScorer
 from armdyn.identify.selection.sums import Sums
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-OF_MODEL_ERROR = 20.0
+MODEL_ERROR_SAMPLES = 20.0
 """Number of independent samples of a model's own error in one channel. With 8 the springs of a Gen3 are not found; with
 20 the exam's error is below that of the best single width in 10 of 15 imperfect arms, and at most 1.13 of it in the
 others."""
-NOISY = 1.2
+NOISE_POWER_RATIO = 1.2
 """Residual variance of the wide model, over the noise variance, up to which it counts as noise: clean simulations reach
 1.1 where samples are many; see `noisy`."""
-EFFECT, VALUE = 0.05, 0.01
+EFFECT_PRICE, VALUE_PRICE = 0.05, 0.01
 """Shares of the squared error that an effect on a joint, and each of its values, must remove where not all effects can
 be reported."""
-HELD = 1e-6
+MIN_DISTINCT_SHARE = 1e-6
 """Least share of an effect's square that is independent of other effects; below it they replace it."""
-PIECES = 5
+SINGLE_RUN_PIECES = 5
 """Number of parts of a single training run that are predicted in turn."""
-LEVELS = 6
+MAX_WEIGHT_ROUNDS = 6
 """Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING, HELD_OUT = 0, 1
 
@@ -53,7 +53,7 @@ def noisy(samples: float) -> float:
 
     By chance it has a standard deviation of sqrt(2 / samples) about one.
     """
-    return NOISY * (1.0 + sqrt(2.0 / max(samples, 1.0)))
+    return NOISE_POWER_RATIO * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
 def misfit_of(ratio: np.ndarray) -> np.ndarray:
@@ -122,10 +122,10 @@ class LinearScorer(SetScorer):
         parts, unit, fold = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            for k, rows in enumerate(np.array_split(np.arange(len(r)), PIECES if s.training[i] else 1)):
+            for k, rows in enumerate(np.array_split(np.arange(len(r)), SINGLE_RUN_PIECES if s.training[i] else 1)):
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
-                fold.append(k if s.training[i] else PIECES)
+                fold.append(k if s.training[i] else SINGLE_RUN_PIECES)
         return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +140,7 @@ class LinearScorer(SetScorer):
         least = np.maximum(self.errors(change), noise)
         self._variance[:] = np.maximum(least / 30.0, noise)
         widths = self.widths((), 1.0)
-        for _ in range(LEVELS):
+        for _ in range(MAX_WEIGHT_ROUNDS):
             self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
             self._normals.clear()
             change = self.solution(widths, self.training)
@@ -149,10 +149,10 @@ class LinearScorer(SetScorer):
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
-        m = np.clip(1.0 - NOISY * noise / self._variance, 0.0, 1.0)
+        m = np.clip(1.0 - NOISE_POWER_RATIO * noise / self._variance, 0.0, 1.0)
         count = np.array([self._counted(k) for k in (TRAINING, HELD_OUT)])
         with np.errstate(divide="ignore"):
-            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / OF_MODEL_ERROR)
+            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / MODEL_ERROR_SAMPLES)
         return self._variance, np.where(count > 0.0, samples, 0.0)
 
     def _counted(self, stage: int) -> np.ndarray:
@@ -209,7 +209,7 @@ class LinearScorer(SetScorer):
         scale = 1.0 / np.sqrt(np.diag(G))[both]
         G = G[np.ix_(both, both)] * np.outer(scale, scale)
         within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
-        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < HELD) else 1
+        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_DISTINCT_SHARE) else 1
 
     def solution(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
         """(c,) change of the unknowns that fits units (u,) best, with (c,) prior widths; width 0 means absent."""
@@ -307,7 +307,7 @@ class LinearScorer(SetScorer):
         return self._noise * (self._samples > 0.0)
 
     def reading_cost(self, one: SetScore) -> float:
-        """Share of the given squared error that a set leaves, plus a cost for its length: `EFFECT` and `VALUE`."""
+        """Share of the given squared error that a set leaves, plus `EFFECT_PRICE` and `VALUE_PRICE` for its length."""
         if one.score == -np.inf:
             return np.inf
         length = self._length([c for c in one.effects if c not in self.given])
@@ -319,7 +319,7 @@ class LinearScorer(SetScorer):
 
     @staticmethod
     def _length(effects: Sequence[Candidate]) -> float:
-        return EFFECT * len(effects) + VALUE * sum(len(c.names) for c in effects)
+        return EFFECT_PRICE * len(effects) + VALUE_PRICE * sum(len(c.names) for c in effects)
 
     @cached_property
     def least_misfit(self) -> float:
@@ -341,7 +341,7 @@ class LinearScorer(SetScorer):
             return True
         G, slope = self._normal(self.training)
         pull = slope[on] - G[on] @ change
-        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < SURE))
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < BELIEF_NATS))
 
     def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
         """(k,) predicted score of a set with each of k additions; see `_first_order`."""

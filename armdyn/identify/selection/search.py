@@ -13,7 +13,7 @@ from armdyn.identify.selection.path import Path, Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
 from armdyn.identify.whole_runs import improved
 
 
@@ -120,7 +120,7 @@ def without_little(study: Study, steps: list[Step]) -> list[Step]:
         later = range(k + 1, len(steps))
         if any(c.effect in study.asked for j in later for c in steps[j].added):
             continue  # in an experiment made for this effect, its evidence counts
-        if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
+        if all(left[j] > left[k] * (1.0 - MIN_SHARE_PER_VALUE) ** max(values[j] - values[k], 1) for j in later):
             return steps[: k + 1]
     return steps
 

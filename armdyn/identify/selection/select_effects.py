@@ -16,7 +16,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 
-PROMISING = 12
+SCORED_CHANGES = 12
 """Changes of a kind, those with the least predicted cost, that are scored in each round."""
 
 Cost = Callable[[SetScore], float]
@@ -134,4 +134,4 @@ def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequenc
         rest = scorer.of([c for c in now.effects if c not in gone])
         costs = rule.first_order(rest, options).tolist()
         found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:PROMISING]]
+    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]

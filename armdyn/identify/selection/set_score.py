@@ -18,11 +18,11 @@ import numpy as np
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
 
-SURE = log(100.0)
+BELIEF_NATS = log(100.0)
 """Nats beyond chance at which an effect is accepted: one false name in a hundred clean recordings."""
-FURTHER = log(10.0)
+FURTHER_JOINT_NATS = log(10.0)
 """Nats beyond chance at which an accepted effect is also accepted on a further joint."""
-TIE = 3.0
+TIE_NATS = 3.0
 """Nats below which two sets are tied: above this difference the better one was right in 320 of 320 cases."""
 
 
@@ -108,7 +108,7 @@ class SetScorer(ABC):
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
         """Whether the runs cannot distinguish a set from the `whole` one; `without` is the part that both share."""
         del without
-        return self.schwarz_score(whole) - self.schwarz_score(other) < TIE
+        return self.schwarz_score(whole) - self.schwarz_score(other) < TIE_NATS
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
         """The candidates, each on one joint, of which `effects` consist."""
@@ -133,8 +133,8 @@ class SetScorer(ABC):
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + SURE + (on - 1) * FURTHER
-        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + SURE) for c in effects)
+            found += catalogue + log(reach) + joints + BELIEF_NATS + (on - 1) * FURTHER_JOINT_NATS
+        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + BELIEF_NATS) for c in effects)
 
     def simpler_effects_in(self, one: Candidate) -> int:
         """Number of simpler effects that together are the same as one effect; 1 where there are none."""

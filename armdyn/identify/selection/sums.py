@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.identify.problem import WIDE, Block, Problem
+from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem
 from armdyn.identify.selection.candidate import Candidate
 
-ALONE = 3
+DRIVEN_FIT_STEPS = 3
 """Steps of the fits that optimise unknowns which act through another one."""
 
 
@@ -147,7 +147,7 @@ def sums(
 def _width(problem: Problem) -> np.ndarray:
     """(P,) prior standard deviation of the unknowns; see `Sums.width`."""
     with np.errstate(divide="ignore"):
-        return np.minimum(WIDE * problem.typical, 1.0 / problem.prior_weight)
+        return np.minimum(EFFECT_PRIOR_SIZE * problem.typical, 1.0 / problem.prior_weight)
 
 
 def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
@@ -195,7 +195,7 @@ def _settled(
         acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
-    for _ in range(ALONE if groups else 0):
+    for _ in range(DRIVEN_FIT_STEPS if groups else 0):
         there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
         pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():

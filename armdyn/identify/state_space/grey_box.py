@@ -7,22 +7,22 @@ import numpy as np
 
 from armdyn.identify.fit import independent
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import HALF, GreyRun, LinearisedRun, Noise, scaled
+from armdyn.identify.state_space.grey_run import PIECE_PERIODS, GreyRun, LinearisedRun, Noise, scaled
 from armdyn.identify.state_space.innovations import Colour
-from armdyn.identify.state_space.noise_evidence import KICKS, Table, Tables, at_one, everywhere, nearby
+from armdyn.identify.state_space.noise_evidence import LOG_KICKS, Table, Tables, at_one, everywhere, nearby
 from armdyn.physics.pieces import pseudo_inverse
 
-WORSE = 1.5
+MAX_INNOVATION_GROWTH = 1.5
 """Largest growth of the squared innovations in one step: kicks and motion are estimated a little differently there."""
-UNSEEN = 1e-9
+UNSEEN_INFORMATION = 1e-9
 """Information on an unknown, in inverse squared typical sizes, that is only rounding."""
-SETTLED = 0.5
+CONVERGED_NATS = 0.5
 """Change of the log evidence, nats, that does not matter."""
 Look = Callable[[LinearisedRun, Noise], Table]
 """Function that gives the innovations of a run at several noises, chosen near one noise or everywhere."""
-NEARBY: Sequence[Look] = (nearby,) * 6
-WIDE_FIRST: Sequence[Look] = (everywhere, *NEARBY[1:])
-SHRINK, TIED = 0.03, 1e-6
+NEARBY_LOOKS: Sequence[Look] = (nearby,) * 6
+WIDE_FIRST_LOOKS: Sequence[Look] = (everywhere, *NEARBY_LOOKS[1:])
+KICK_SHRINK_FACTOR, NO_KICK_SHARE = 0.03, 1e-6
 """Factor on the kicks from round to round, and the share of the kicks that counts as none."""
 
 
@@ -60,7 +60,12 @@ class GreyBox:
     """
 
     def __init__(
-        self, problem: Problem, swings: Sequence[float], training: int, removable: np.ndarray, share: float = HALF
+        self,
+        problem: Problem,
+        swings: Sequence[float],
+        training: int,
+        removable: np.ndarray,
+        share: float = PIECE_PERIODS,
     ) -> None:
         self.problem, self.training, self.removable = problem, training, removable
         self.runs = [GreyRun(problem, i, swing, share) for i, swing in enumerate(swings)]
@@ -108,7 +113,9 @@ class GreyBox:
         return Tables(found, point.values, self.problem, self.training, self.removable)
 
     @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
-    def settled(self, free: np.ndarray, point: NoiseAndMotion, looks: Sequence[Look] = WIDE_FIRST) -> NoiseAndMotion:
+    def settled(
+        self, free: np.ndarray, point: NoiseAndMotion, looks: Sequence[Look] = WIDE_FIRST_LOOKS
+    ) -> NoiseAndMotion:
         """Optimise values and noise: linearise, choose the noise, step and smooth, until the evidence no longer grows.
 
         Args:
@@ -127,7 +134,7 @@ class GreyBox:
                 scaled(t.noises[i], level) for t, i, level in zip(tables.tables, found.picks, found.levels, strict=True)
             )
             best = replace(point, noises=noises, evidence=found.value)
-            if not rounds_left or abs(found.value - point.evidence) < SETTLED:
+            if not rounds_left or abs(found.value - point.evidence) < CONVERGED_NATS:
                 break
             weights = tuple(a.believed(noise, found.change) for a, noise in zip(arounds, noises, strict=True))
             begin = replace(best, weights=weights)
@@ -156,7 +163,7 @@ class GreyBox:
             there = replace(point, values=values, states=states, edges=self._edges)
             if all(np.isfinite(s).all() for s in states):
                 found = self.around(there, free)
-                if all(a.finite for a in found) and self._left(there, found) < WORSE * left:
+                if all(a.finite for a in found) and self._left(there, found) < MAX_INNOVATION_GROWTH * left:
                     return there, found
         return point, arounds
 
@@ -175,7 +182,7 @@ class GreyBox:
 
     def seen(self, point: NoiseAndMotion) -> np.ndarray:
         """(P,) bool: unknowns that change anything in the runs."""
-        return np.diag(self._kicked(point)) > UNSEEN
+        return np.diag(self._kicked(point)) > UNSEEN_INFORMATION
 
     def _kicked(self, point: NoiseAndMotion) -> np.ndarray:
         """(P, P) information of the runs, in typical sizes, with kicks as large as allowed."""
@@ -196,9 +203,9 @@ class GreyBox:
         share, way = 1.0, list[np.ndarray]()
         white = tuple(replace(n, colour=(Colour(),) * len(n.colour)) for n in point.noises)
         arounds: Sequence[LinearisedRun] = self.around(point, free)
-        while share > TIED:
+        while share > NO_KICK_SHARE:
             noises = tuple(
-                replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(KICKS[[0, -1]])))))
+                replace(n, kick=share * float(np.clip(n.kick, *(a.kick_unit * np.exp(LOG_KICKS[[0, -1]])))))
                 for n, a in zip(white, arounds, strict=True)
             )
             before = replace(point, noises=noises)
@@ -211,7 +218,7 @@ class GreyBox:
             if point is before:
                 break
             way.append(self.with_starts(point))
-            share *= SHRINK
+            share *= KICK_SHRINK_FACTOR
         yield from reversed(way)
 
     def with_starts(self, point: NoiseAndMotion) -> np.ndarray:

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.fit import CHI2_NEAR_NOISE
+from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
@@ -25,22 +25,22 @@ from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.gaps import until
 
-HALF = 0.5
+PIECE_PERIODS = 0.5
 """Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
 friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With white
 process noise in place of kicks real recordings contain 10 to 1000 times less information."""
-UNSTABLE = 100.0
+MAX_ERROR_GROWTH = 100.0
 """Growth of an error within a piece beyond which the piece is unstable."""
-LOOSE = 100.0
+LINEAR_PRIOR_SIZE = 100.0
 """Prior width of the unknowns in linear sums, in typical sizes; it only bounds what the run does not identify."""
-FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
+FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
 """Number of pieces over which a force is followed first, growth of their number, and most steps of the smoother at
 each."""
-UNBELIEVED = 4.0
+GLITCH_DEVIATES = 4.0
 """Standard deviations of an innovation beyond which a sample is a glitch: one in 16,000 by chance."""
-MOST_ACTING = 0.75
+MAX_ACTING_SHARE = 0.75
 """Share of the unknowns with influence, above which leaving out the others saves nothing."""
-MOST_UNBELIEVED = 0.1
+MAX_GLITCH_SHARE = 0.1
 """Largest share of samples that can be glitches; more are a property of the sensor."""
 
 
@@ -74,7 +74,7 @@ class GreyRun:
         share: length of a piece, between two kicks, in periods of the swing.
     """
 
-    def __init__(self, problem: Problem, index: int, swing: float, share: float = HALF) -> None:
+    def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         self.problem, self.index, self.swing = problem, index, swing
@@ -100,7 +100,7 @@ class GreyRun:
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
             grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
-            if not self.pieces.halve(~(grown < UNSTABLE)):
+            if not self.pieces.halve(~(grown < MAX_ERROR_GROWTH)):
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
@@ -118,10 +118,10 @@ class GreyRun:
         states, known = self.pieces.rolled(theta), FIRST_PIECES
         none = np.zeros(len(values), dtype=bool)
         around = self.around(values, states, even, none)
-        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS:
-            begin, known = known, min(len(states), STRETCHED * known)
-            for _ in range(FOLLOWED):
-                if not around.finite or around.left(begin, known) < NEAR_NOISE:
+        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
+            begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
+            for _ in range(MAX_SMOOTHER_STEPS):
+                if not around.finite or around.left(begin, known) < CHI2_NEAR_NOISE:
                     break
                 states = around.smoothed_until(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
@@ -156,7 +156,7 @@ class GreyRun:
         start = np.zeros((states.shape[1], len(unknowns) + 1))
         start[~free, -1] = (begin - states[0])[~free]
         start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
-        wide = by_start * (LOOSE * self._typical)
+        wide = by_start * (LINEAR_PRIOR_SIZE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
@@ -240,7 +240,7 @@ class LinearisedRun:
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.sum() < MOST_ACTING * len(acting) else np.ones_like(acting))
+        return np.asarray(acting if acting.sum() < MAX_ACTING_SHARE * len(acting) else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Sums of consecutive pieces for C noises, as input of `filtered` with `kicks` sizes of the kicks."""
@@ -291,7 +291,7 @@ class LinearisedRun:
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)
-            bad = z > UNBELIEVED
-            few = bad.sum() < MOST_UNBELIEVED * len(bad)
+            bad = z > GLITCH_DEVIATES
+            few = bad.sum() < MAX_GLITCH_SHARE * len(bad)
             found.append(np.where(bad & few, z**2, 1.0))
         return tuple(found)

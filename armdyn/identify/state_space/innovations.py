@@ -23,15 +23,15 @@ import numpy as np
 
 from armdyn.physics.pieces import Samples
 
-MOST_ROWS = 100
+MAX_ROWS_PER_PIECE = 100
 """Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing contains no more
 detail."""
-AT_ONCE = 2**20
+NUMBERS_AT_ONCE = 2**20
 """Numbers of an array that are processed at once, 8 MB: a long run has thousands of pieces, evaluated at hundreds of
 noises. A larger array is no faster."""
-ROUNDING = 1e-14
+ROUNDING_INFORMATION_SHARE = 1e-14
 """Information of a piece on a state, as a share of that through other states, that is only rounding."""
-EVERY = slice(None)
+ALL_PIECES = slice(None)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Rows:
         N = len(samples.time)
         self.n, self.width = n, n + unknowns + 1
         counts = np.bincount(samples.piece, minlength=pieces)
-        group = max(1, -(-int(counts.max(initial=1)) // MOST_ROWS))
+        group = max(1, -(-int(counts.max(initial=1)) // MAX_ROWS_PER_PIECE))
         begins = np.concatenate([[0], np.cumsum(counts)])
         place = (np.arange(N) - begins[samples.piece]) // group
         m = int(place.max(initial=0)) + 1
@@ -126,7 +126,7 @@ class Rows:
         self.noise = noise / np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colours: Sequence[Colour], pieces: slice = EVERY) -> list[Gram]:
+    def whitened(self, colours: Sequence[Colour], pieces: slice = ALL_PIECES) -> list[Gram]:
         """Sums of the rows of some pieces under white noise and each of several coloured errors."""
         m, J, width = self.value[:, pieces].shape
         sums, logs = np.empty((len(colours), J, width, width)), np.empty((len(colours), J))
@@ -149,7 +149,7 @@ class Rows:
         """
         left = self.value[:, :, -1] - np.einsum("mjn,jn->mj", self.value[:, :, : self.n], moved)
         left -= self.value[:, :, self.n : -1] @ change
-        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white), EVERY)
+        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white), ALL_PIECES)
         return np.abs(rows[:, 0, :, 0])[self._row] / level
 
     def _scanned(
@@ -187,8 +187,8 @@ class Rows:
 
 
 def blocks(count: int, each: int) -> Iterator[slice]:
-    """Slices of `count` items of `each` numbers that are processed together; see `AT_ONCE`."""
-    size = max(1, AT_ONCE // max(each, 1))
+    """Slices of `count` items of `each` numbers that are processed together; see `NUMBERS_AT_ONCE`."""
+    size = max(1, NUMBERS_AT_ONCE // max(each, 1))
     for first in range(0, count, size):
         yield slice(first, min(first + size, count))
 
@@ -315,7 +315,7 @@ def square_root(matrices: np.ndarray) -> np.ndarray:
     for k in range(left.shape[-1]):
         pivot = left[..., k, k]
         # A pivot that is only rounding would be a measurement without information.
-        pivot = np.where(pivot <= ROUNDING * matrices[..., k, k], np.inf, pivot)
+        pivot = np.where(pivot <= ROUNDING_INFORMATION_SHARE * matrices[..., k, k], np.inf, pivot)
         found[..., k:, k] = left[..., k:, k] / np.sqrt(pivot)[..., None]
         below = found[..., k + 1 :, k]
         left[..., k + 1 :, k + 1 :] -= below[..., :, None] * below[..., None, :]

@@ -10,18 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, determined, duration, first_part
+from armdyn.identify.fit import CHI2_NEAR_NOISE, determined, duration, first_part
 from armdyn.identify.problem import Problem
 
-DESCENDED = 8
+DESCENDED_STARTS = 8
 """Number of start states, the best of all, from which a descent is made on the first stretch."""
-KEPT = 4
+FOLLOWED_STARTS = 4
 """Number of these that are followed over longer stretches."""
-RIVALS = 2.0
+RIVAL_COST_RATIO = 2.0
 """Ratio of the costs, multiplied over the stretches so far, up to which two start states are both followed: where a
 short stretch hardly distinguishes two, the cost of the wrong one grows many times with the stretch. It is a product,
 because the model's error is smallest on the first stretch."""
-GROWTH = 2.0
+STRETCH_GROWTH = 2.0
 """Ratio of the lengths of a stretch and the one before."""
 
 
@@ -66,17 +66,17 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     window, end = model.start_window(theta), duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < CHI2_NEAR_NOISE * cut.samples
     if near_noise and np.array_equal(determined(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED]]
+    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED_STARTS]]
     rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
-        window *= GROWTH
+        window *= STRETCH_GROWTH
         cut = _cut(single, window)
         now = [_descended(cut, free, window, rival.now) for rival in rivals]
         rivals = [
@@ -91,7 +91,7 @@ def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray
     """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.at.cost >= NEAR_NOISE * cut.samples:
+    if not np.array_equal(first, free) and 2.0 * found.at.cost >= CHI2_NEAR_NOISE * cut.samples:
         # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
         # instead.
         other = held.fit(free, values, most_steps=8)
@@ -154,7 +154,7 @@ def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
     order = sorted(rivals, key=lambda rival: round(rival.cost, 4))
     kept: list[_Rival] = []
     for rival in order:
-        if len(kept) == KEPT or rival.cost > order[0].cost + np.log(RIVALS):
+        if len(kept) == FOLLOWED_STARTS or rival.cost > order[0].cost + np.log(RIVAL_COST_RATIO):
             break
         if not any(_same(single, rival.now, other.now) for other in kept):
             kept.append(rival)

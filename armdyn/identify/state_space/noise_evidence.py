@@ -12,23 +12,23 @@ from itertools import product
 import numpy as np
 
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import LOOSE, LinearisedRun, Noise, scaled
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, Noise, scaled
 from armdyn.identify.state_space.innovations import Colour
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-KICKS = np.arange(-7.0, 10.1, 1.2)
+LOG_KICKS = np.arange(-7.0, 10.1, 1.2)
 """Natural logarithms of the kicks that are tried, relative to the accuracy with which one piece determines a speed."""
-RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
+COLOUR_RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
-TIMES = (0.02, 0.08, 1.0 / 3.0)
+COLOUR_PERIODS = (0.02, 0.08, 1.0 / 3.0)
 """Correlation times that are tried, in periods of the swing: beyond a third the error would be an offset."""
-LEVELS = (0.6, 1.6)
+LEVEL_FACTORS = (0.6, 1.6)
 """Factors that are tried on the noise level of one of several channels, besides 1."""
-PULLED = float(np.log(100.0))
+MAX_BOUND_PULL_NATS = float(np.log(100.0))
 """Gain of log evidence, nats, that a value would have beyond its bound, from which on the set relies on the bound."""
-COARSE = (3, 3)
+COARSE_STRIDES = (3, 3)
 """Stride in the grid of colours, and in that of kicks, of a first coarse search."""
-ROUNDS = 3
+NOISE_ROUNDS = 3
 """Rounds in which the noises of several runs, and levels beside values, are optimised in turn."""
 
 
@@ -80,7 +80,7 @@ def at_one(around: LinearisedRun, noise: Noise) -> Table:
 
 def at_every_kick(around: LinearisedRun, noise: Noise) -> Table:
     """Innovations over the whole range of kicks, with the colours of one noise."""
-    return tabled(around, [noise], around.kick_unit * np.exp(KICKS))
+    return tabled(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
 
 
 def everywhere(around: LinearisedRun, noise: Noise) -> Table:
@@ -89,8 +89,8 @@ def everywhere(around: LinearisedRun, noise: Noise) -> Table:
     The channel with the most information on the motion is varied; the others are optimised afterwards.
     """
     noise = scaled(noise, 1.0 / min(noise.level))
-    swing, kicks = around.run.swing, around.kick_unit * np.exp(KICKS)
-    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(RATIOS[1:], TIMES)]
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
+    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
     k = around.sharpest
     noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
     return tabled(around, noises, kicks)
@@ -99,13 +99,13 @@ def everywhere(around: LinearisedRun, noise: Noise) -> Table:
 def nearby(around: LinearisedRun, noise: Noise) -> Table:
     """Innovations at noises around one noise."""
     noise = scaled(noise, 1.0 / min(noise.level))
-    kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
+    kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
     for c, colour in enumerate(noise.colour):
         for other in _neighbours(colour, around.run.swing):
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
-        for factor in LEVELS if len(noise.level) > 1 else ():
+        for factor in LEVEL_FACTORS if len(noise.level) > 1 else ():
             found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
     return tabled(around, found, kicks)
 
@@ -113,13 +113,13 @@ def nearby(around: LinearisedRun, noise: Noise) -> Table:
 def _neighbours(colour: Colour, swing: float) -> list[Colour]:
     """Neighbours of a colour in the grid."""
     if colour.ratio == 0.0:
-        return [Colour(RATIOS[1], t * swing) for t in TIMES[1::2]]
-    r = RATIOS.index(min(RATIOS, key=lambda x: abs(x - colour.ratio)))
-    t = int(np.argmin([abs(x * swing - colour.time) for x in TIMES]))
+        return [Colour(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
+    r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.ratio)))
+    t = int(np.argmin([abs(x * swing - colour.time) for x in COLOUR_PERIODS]))
     found = [Colour()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
-        if 0 < r + dr < len(RATIOS) and 0 <= t + dt < len(TIMES):
-            found.append(Colour(RATIOS[r + dr], TIMES[t + dt] * swing))
+        if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
+            found.append(Colour(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
     return found
 
 
@@ -170,14 +170,14 @@ class Tables:
         removable: np.ndarray,
         begin: Sequence[int] | None = None,
     ) -> None:
-        self._begin, self._rounds = begin, ROUNDS if begin is None else 1
+        self._begin, self._rounds = begin, NOISE_ROUNDS if begin is None else 1
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
             known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
-            self._width = np.minimum(LOOSE * problem.typical, known)
+            self._width = np.minimum(LINEAR_PRIOR_SIZE * problem.typical, known)
         self._typical = np.minimum(problem.typical, self._width)
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
@@ -188,13 +188,18 @@ class Tables:
         for table, pick in zip(self.tables, like.picks, strict=True):
             colours = len(table.noises) // table.kicks
             at = np.array(
-                [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
+                [
+                    c * table.kicks + k
+                    for c in range(0, colours, COARSE_STRIDES[0])
+                    for k in range(0, table.kicks, COARSE_STRIDES[1])
+                ]
             )
             begin.append(int(np.argmin(np.abs(at - pick))))
             thinned.append(
                 replace(
                     table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
-                    square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
+                    square=table.square[at], log_std=table.log_std[at],
+                    kicks=len(range(0, table.kicks, COARSE_STRIDES[1])),
                 )
             )  # fmt: skip
         return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
@@ -246,7 +251,7 @@ class Tables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((pulled > PULLED) & ends & p.is_effect[c])
+        inside = not np.any((pulled > MAX_BOUND_PULL_NATS) & ends & p.is_effect[c])
         occam = float(self._freedom(H, c)) + spread
         return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 

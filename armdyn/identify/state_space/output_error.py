@@ -11,28 +11,28 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, Fit, converged, fit
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, converged, fit
+from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_box import NEARBY, GreyBox, NoiseAndMotion
+from armdyn.identify.state_space.grey_box import NEARBY_LOOKS, GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.places import places
 from armdyn.identify.state_space.starts import alike, likeliest_starts
 from armdyn.physics.simulated import SimulatedModel
 
-UNLIKE = 0.1
+DIFFERENT_VALUE_SHARE = 0.1
 """Relative difference from which a value that a recording shows directly is tried as well as the model's own."""
-SKETCHED = 5
+SKETCH_STEPS = 5
 """Steps after which only the better ones of several starts are continued."""
-OTHERS = 3
+OTHER_STARTS = 3
 """Number of values, taken while the kicks shrink, from which a fit with large errors is tried as well."""
-SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
+OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
 """Factors on the sizes of effects from which fits with large errors are tried as well."""
-ASTRAY = 10.0
+WRONG_MOTION_KICK = 10.0
 """Kicks, relative to the accuracy with which one piece determines a speed, beyond which a motion that was derived from
 a force may be a wrong one."""
-MOST_STEPS, QUICK_STEPS = 30, 10
+MAX_FIT_STEPS, RANKING_STEPS = 30, 10
 """Largest number of steps of a fit, and of a fit that only ranks a set among others."""
-MOST_PREDICTED = 5_000_000
+MAX_PREDICTED_SAMPLES = 5_000_000
 """Samples that a fit with large errors may predict in trying other start values: five seconds. All start values are
 tried in recordings of up to 37,000 samples, five minutes of a swing; fewer in longer ones, none beyond 111,000."""
 
@@ -112,7 +112,7 @@ class AroundMotion:
             name = problem.columns[j].parameter.name
             if name in shown:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
-        if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
+        if np.any(np.abs(other - values) > DIFFERENT_VALUE_SHARE * np.abs(values)):
             options = [*options, other]
         if self.measured:
             options = likeliest_starts(problem, self.box.training, wanted, values) or options
@@ -121,7 +121,7 @@ class AroundMotion:
             if any(alike(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
+            if not self.measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
                 break  # no sign that the motion may be a wrong one
             # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
@@ -140,7 +140,7 @@ class AroundMotion:
 
     def _settled_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
         """A point, optimised again where pieces were cut since: only evidence with as many kicks is comparable."""
-        return self.box.settled(free, point, NEARBY) if self.box.is_cut(point) else point
+        return self.box.settled(free, point, NEARBY_LOOKS) if self.box.is_cut(point) else point
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
         """Optimise the runs with (P,) `free` unknowns, other effects at null, starting from the most similar set.
@@ -149,10 +149,10 @@ class AroundMotion:
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY_LOOKS))
         if like is not None:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free), NEARBY)
+            other = self.box.settled(free, self._without(there, free), NEARBY_LOOKS)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         return self._settled[key][1]
@@ -168,7 +168,7 @@ class AroundMotion:
         The motion derived from the force with other values, such as without the bias that is most of the force, may be
         wrong altogether; the difference then appears as large kicks.
         """
-        if self.measured or self.box.largest_kick(point) < ASTRAY:
+        if self.measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
             return point
         other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
@@ -201,7 +201,9 @@ class AroundMotion:
         sized = free & self.box.removable
         if sized.any():
             found = list(islice(starts, 2))
-            yield from (np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in SIZES)
+            yield from (
+                np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in OTHER_SIZE_FACTORS
+            )
             yield from self._of_single_runs(free, found[0])
 
     def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
@@ -233,25 +235,25 @@ class AroundMotion:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
+def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
     """The best of the minima reached from (P,) start values, the likeliest of which comes first.
 
     At most `others` further starts are tried. A fit that ends at the noise, or near it where `others` is 0, is in the
     right minimum: then the kicks need not be shrunk step by step.
     """
-    values, steps = iter(starts), MOST_STEPS if others else QUICK_STEPS
+    values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
+    if found[0].chi2_per_sample > (CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
-    others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
-    if best.chi2_per_sample > GROSS and others:
+    others = min(others, MAX_PREDICTED_SAMPLES // (problem.samples * (3 * SKETCH_STEPS + MAX_FIT_STEPS)))
+    if best.chi2_per_sample > GROSS_ERROR_RATIO and others:
         # With large errors the shrinking kicks may have left the best minimum; earlier values may be nearer.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
-        sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
-        found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
+        sketched = sorted((_bounded_fit(problem, free, v, SKETCH_STEPS) for v in nearer), key=lambda one: one.cost)
+        found += [_bounded_fit(problem, free, one.values, MAX_FIT_STEPS) for one in sketched[:others]]
     best = min(found, key=lambda one: one.cost)
-    return converged(best) if steps == MOST_STEPS else best
+    return converged(best) if steps == MAX_FIT_STEPS else best
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:

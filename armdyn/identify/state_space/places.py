@@ -13,12 +13,12 @@ import numpy as np
 from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 
-FARTHEST, TRIED = 10.0, 21
+PLACE_RANGE_SIZES, PLACES_TRIED = 10.0, 21
 """Distance to either side of the declared threshold, in typical sizes, and number of thresholds tried there, evenly."""
-HALVINGS = 3
+PLACE_HALVINGS = 3
 """Number of times that the distance between tried thresholds is halved around the best one; a descent continues from
 there."""
-ALIKE = 1e-6
+EQUAL_PLACE_NATS = 1e-6
 """Smallest difference of log evidence, nats, between thresholds that have any influence."""
 
 
@@ -50,7 +50,7 @@ def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarr
 def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int) -> float | None:
     """The likeliest threshold `place` with (P,) `free` unknowns; of equal ones the next to the declared one."""
     problem = box.problem
-    centre, step = point.values[place], 2.0 * FARTHEST / (TRIED - 1) * problem.typical[place]
+    centre, step = point.values[place], 2.0 * PLACE_RANGE_SIZES / (PLACES_TRIED - 1) * problem.typical[place]
     tried = dict[float, float]()
 
     def worth(at: float) -> float:
@@ -65,11 +65,11 @@ def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int
             tried[at] = value if np.isfinite(value) else -np.inf
         return tried[at]
 
-    for k in np.arange(TRIED) - TRIED // 2:
+    for k in np.arange(PLACES_TRIED) - PLACES_TRIED // 2:
         worth(centre + k * step)
-    if np.ptp(list(tried.values())) < ALIKE:
+    if np.ptp(list(tried.values())) < EQUAL_PLACE_NATS:
         return None
-    for _ in range(HALVINGS):
+    for _ in range(PLACE_HALVINGS):
         step *= 0.5
         best = max(tried, key=lambda one: (tried[one], -abs(one - centre)))
         worth(best - step)

@@ -9,30 +9,30 @@ import numpy as np
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.problem import transferred
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import TIE, SetScore, SetScorer
-from armdyn.identify.state_space.grey_box import SETTLED, NoiseAndMotion
-from armdyn.identify.state_space.grey_run import LOOSE
+from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
+from armdyn.identify.state_space.grey_box import CONVERGED_NATS, NoiseAndMotion
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE
 from armdyn.identify.state_space.noise_evidence import Tables, everywhere
-from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
 
-LOOKED_AT = 16
+SCORED_SETS = 16
 """Changes of a set that are scored in full, those with the best score at a few noises."""
-VERIFIED = 4
+VERIFIED_SETS = 4
 """Changes of a set, the best of their kind, that are optimised before one of them is taken."""
-COMPARED = 3
+COMPARED_STEPS = 3
 """Candidates for the next step of a path, the best ones, that are compared by their residual."""
-MANY = 36
+PAIRED_EFFECTS = 36
 """Effects, the best ones alone, of which pairs are added: more than any catalogue has for a model."""
-MOST_PAIRED = 3
+MAX_SET_FOR_PAIRS = 3
 """Largest set to which pairs of effects are added: two effects may be what one imitates."""
 
-PROMISED = 12.0
+POSSIBLE_TIE_NATS = 12.0
 """Difference of log evidence, nats, below which a set may turn out to be tied when it is optimised itself."""
-MOSTLY = 0.5
+MAX_LACKING_SHARE = 0.5
 """Share of an effect's evidence that a rival may lack and still be optimised itself and compared by its residual:
 seen from the point of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own
 point."""
-KEPT = 4
+CACHED_SETS = 4
 """Optimised sets whose tables are kept, the last ones: two that are compared in turn, and the set they came from."""
 
 
@@ -68,7 +68,7 @@ class StateSpaceScorer(SetScorer):
             box = self._motion.box
             kept = point, box.tables(box.around(point), point, everywhere)
         self._tables[self._at] = kept
-        if len(self._tables) > KEPT:
+        if len(self._tables) > CACHED_SETS:
             del self._tables[next(iter(self._tables))]
         # Scores from another point are computed again; those of optimised sets stay.
         self._settled.add(self._at)
@@ -126,15 +126,15 @@ class StateSpaceScorer(SetScorer):
             say(f"{len(now.effects)} effects chosen")
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
             promised = [self.of(one) for one in self._looked_at(changed)]
-            promised = sorted((o for o in promised if o.score > now.score + SETTLED), key=lambda o: -o.score)
-            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED]
+            promised = sorted((o for o in promised if o.score > now.score + CONVERGED_NATS), key=lambda o: -o.score)
+            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED_SETS]
             refused |= {frozenset(option) for option in options}
             found = []
             for i, option in enumerate(options):
                 say(f"{i} of {len(options)} candidates tried")
                 found.append(self._verify(option))
-            better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + SETTLED]
-            following = next((one for one in better if one.score > self._again(now, one).score + SETTLED), None)
+            better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
+            following = next((one for one in better if one.score > self._again(now, one).score + CONVERGED_NATS), None)
             if following is None:
                 return self.settle(now.effects)
             now = self.settle(following.effects)
@@ -147,8 +147,8 @@ class StateSpaceScorer(SetScorer):
         """
         standing = self.schwarz_score(whole)
         gap = standing - self.schwarz_score(other)
-        near = gap <= MOSTLY * (standing - self.schwarz_score(without))
-        if (near or gap < PROMISED) and standing - self.schwarz_score(self._again(other, whole)) < TIE:
+        near = gap <= MAX_LACKING_SHARE * (standing - self.schwarz_score(without))
+        if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_score(self._again(other, whole)) < TIE_NATS:
             return True
         study = self._study
         if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
@@ -158,7 +158,7 @@ class StateSpaceScorer(SetScorer):
             return False
         least = study.squared_error(found)
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
-        return left * (1.0 - LITTLE) < least and left - least < LITTLE * (most - least)
+        return left * (1.0 - MIN_SHARE_PER_VALUE) < least and left - least < MIN_SHARE_PER_VALUE * (most - least)
 
     def _again(self, now: SetScore, better: SetScore) -> SetScore:
         """The score of a set, optimised from the point of a better one as well: its noise may be better there."""
@@ -169,7 +169,7 @@ class StateSpaceScorer(SetScorer):
         """The sets of many that are worth a full score."""
         coarse = self._coarse()
         ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
-        return list(dict.fromkeys([*ranked[:LOOKED_AT], *_unlike(ranked, self._at)[:LOOKED_AT]]))
+        return list(dict.fromkeys([*ranked[:SCORED_SETS], *_unlike(ranked, self._at)[:SCORED_SETS]]))
 
     def _coarse(self) -> Tables:
         """Sums at few noises, those near the one that suits the present set."""
@@ -184,10 +184,10 @@ class StateSpaceScorer(SetScorer):
         """Sets that differ from a set by a small change."""
         left = [c for c in self.candidates if c not in effects]
         paired = left
-        if len(left) > MANY:
+        if len(left) > PAIRED_EFFECTS:
             coarse = self._coarse()
-            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:MANY]
-        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MOST_PAIRED else ())]
+            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:PAIRED_EFFECTS]
+        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MAX_SET_FOR_PAIRS else ())]
         for gone in (None, *effects):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
@@ -199,7 +199,7 @@ class StateSpaceScorer(SetScorer):
         """
         self.settle(now.effects)
         promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.score)
-        compared = promised if not now.effects else promised[:COMPARED]
+        compared = promised if not now.effects else promised[:COMPARED_STEPS]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
         return self.settle(best.effects)
 
@@ -226,7 +226,7 @@ class StateSpaceScorer(SetScorer):
         T = self.problem.typical
         told = np.isfinite(found.information).all()  # where a simulation diverges, nothing is determined
         information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
-        spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + information, hermitian=True)
+        spread = np.linalg.pinv(np.eye(len(T)) / LINEAR_PRIOR_SIZE**2 + information, hermitian=True)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
         return transferred(fit.values, fit.problem, self.problem), deviations
 

@@ -14,20 +14,20 @@ from armdyn.identify.state_space.grey_box import GreyBox
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.physics.simulated import SimulatedModel
 
-TRIED, KEPT = 24, 3
+TRIED_STARTS, KEPT_STARTS = 24, 3
 """Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
-WIDE = 3.0
+START_SPREAD_FACTOR = 3.0
 """Largest factor between a tried value and the model's value, up or down; where that is 0, in typical sizes."""
-SHORT = 1.0 / 8.0
+SHORT_PIECE_PERIODS = 1.0 / 8.0
 """Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
 oscillation."""
-SWINGS = 8.0
+TRIED_PERIODS = 8.0
 """Length of the part of every run in which values are tried, in periods of the swing."""
-ROUNDS = 4
+START_ROUNDS = 4
 """Rounds in which a start is optimised in short pieces."""
-AGAIN = 3
+REPEATED_BEST_STARTS = 3
 """Number of starts that end at the best optimum found, after which no more are tried."""
-ALIKE = 0.05
+SAME_START_SHARE = 0.05
 """Relative difference up to which two results are the same."""
 
 
@@ -48,7 +48,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, SWINGS * model.swing(run, problem.theta(i, values)))
+        first_part(run, TRIED_PERIODS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only(needed), runs, problem.noise)
@@ -59,18 +59,18 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         if np.isfinite(evidence):
             ends.append((evidence, transferred(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
-            if sum(alike(end, best, guessed) for _, end in ends) == AGAIN:
+            if sum(alike(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
                 break
     told = list[np.ndarray]()
     for _, end in sorted(ends, key=lambda one: -one[0]):
-        if len(told) < KEPT and not any(alike(end, other, guessed) for other in told):
+        if len(told) < KEPT_STARTS and not any(alike(end, other, guessed) for other in told):
             told.append(end)
     return told
 
 
 def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
     """Whether two (P,) values are nearly equal in the unknowns `where`, (P,) bool."""
-    return bool(np.allclose(one[where], other[where], rtol=ALIKE, atol=0.0))
+    return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
 
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -78,9 +78,9 @@ def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float,
     model = cut.model
     assert isinstance(model, SimulatedModel)
     swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
-    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT)
+    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
-        point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+        point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)
     return point.evidence, box.with_starts(point)
 
 
@@ -96,7 +96,7 @@ def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterat
         ratio = (1.0 + ratio) ** (1.0 / (len(places) + 1))
     steps = ratio ** -np.arange(1.0, len(places) + 1)
     yield values
-    for k in range(1, TRIED):
+    for k in range(1, TRIED_STARTS):
         tried = values.copy()
         for j, share in zip(places, (0.5 + k * steps) % 1.0, strict=True):
             tried[j] = _between(problem, j, values[j], share)
@@ -110,7 +110,11 @@ def _between(problem: Problem, unknown: int, value: float, share: float) -> floa
         mean = problem.prior_mean[unknown]
         lower, upper = max(lower, mean - 2.0 / weight), min(upper, mean + 2.0 / weight)
     typical = problem.typical[unknown]
-    ends = np.sort([value / WIDE, value * WIDE]) if value else WIDE * np.array([-typical, typical])
+    ends = (
+        np.sort([value / START_SPREAD_FACTOR, value * START_SPREAD_FACTOR])
+        if value
+        else START_SPREAD_FACTOR * np.array([-typical, typical])
+    )
     low, high = np.clip(ends, lower, upper)
     if low * high > 0.0:
         return float(np.sign(value) * abs(low) ** (1.0 - share) * abs(high) ** share)
