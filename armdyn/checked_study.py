@@ -22,7 +22,7 @@ from armdyn.identify.motion_polish import polished
 from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.inspection.check import MODEL, Inspection
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
 from armdyn.inspection.inspect import inspected, require_usable
 from armdyn.inspection.plausible import compared_model, require_plausible
 from armdyn.model import Model
@@ -59,7 +59,7 @@ class ModelWithCatalogue:
 
     file: ModelFile
     catalogue: tuple[Effect, ...]
-    path: Path = Path(MODEL)
+    path: Path = Path(MODEL_PLACEHOLDER)
 
     @classmethod
     def of(cls, model: AnyModel, effects: Path | None = None) -> "ModelWithCatalogue":

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered
 from armdyn.physics.definition import Expression
-from armdyn.smoothing import UNDISTORTED, LowPass, Samples, basis_matrix
+from armdyn.smoothing import MAX_UNDISTORTED_CUTOFF, LowPass, Samples, basis_matrix
 
 ON_A_NODE = 1e-9
 """Of the interval of the nodes: a sample that is nearer to one needs no interpolation."""
@@ -126,8 +126,8 @@ class LowPassed(Sampler):
         self.nodes, self._time, self._used, self._before = nodes, time, used, None
         if recorded_below is not None:
             # Penalised second differences pass 1 / (1 + (f/f_c)^4), as that filter does.
-            self._before = LowPass(Samples(nodes, UNDISTORTED / recorded_below, order=2), recorded_below)
-        self._filter = LowPass(Samples(nodes[used], UNDISTORTED / cutoff), cutoff)
+            self._before = LowPass(Samples(nodes, MAX_UNDISTORTED_CUTOFF / recorded_below, order=2), recorded_below)
+        self._filter = LowPass(Samples(nodes[used], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
         """See `Sampler.coefficients`."""

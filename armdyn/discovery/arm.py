@@ -12,12 +12,12 @@ from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 from armdyn.recording.channels import FloatArray
 
-SHARE = 0.1
+MISSING_TORQUE_SHARE = 0.1
 """Of the joint's torque, root mean square: typical size of one that is missing."""
-STOP, RUB, MAGNET, CABLE = 5, 2, 5, 3
-PERIODS = 28
+JOINT_STOP_PLACES, JOINT_RUB_PLACES, JOINT_MAGNET_PLACES, JOINT_CABLE_PLACES = 5, 2, 5, 3
+WAVE_PERIODS = 28
 """Of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit reaches."""
-SHORTEST, LONGEST = 0.03, 1.5
+MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
 """Periods, over the range of the position."""
 
 
@@ -48,14 +48,14 @@ def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
     yield shapes.product(site, "damping by position", "friction that grows with the position", (q, 2), (speed, 1))
     yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
     yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
-    yield from shapes.stops(site, q, STOP)
-    yield from shapes.one_sided(site, q, speed, RUB)
+    yield from shapes.stops(site, q, JOINT_STOP_PLACES)
+    yield from shapes.one_sided(site, q, speed, JOINT_RUB_PLACES)
     yield from shapes.sticky(site, speed, (0.05 * speed.size, 0.3 * speed.size))
     yield from shapes.warming(site, speed, time)
-    yield from shapes.growing(site, q, CABLE)
-    yield from shapes.magnets(site, q, MAGNET)
+    yield from shapes.growing(site, q, JOINT_CABLE_PLACES)
+    yield from shapes.magnets(site, q, JOINT_MAGNET_PLACES)
     yield from shapes.play(site, speed, q, (0.01 * q.span, 0.05 * q.span))
-    periods = q.span * np.geomspace(SHORTEST, LONGEST, PERIODS)
+    periods = q.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
     yield from shapes.waves(site, q, periods.tolist())
 
 
@@ -74,7 +74,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
         if f"tau.{joint}" not in seen:
             continue
         q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
-        typical = SHARE * float(np.sqrt(np.mean(torque**2)))
+        typical = MISSING_TORQUE_SHARE * float(np.sqrt(np.mean(torque**2)))
         rubs = "joint.with_torque(joint.direction * ({}))"
         dry = Site("joint", "N m", rubs, typical, "", shown="sign(speed) * ({})", joint=joint)
         site = Site("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)

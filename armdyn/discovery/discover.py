@@ -36,7 +36,7 @@ from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
+TERMS_BY_BASE: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
@@ -71,7 +71,7 @@ def discover(
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
-    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else BASES[model.base]
+    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else TERMS_BY_BASE[model.base]
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
@@ -80,14 +80,14 @@ def discover(
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
-        if other.squared_error(drawn.last.fit) < LEAVES * study.squared_error(found.last.fit):
+        if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
     return concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
-MOST, ALIKE = 12, 3
+MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
 """Terms of a joint, and of each kind, that are looked at closely, those that promise most."""
-LEAVES = 0.7
+MAX_CURVE_RESIDUAL_SHARE = 0.7
 """Of the squared error above the noise that a formula leaves, what a curve must leave at most to be told instead."""
 
 
@@ -125,7 +125,7 @@ def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
         if term is None:
             continue
         joint, kind = term.site.joint, term.kind
-        if looked_at[joint,] < MOST and looked_at[joint, kind] < ALIKE:
+        if looked_at[joint,] < MAX_TERMS_PER_JOINT and looked_at[joint, kind] < MAX_TERMS_PER_KIND:
             looked_at.update([(joint,), (joint, kind)])
             found.add(term.name)
     return found

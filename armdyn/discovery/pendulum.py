@@ -9,9 +9,9 @@ from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 
-SHARE = 0.02
+MISSING_FORCE_SHARE = 0.02
 """Of the load's weight: typical size of a force that is missing."""
-RUB, STOP, MAGNET = 3, 5, 7
+RAIL_RUB_PLACES, RAIL_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
 """Places on a grid: half the distance of neighbours is within what a fit finds from there."""
 
 
@@ -24,9 +24,9 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
         yield from shapes.recorded_torques(string, recorded)
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
-        yield from shapes.magnets(load, v["position"], MAGNET)
+        yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
         under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnets(under, v["position"], MAGNET)
+        yield from shapes.magnets(under, v["position"], RAIL_MAGNET_PLACES)
         for n in (1, 2, 3):
             yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
 
@@ -62,11 +62,16 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
         for name, value in {**found, "position": along - length * np.sin(at)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
-    torque = SHARE * mass * gravity * length
+    torque = MISSING_FORCE_SHARE * mass * gravity * length
     dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
     string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
-    rail = Site("gripper", "m", "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))", 0.1 * SHARE * length)
+    rail = Site(
+        "gripper",
+        "m",
+        "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))",
+        0.1 * MISSING_FORCE_SHARE * length,
+    )
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
     return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
@@ -77,7 +82,7 @@ def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) ->
     yield shapes.power(string, angle, 2, "crooked spring", "a torque with the square of the angle")
     yield shapes.power(string, angle, 3, "flexure", "a spring that stiffens with the cube of the angle")
     yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
-    yield from shapes.stops(string, angle, STOP)
-    yield from shapes.one_sided(string, angle, rate, RUB)
+    yield from shapes.stops(string, angle, RAIL_STOP_PLACES)
+    yield from shapes.one_sided(string, angle, rate, RAIL_RUB_PLACES)
     yield from shapes.sticky(string, rate, (0.1 * rate.size, 0.4 * rate.size))
     yield from shapes.warming(string, rate, time)

@@ -17,9 +17,9 @@ from armdyn.physics.model import PhysicsModel
 from armdyn.recording.units import to_base_units
 from armdyn.run import Run
 
-SHARE = 0.05
+MISSING_RATE_SHARE = 0.05
 """Of the rate that a state has: typical size of what is missing."""
-TAKEN = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
+RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
 """Names that a formula has for something else."""
 
 
@@ -52,7 +52,7 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
             seen.setdefault(name, []).append(rate)
     for name in model.rated:
         unit = over(_plain(model.physics.states[name].unit, name), ("s", 1))
-        size = SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
+        size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
         yield Site(RATE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 
 
@@ -81,7 +81,7 @@ def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, 
 def _called(name: str) -> str:
     """What formulas call a state or an input: a name of Python that they have not for something else."""
     short = re.sub(r"\W", "_", name.removeprefix("extra."))
-    return f"{short}_" if short in TAKEN or keyword.iskeyword(short) else short
+    return f"{short}_" if short in RESERVED_NAMES or keyword.iskeyword(short) else short
 
 
 def _plain(unit: str, name: str) -> str:

@@ -20,7 +20,7 @@ from armdyn.parameter import Parameter
 from armdyn.physics.definition import RATE
 from armdyn.shown import Displayable
 
-SHARE_SURE = 0.5
+MIN_LAW_SHARE = 0.5
 """Of the misfit: what explains less is no law but a part of one."""
 
 
@@ -221,7 +221,7 @@ class Discovery(Displayable):
         error = Table.of(heads, errors)
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[error]))
-        level = Level.CAUTION if self.leaves_something and self.explains < SHARE_SURE else Level.GOOD
+        level = Level.CAUTION if self.leaves_something and self.explains < MIN_LAW_SHARE else Level.GOOD
         return Document(
             "Discover",
             self.sentence,

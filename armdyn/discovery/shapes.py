@@ -10,12 +10,12 @@ from armdyn.discovery.units import over
 
 CURVE_VALUES = 7
 """Of a smooth curve: fewer cannot follow a magnet's pull and release, and each further one has a price."""
-STEEP: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
+STEP_WIDTHS: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 """Over which a step goes from nothing to all, by the unit of its variable: samples resolve no sharper one. The same in
 every recording, so that equations that were compiled once serve them all."""
-STEP_SHARE = 0.01
+STEP_WIDTH_SHARE = 0.01
 """Of the largest value of a variable of any kind, over which a step at zero goes from one side to the other."""
-ABRUPT = 8
+PLAY_EXPONENT = 8
 """Exponent with which a play's force comes to its limit. Of a spring that slips there at once, 1 leaves 0.8 to 1.4
 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
 Shapes = Iterator[Term]
@@ -50,7 +50,7 @@ def of_anything(site: Site, v: Variable) -> Shapes:
         yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
                       scale=0.3 * v.span)  # fmt: skip
     if v.low < 0.0 < v.high:
-        narrow = float(f"{STEP_SHARE * v.size:.2g}")
+        narrow = float(f"{STEP_WIDTH_SHARE * v.size:.2g}")
         yield _single(site, "step", f"something that turns round with {spoken}", (v,),
                       f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
 
@@ -77,7 +77,7 @@ def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
     for place in _between(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
             where = {"place": _place(v, place, places)}
-            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
+            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
             yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
 
@@ -133,9 +133,9 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
     """A force k z with z' = speed (1 - max(0, z sign(speed))^n) / travel, from -1 to 1, that knows the last turn.
 
     It grows over the travel to its limit and stays there until the motion turns (Bouc's hysteresis, as Wen, J. Eng.
-    Mech. Div. 102, 1976, writes it); see `ABRUPT` for n.
+    Mech. Div. 102, 1976, writes it); see `PLAY_EXPONENT` for n.
     """
-    rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{ABRUPT}) / travel"
+    rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{PLAY_EXPONENT}) / travel"
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
     start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # which way it turned before is not in the recording

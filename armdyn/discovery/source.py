@@ -10,16 +10,16 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import effects_of
 from armdyn.user_code import load_module
 
-HEAD = '''"""{title}"""
+FILE_HEAD = '''"""{title}"""
 
 import casadi as ca
 
 from armdyn import {names}
 '''
-WIDTH = 110
-SHORT = 3
+LINE_WIDTH = 110
+MAX_SUMMANDS_PER_LINE = 3
 """Summands that one line takes."""
-SYMBOLS = {"N": "F", "N m": "M", "m": "z"}
+SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
 """Of what a term is, by its unit."""
 
 
@@ -42,7 +42,7 @@ def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | N
     """
     terms = list(terms)
     reads = any(v.column for term in terms for v in term.variables)
-    head = HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
+    head = FILE_HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
     return head + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
 
 
@@ -56,7 +56,7 @@ def _effect_text(term: Term, evidence: str) -> str:
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
     reads = [f"    {v.name} = {v.source}" for v in term.variables if v.column is None]
     reads += [f"    {line}" if line else "" for line in term.lines]
-    doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
+    doc = f'    """{SYMBOL_BY_UNIT.get(term.site.unit, "y")} = {term.formula}.'
     doc += f'\n\n{evidence}\n    """' if evidence else '"""'
     lines = [
         "", "",
@@ -78,7 +78,7 @@ def _effect_text(term: Term, evidence: str) -> str:
 
 def _returned(term: Term) -> list[str]:
     """The changed stage; a sum of many is a value of its own, a line each."""
-    if len(term.shapes) <= SHORT:
+    if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
         return [f"    return {term.site.adds.format(term.force)}"]
     first, *others = term.summands
     total = ["    total = (", f"        {first}", *(f"        + {other}" for other in others), "    )"]
@@ -103,4 +103,4 @@ def _short(value: float) -> str:
 
 def paragraph(text: str) -> str:
     """A text of a docstring, broken into lines."""
-    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, WIDTH) or [""]))
+    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))

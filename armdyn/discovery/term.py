@@ -12,9 +12,9 @@ from armdyn.parameter import RecordedColumn, Scope
 from armdyn.recording.channels import FloatArray
 from armdyn.run import Run
 
-LONGEST_STEM = 50
+MAX_STEM_LENGTH = 50
 """Characters with which the name of an effect begins; a number follows."""
-STILL = 1e-6
+CONSTANT_RANGE_RATIO = 1e-6
 """Range over size of a recorded quantity that does not change: rounding."""
 
 
@@ -94,7 +94,7 @@ def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
             samples = np.concatenate([run.extra[name].value for run in runs])
             column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
             variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
-            found += [variable] if variable.span > STILL * variable.size else []
+            found += [variable] if variable.span > CONSTANT_RANGE_RATIO * variable.size else []
     return found
 
 
@@ -187,7 +187,7 @@ class Term:
     @property
     def stem(self) -> str:
         """With which the name of its effect begins."""
-        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:LONGEST_STEM]
+        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:MAX_STEM_LENGTH]
 
     @property
     def is_curve(self) -> bool:

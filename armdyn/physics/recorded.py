@@ -13,7 +13,7 @@ from scipy.linalg import solveh_banded
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
-from armdyn.smoothing import FEWEST, best_smoothing, difference_penalty, smoothed
+from armdyn.smoothing import MIN_SMOOTHED_SAMPLES, best_smoothing, difference_penalty, smoothed
 
 ORDER = 4
 """Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
@@ -57,7 +57,7 @@ def _off_grid(
     time: np.ndarray, x: np.ndarray, grid: np.ndarray, *, exact: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(K,) position, velocity and acceleration at `grid`, from positions at any stamps."""
-    if exact or len(time) < FEWEST:
+    if exact or len(time) < MIN_SMOOTHED_SAMPLES:
         spline = make_interp_spline(time, x, 5)
         return spline(grid), spline(grid, 1), spline(grid, 2)
     curve = smoothed(time, x, best_smoothing(time, x))

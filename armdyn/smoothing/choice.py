@@ -9,16 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from armdyn.smoothing.spline import ORDER, UNDISTORTED, Curve, LowPass, Samples, basis_matrix
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, PENALTY_ORDER, Curve, LowPass, Samples, basis_matrix
 
-ORDERS = (4, 3, 5, 6)
-HIGHEST = 0.3
+SPLINE_ORDERS = (4, 3, 5, 6)
+MAX_CUTOFF_SHARE = 0.3
 """Highest cut-off that is tried, as a share of the sampling rate."""
-COARSER = 4
+KNOT_INTERVAL_FACTOR = 4
 """Factor between the knot intervals of two searches."""
-TRIED, SKIPPED = 12, 3
+CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
 """Cut-offs of a search; of these, distance of those that are tried first."""
-DOUBT = 20.0
+ORDER_PREFERENCE = 20.0
 """By how much, in twice the log-likelihood, another order must be more probable than the preferred one."""
 
 
@@ -27,10 +27,10 @@ class Choice(NamedTuple):
 
     cutoff: float
     noise: float
-    order: int = ORDER
+    order: int = PENALTY_ORDER
 
 
-def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (ORDER,)) -> Choice:
+def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> Choice:
     """The smoothing under which a signal is most probable.
 
     Args:
@@ -46,10 +46,10 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        near = Samples(time, 0.5 * UNDISTORTED / first.cutoff)
+        near = Samples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
         others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
-        all_alike = Samples(time, UNDISTORTED / max(choice.cutoff for choice in (first, *others)))
-        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - DOUBT
+        all_alike = Samples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
+        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
         for choice in others:
             score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
@@ -67,21 +67,21 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order
     """The most probable cut-off for one order; by coarser knots as long as it is below what the finer ones can have."""
     samples = Samples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = samples.lowest, HIGHEST / samples.interval
+    low, high = samples.lowest, MAX_CUTOFF_SHARE / samples.interval
     while True:
-        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED)
+        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED)
         choice = _best_of(cutoffs, samples, values, least_noise)
-        if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * COARSER:
+        if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
-        samples = Samples(time, COARSER * samples.step, order)
-        low, high = samples.lowest, UNDISTORTED / samples.step
+        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
+        low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
 def _best_near(samples: Samples, around: float, values: np.ndarray, least_noise: float) -> Choice:
     """The most probable of the cut-offs near one."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
-    low, high = 0.4 * around, min(2.0 * around, HIGHEST / samples.interval)
-    cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED // 2)
+    low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
+    cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED // 2)
     return _best_of(cutoffs, samples, values, least_noise)
 
 
@@ -91,7 +91,7 @@ def _best_of(cutoffs: np.ndarray, samples: Samples, values: np.ndarray, least_no
     Every third is tried, then the neighbours of the best so far.
     """
     scores: dict[int, float] = {}
-    new = {*range(0, len(cutoffs), SKIPPED), len(cutoffs) - 1}
+    new = {*range(0, len(cutoffs), FIRST_CUTOFF_STRIDE), len(cutoffs) - 1}
     while new:
         scores |= {i: _score(samples, float(cutoffs[i]), values, least_noise) for i in sorted(new)}
         best = min(scores, key=lambda i: (scores[i], i))
@@ -150,9 +150,9 @@ def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequen
         rates: of the signal.
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
-    samples = Samples(time, None if rates else UNDISTORTED / choice.cutoff, choice.order)
+    samples = Samples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
     while samples.lowest > choice.cutoff:
-        samples = Samples(time, COARSER * samples.step, choice.order)
+        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)
     if not rates or choice.noise == 0.0:
         return curve

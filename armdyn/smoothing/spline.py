@@ -22,21 +22,21 @@ from scipy.sparse import csr_matrix
 
 from armdyn.errors import InputError
 
-DEGREE = 5
-ORDER = 4
+SPLINE_DEGREE = 5
+PENALTY_ORDER = 4
 """Order of the differences that are penalised, where none is chosen: piecewise-constant jerk costs nothing."""
-FEWEST = 8
+MIN_SMOOTHED_SAMPLES = 8
 """Samples below which there is nothing to smooth."""
-STRONGEST = 1e10
+MAX_LAMBDA = 1e10
 """Largest lambda that is tried: beyond, the equations lose too many digits and coarser knots are as good."""
-STIFFER = 1e-13
+GAP_STIFFNESS_SHARE = 1e-13
 """Share of its weight that pulls a coefficient in a gap, towards the first sample: a hundred times what rounding takes
 from the equations of order 6, and unnoticed up to 20 knots from the nearest sample."""
-STRONG = 1e4
+REFINED_LAMBDA = 1e4
 """Lambda from which a solution is refined once."""
-UNDISTORTED = 0.125
+MAX_UNDISTORTED_CUTOFF = 0.125
 """Cut-off, per knot interval, up to which differences of coefficients are as good as derivatives."""
-WHITE = 0.896
+WHITE_RATE_SHARE = 0.896
 """Sampled at twice this share of the cut-off, white noise that was low-passed with order 4 is white again: there
 |amplitude|^2 is 1/2."""
 
@@ -65,10 +65,10 @@ class Curve:
 def basis_matrix(time: np.ndarray, start: float, step: float, size: int, derivative: int = 0) -> csr_matrix:
     """(n, size) values of uniform quintic B-splines, or of a derivative, at (n,) times."""
     position = (np.asarray(time, dtype=float) - start) / step
-    first = np.clip(np.floor(position).astype(int), 0, size - DEGREE - 1)
-    values = np.vander(position - first, DEGREE + 1, increasing=True) @ (_pieces(derivative) / step**derivative)
-    columns = first[:, None] + np.arange(DEGREE + 1)
-    pointer = np.arange(0, values.size + 1, DEGREE + 1)
+    first = np.clip(np.floor(position).astype(int), 0, size - SPLINE_DEGREE - 1)
+    values = np.vander(position - first, SPLINE_DEGREE + 1, increasing=True) @ (_pieces(derivative) / step**derivative)
+    columns = first[:, None] + np.arange(SPLINE_DEGREE + 1)
+    pointer = np.arange(0, values.size + 1, SPLINE_DEGREE + 1)
     return csr_matrix((values.ravel(), columns.ravel(), pointer), shape=(len(position), size))
 
 
@@ -85,7 +85,7 @@ def _pieces(derivative: int) -> np.ndarray:
         ]
     ) / 120.0  # fmt: skip
     for _ in range(derivative):
-        pieces = np.vstack([np.arange(1, DEGREE + 1)[:, None] * pieces[1:], np.zeros(DEGREE + 1)])
+        pieces = np.vstack([np.arange(1, SPLINE_DEGREE + 1)[:, None] * pieces[1:], np.zeros(SPLINE_DEGREE + 1)])
     return pieces
 
 
@@ -98,22 +98,24 @@ class Samples:
         order: of the differences that are penalised.
 
     Raises:
-        InputError: fewer than `FEWEST` stamps.
+        InputError: fewer than `MIN_SMOOTHED_SAMPLES` stamps.
     """
 
-    def __init__(self, time: np.ndarray, step: float | None = None, order: int = ORDER) -> None:
-        if len(time) < FEWEST:
-            raise InputError(f"{len(time)} samples cannot be smoothed: {FEWEST} or more are needed, record longer")
+    def __init__(self, time: np.ndarray, step: float | None = None, order: int = PENALTY_ORDER) -> None:
+        if len(time) < MIN_SMOOTHED_SAMPLES:
+            raise InputError(
+                f"{len(time)} samples cannot be smoothed: {MIN_SMOOTHED_SAMPLES} or more are needed, record longer"
+            )
         self.time, self.order = time, order
         self.interval = float((time[-1] - time[0]) / (len(time) - 1))
         self.start = float(time[0])
         self.step = self.interval if step is None else max(step, self.interval)
-        self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + DEGREE
+        self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + SPLINE_DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
 
     def of_order(self, order: int) -> "Samples":
         """The same samples, with differences of another order penalised."""
-        other, bands = copy(self), max(DEGREE, order) + 1
+        other, bands = copy(self), max(SPLINE_DEGREE, order) + 1
         other.order = order
         for known in ("penalty", "penalty_determinant"):
             other.__dict__.pop(known, None)
@@ -127,12 +129,12 @@ class Samples:
 
     @cached_property
     def penalty(self) -> np.ndarray:
-        """(b, N) lower bands of D' D, stiffened by `STIFFER` where no sample tells a coefficient.
+        """(b, N) lower bands of D' D, stiffened by `GAP_STIFFNESS_SHARE` where no sample tells a coefficient.
 
         Across a gap of tens of knots the smoothest curve costs less than rounding, and the equations are singular.
         """
         bands = difference_penalty(self.size, self.order, len(self.normal))
-        bands[0, self.normal[0] == 0.0] *= 1.0 + STIFFER
+        bands[0, self.normal[0] == 0.0] *= 1.0 + GAP_STIFFNESS_SHARE
         return bands
 
     @cached_property
@@ -143,11 +145,11 @@ class Samples:
 
     def bands(self, matrix: csr_matrix) -> np.ndarray:
         """(b, N) lower bands of M' M, for M with six neighbouring entries per row."""
-        values = matrix.data.reshape(-1, DEGREE + 1)
-        first = matrix.indices[:: DEGREE + 1]
-        bands = np.zeros((max(DEGREE, self.order) + 1, self.size))
-        for a in range(DEGREE + 1):
-            for b in range(a, DEGREE + 1):
+        values = matrix.data.reshape(-1, SPLINE_DEGREE + 1)
+        first = matrix.indices[:: SPLINE_DEGREE + 1]
+        bands = np.zeros((max(SPLINE_DEGREE, self.order) + 1, self.size))
+        for a in range(SPLINE_DEGREE + 1):
+            for b in range(a, SPLINE_DEGREE + 1):
                 bands[b - a] += np.bincount(first + a, values[:, a] * values[:, b], self.size)
         return bands
 
@@ -157,8 +159,8 @@ class Samples:
 
     @property
     def lowest(self) -> float:
-        """Cut-off under `STRONGEST`, Hz."""
-        return float((STRONGEST * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
+        """Cut-off under `MAX_LAMBDA`, Hz."""
+        return float((MAX_LAMBDA * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
 
 
 class LowPass:
@@ -182,7 +184,7 @@ class LowPass:
         columns = columns - offset
         B, order = self.samples.matrix, self.samples.order
         c = cho_solve_banded((self.factor, True), B.T @ columns, check_finite=False)
-        if self.strength > STRONG:
+        if self.strength > REFINED_LAMBDA:
             missing = B.T @ (columns - B @ c) - self.strength * _differences_transposed(
                 np.diff(c, order, axis=0), order
             )
