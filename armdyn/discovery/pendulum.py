@@ -1,4 +1,4 @@
-"""Terms that a pendulum may lack: torques on the string, forces on the load, a rail that is not straight."""
+"""Candidate terms for a pendulum: torques on the string, forces on the load, a rail that is not straight."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,20 +10,20 @@ from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
-"""Of the load's weight: typical size of a force that is missing."""
+"""Typical size of a missing force, as a share of the load's weight."""
 RAIL_RUB_PLACES, RAIL_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
-"""Places on a grid: half the distance of neighbours is within what a fit finds from there."""
+"""Number of positions on a grid: a fit from one of them reaches half the distance to its neighbours."""
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
-    """Every formula that the runs of a fit of the bare model may show."""
+    """All candidate formulas for the runs of a fit of the bare model."""
     string, load, rail, v = _sites(fit)
     yield from _of_string(string, v["angle"], v["speed"], v["time"])
     for recorded in recorded_variables(fit.problem.runs):
         yield from shapes.recorded_frictions(string, recorded, v["speed"])
         yield from shapes.recorded_torques(string, recorded)
     if v["along"].span > 0.0:
-        below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
+        below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
         yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
         under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
         yield from shapes.magnets(under, v["position"], RAIL_MAGNET_PLACES)
@@ -32,7 +32,7 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
 
 
 def pendulum_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over what a force may depend on."""
+    """Smooth curves over the quantities on which a force may depend."""
     string, load, rail, v = _sites(fit)
     yield shapes.curve(string, v["angle"])
     yield shapes.curve(string, v["speed"])
@@ -45,7 +45,7 @@ def pendulum_curves(fit: Fit) -> Iterator[Term]:
 
 
 def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
-    """String, load and rail, and what forces there may depend on, with the ranges of the runs."""
+    """String, load and rail, and the quantities on which forces there may depend, with their ranges in the runs."""
     problem = fit.problem
     values = [
         dict(zip(problem.model.names, problem.theta(i, fit.values), strict=True)) for i in range(len(problem.runs))

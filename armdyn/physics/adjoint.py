@@ -1,4 +1,4 @@
-r"""How a sum over the samples of a rollout changes with the recorded inputs, by one reverse pass.
+r"""Gradient of a sum over the samples of a rollout with respect to the recorded inputs, by one reverse pass.
 
 With s_{k+1} = f(s_k, w_k) and y_k = h(s_k, w_k) the sum S = sum_k c_k' y_k has the gradient
 
@@ -38,17 +38,17 @@ class Adjoint:
     def gradient(
         self, path: Path, theta: np.ndarray, states: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient of the sum of weights times outputs with respect to the inputs.
+        """Gradient of the weighted sum of outputs with respect to the inputs.
 
         Args:
             path: the inputs of the rollout, on its grid of K nodes.
-            theta: (p,) in the order of the system's names.
-            states: (K, n) of the rollout; the state at the start counts as given.
-            weights: (K, c) one column for each channel.
+            theta: (p,) parameters in the order of the system's names.
+            states: (K, n) states of the rollout; the state at the start is fixed.
+            weights: (K, c) weights, one column for each channel.
 
         Returns:
-            (i, K) with respect to the inputs at the nodes, and (i, K-1) halfway between; where something yields, the
-            jerk comes after the others.
+            (i, K) derivatives by the inputs at the nodes, and (i, K-1) by those halfway between; where something
+            yields, the jerk is the last input.
         """
         s = self._system
         nodes, middle = path.nodes[: s.inputs], path.middle[: s.inputs]
@@ -59,7 +59,7 @@ class Adjoint:
                 impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
         padded = -(-K // BLOCK) * BLOCK
-        first = padded - K  # from the last node back to the first, behind steps of no length
+        first = padded - K  # from the last node back to the first, after steps of length zero
         inputs, state = np.zeros((3 * s.inputs, padded)), np.zeros((s.states, padded))
         step, weight = np.zeros((1, padded)), np.zeros((weights.shape[1], padded))
         inputs[: s.inputs, first:] = nodes[:, ::-1]
@@ -82,7 +82,7 @@ class Adjoint:
 
 
 def _back(system: System, rows: list[int]) -> ca.Function:
-    """One block of steps back in time: costates, and gradients by the inputs here, halfway and there."""
+    """One block of steps back in time: adjoint states, and gradients by the inputs at both nodes and halfway."""
     n, width = system.states, system.inputs
     s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
     w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
@@ -102,5 +102,5 @@ def _back(system: System, rows: list[int]) -> ca.Function:
 
 @lru_cache(maxsize=4)
 def _slope_matrix(size: int) -> csr_matrix:
-    """(size, size) that takes even samples to their first derivative, for a step of 1."""
+    """(size, size) matrix that takes even samples to their first derivative, for a step of 1."""
     return csr_matrix(slope(np.eye(size), 1.0))
