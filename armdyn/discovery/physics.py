@@ -12,7 +12,7 @@ from armdyn.discovery.term import Site, Term, Variable
 from armdyn.discovery.units import over
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
-from armdyn.physics.definition import RATE
+from armdyn.physics.definition import RATE_STAGE
 from armdyn.physics.model import PhysicsModel
 from armdyn.recording.units import to_base_units
 from armdyn.run import Run
@@ -53,7 +53,7 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
     for name in model.rated:
         unit = over(_plain(model.physics.states[name].unit, name), ("s", 1))
         size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
-        yield Site(RATE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
+        yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 
 
 def _variables(fit: Fit, model: PhysicsModel) -> list[Variable]:

@@ -17,7 +17,7 @@ from armdyn.identify.explained import in_percent
 from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import RATE
+from armdyn.physics.definition import RATE_STAGE
 from armdyn.shown import Displayable
 
 MIN_LAW_SHARE = 0.5
@@ -174,7 +174,7 @@ class Discovery(Displayable):
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())
-        load_effects(path, (*STAGES, RATE))
+        load_effects(path, (*STAGES, RATE_STAGE))
 
     @staticmethod
     def _values(one: Finding) -> str:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.physics.recorded import Path, slope
-from armdyn.physics.simulate import BLOCK, System, advanced
+from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
 
 
 class Adjoint:
@@ -58,7 +58,7 @@ class Adjoint:
             if s.impulse_rings is not None:
                 impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
-        padded = -(-K // BLOCK) * BLOCK
+        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
         first = padded - K  # from the last node back to the first, after steps of length zero
         inputs, state = np.zeros((3 * s.inputs, padded)), np.zeros((s.states, padded))
         step, weight = np.zeros((1, padded)), np.zeros((weights.shape[1], padded))
@@ -70,8 +70,8 @@ class Adjoint:
         state[:, first:], state[:, :first] = states.T[:, ::-1], states[-1][:, None]
         weight[:, first:] = weights.T[:, ::-1]
         gradient, co = np.empty((3 * s.inputs, padded)), np.zeros((s.states, 1))
-        for begin in range(0, padded, BLOCK):
-            block = slice(begin, begin + BLOCK)
+        for begin in range(0, padded, STEPS_PER_CALL):
+            block = slice(begin, begin + STEPS_PER_CALL)
             co, part = self._back(co, state[:, block], inputs[:, block], step[:, block], weight[:, block], theta)
             gradient[:, block] = part
         gradient = gradient[:, first:][:, ::-1]
@@ -92,11 +92,11 @@ def _back(system: System, rows: list[int]) -> ca.Function:
     step = ca.Function(
         "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]
     )
-    over = step.mapaccum("over", BLOCK)
+    over = step.mapaccum("over", STEPS_PER_CALL)
     co0, P = ca.MX.sym("co", n), ca.MX.sym("theta", len(system.names))
-    S, W = ca.MX.sym("s", n, BLOCK), ca.MX.sym("w", 3 * width, BLOCK)
-    DT, C = ca.MX.sym("dt", 1, BLOCK), ca.MX.sym("c", len(rows), BLOCK)
-    costates, gradient = over(co0, S, W, DT, C, ca.repmat(P, 1, BLOCK))
+    S, W = ca.MX.sym("s", n, STEPS_PER_CALL), ca.MX.sym("w", 3 * width, STEPS_PER_CALL)
+    DT, C = ca.MX.sym("dt", 1, STEPS_PER_CALL), ca.MX.sym("c", len(rows), STEPS_PER_CALL)
+    costates, gradient = over(co0, S, W, DT, C, ca.repmat(P, 1, STEPS_PER_CALL))
     return ca.Function("back", [co0, S, W, DT, C, P], [costates[:, -1], gradient])
 
 

@@ -37,7 +37,7 @@ from armdyn.recording.channels import channel_kind, channel_units, is_auxiliary
 from armdyn.recording.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
-NONE: Expression = ca.SX(0)
+ZERO: Expression = ca.SX(0)
 """Zero, the value of an additive field of a stage before effects add to it."""
 
 
@@ -88,8 +88,8 @@ class Timed(Stage):
         delay: delay of the reading, s.
     """
 
-    lag: Expression = field(default=NONE, kw_only=True)
-    delay: Expression = field(default=NONE, kw_only=True)
+    lag: Expression = field(default=ZERO, kw_only=True)
+    delay: Expression = field(default=ZERO, kw_only=True)
 
     def with_lag(self, time_constant: Expression) -> Self:
         """Give the reading a first-order lag with a time constant, s."""
@@ -142,7 +142,7 @@ class Rate(Stage):
         return replace(self, value=self.value + more)
 
 
-RATE = "rate"
+RATE_STAGE = "rate"
 """Name of the stage `Rate`."""
 
 
@@ -294,7 +294,7 @@ def physics(
     """
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
-    step = USUAL_STEP * period if step is None else step
+    step = DEFAULT_STEP_PERIODS * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
         if is_auxiliary(channel):
             with at(f"physics '{name}': {channel}"):
@@ -304,10 +304,10 @@ def physics(
     for channel in held:
         if channel not in inputs:
             raise UnknownNameError(f"held input of '{name}'", channel, inputs)
-    if not SHORTEST <= period <= LONGEST or not SHORTEST / 100 <= step <= period:
+    if not MIN_PERIOD <= period <= MAX_PERIOD or not MIN_PERIOD / 100 <= step <= period:
         raise InputError(
-            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {SHORTEST:g} "
-            f"to {LONGEST:g} s, and a step that is no longer"
+            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {MIN_PERIOD:g} "
+            f"to {MAX_PERIOD:g} s, and a step that is no longer"
         )
     names = [p.name for p in (*parameters, *states)]
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:
@@ -324,9 +324,9 @@ def physics(
 
 
 _START = "initial_"
-USUAL_STEP = 0.01
+DEFAULT_STEP_PERIODS = 0.01
 """Default step of the integration, as a share of a period: a Runge-Kutta step of this length is exact to 1e-7."""
-SHORTEST, LONGEST = 1e-6, 1e7
+MIN_PERIOD, MAX_PERIOD = 1e-6, 1e7
 """Shortest and longest period of a base, s; no recording contains a faster motion."""
 
 

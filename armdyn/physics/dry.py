@@ -22,10 +22,10 @@ from armdyn.physics.definition import Expression
 
 COORDINATE, MOMENTUM = 0, 1
 """Rows of the state: the sliding coordinate, and its momentum."""
-AT_REST = 1e-6
+REST_MOMENTUM_SHARE = 1e-6
 """Momentum that counts as zero, as a share of the friction's impulse in one step: far above rounding, and a friction
 that stops it does so within a millionth of a step."""
-SETTLINGS = 3
+FIXED_POINT_STEPS = 3
 """Steps of a fixed-point iteration that gains more than two digits in each step."""
 
 
@@ -102,10 +102,10 @@ class DryFriction:
         return self._with_sliding(p, settled, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        return ca.fabs(p) <= AT_REST * dt * self.size(s, w, theta)
+        return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.size(s, w, theta)
 
     def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
         state = ca.SX(s)
-        for _ in range(1 if self.linear else SETTLINGS):
+        for _ in range(1 if self.linear else FIXED_POINT_STEPS):
             state[MOMENTUM] += p - self.sliding(state, w, theta)
         return state

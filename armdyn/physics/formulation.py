@@ -8,11 +8,11 @@ import casadi as ca
 
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.physics.definition import RATE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
+from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
 from armdyn.readout import Sensor
 
-MOTION = 3
+ROWS_PER_INPUT = 3
 """Value, rate and acceleration of every input."""
 
 
@@ -61,7 +61,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     nothing = ca.SX(0, 1)
     own = {p.name: by_name[p.name] for p in physics.parameters}
     states = {name: ca.SX.sym(name) for name in physics.states}
-    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), MOTION) for channel in physics.inputs}
+    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), ROWS_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
     recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
@@ -112,12 +112,12 @@ def _with_rates(
 ) -> dict[str, Expression]:
     """The rate of every state; effects may change those that are no state themselves."""
     given = {**states, **{channel: signal.value for channel, signal in signals.items()}}
-    own = RATE in moment.stages
+    own = RATE_STAGE in moment.stages
     rates = dict[str, Expression]()
     for name in states:
         rate = found.rates[name]
         if not own and not any(_same(rate, other) for other in states.values()):
-            rate = moment.stage(RATE, Rate(name, rate, moment.time, given), name).value
+            rate = moment.stage(RATE_STAGE, Rate(name, rate, moment.time, given), name).value
         rates[name] = rate
     return rates
 

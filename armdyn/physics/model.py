@@ -16,21 +16,21 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import USUAL_STEP, Physics
+from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
-from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
 from armdyn.recording.channels import MIN_SAMPLES
 from armdyn.recording.spikes import HIGHEST_RATE, clean
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
+START_LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
 """Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
-MOVED = 0.01
+VALUE_CHANGE_SIZES = 0.01
 """Change of all values, in typical sizes, that shows which states depend on them."""
-FARTHEST = 2.0
+MAX_VALUE_CHANGE_SIZES = 2.0
 """Largest such change, in typical sizes."""
 
 
@@ -102,7 +102,7 @@ class PhysicsModel(SimulatedModel):
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """Start values from measured states and from measured rates of states; see `Model.guess_start`."""
         states = self.physics.states
-        guess = self._shown(run, lambda channel: measured_start(channel, FIRST_STRETCH * self.physics.period))
+        guess = self._shown(run, lambda channel: measured_start(channel, START_FIT_SECONDS * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
@@ -120,9 +120,9 @@ class PhysicsModel(SimulatedModel):
         del theta
         guess = self.guess_start(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in LEVELS:
+        if len(unknown) not in START_LEVELS:
             return []
-        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_LEVELS[len(unknown)])
         values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
@@ -202,7 +202,9 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return clean(run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * USUAL_STEP / self.physics.step)
+        return clean(
+            run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * DEFAULT_STEP_PERIODS / self.physics.step
+        )
 
     def jumps(self, run: Run) -> np.ndarray:
         """Times at which a held input changes; see `Model.jumps`."""
@@ -250,7 +252,7 @@ class PhysicsModel(SimulatedModel):
         """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
         if not self.physics.states:
             return super().measured_motion(run, times, theta, swing)
-        found = self._shown(run, lambda channel: local_motion(channel, times, REACH * swing).T)
+        found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
@@ -270,9 +272,10 @@ class PhysicsModel(SimulatedModel):
         channels, starts = self.predicted_channels(run), len(self.physics.states)
         shown = {name for name, channel in _bare(self.physics).measured.items() if channel in channels}
         here, there = (
-            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts] for step in (0.0, MOVED)
+            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts]
+            for step in (0.0, VALUE_CHANGE_SIZES)
         )
-        moved = np.abs(there - here).max(axis=0) > 0.1 * MOVED * np.ptp(here, axis=0)
+        moved = np.abs(there - here).max(axis=0) > 0.1 * VALUE_CHANGE_SIZES * np.ptp(here, axis=0)
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 

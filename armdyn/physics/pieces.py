@@ -19,14 +19,14 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
-INVERSIONS = 3
+INVERSION_STEPS = 3
 """Newton steps from a state to the start values of its motion; a momentum is linear in its rate."""
-NEXT_TO = 3
+PIECES_PER_SAMPLE = 3
 """Number of pieces on which one sample may depend: its own, the one before by a sensor's memory, the next by
 interpolation."""
-AT_ONCE = 2**13
+SAMPLES_AT_ONCE = 2**13
 """Samples whose derivatives are computed at once: a few MB."""
-FEWEST_NODES = 4
+MIN_PIECE_NODES = 4
 """Steps of the shortest piece, so that samples can be interpolated between its nodes."""
 
 
@@ -95,7 +95,7 @@ class Pieces:
         first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, most - 1))
         last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, most))
         count = max(1, round((last - first) * path.dt / length))
-        count = min(count, max(1, (last - first) // FEWEST_NODES))
+        count = min(count, max(1, (last - first) // MIN_PIECE_NODES))
         self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
 
     def _cut(self, edges: np.ndarray) -> None:
@@ -109,7 +109,7 @@ class Pieces:
 
     def halve(self, which: np.ndarray) -> bool:
         """Cut the pieces marked in (J,) bool in two, where they are long enough; return whether any was cut."""
-        long = which & (np.diff(self.edges) >= 2 * FEWEST_NODES)
+        long = which & (np.diff(self.edges) >= 2 * MIN_PIECE_NODES)
         if long.any():
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
@@ -213,7 +213,7 @@ class Pieces:
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
         starts = np.zeros((K, system.starts))
-        for _ in range(INVERSIONS):
+        for _ in range(INVERSION_STEPS):
             found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.inputs, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
@@ -241,11 +241,11 @@ class Pieces:
         n, q, J = system.states, len(physics), len(self)
         shot = engine.shoot(path, self.edges, physics, states)
         transition, ends = shot.transition, shot.ends
-        signal = np.zeros((*shot.outputs.shape, 1 + q + NEXT_TO * n))
+        signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
         piece = np.minimum(np.searchsorted(self.edges, self.edges[0] + np.arange(len(signal)), side="right") - 1, J - 1)
-        for k in range(NEXT_TO):
-            own = piece % NEXT_TO == k
+        for k in range(PIECES_PER_SAMPLE):
+            own = piece % PIECES_PER_SAMPLE == k
             signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
         simulator = engine.simulator
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
@@ -295,10 +295,10 @@ class Pieces:
         own, of_physics = self._physical(wanted)
         kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
         signal = signal[:, kept] if read is None else signal
-        for some in (slice(first, first + AT_ONCE) for first in range(0, N, AT_ONCE)):
+        for some in (slice(first, first + SAMPLES_AT_ONCE) for first in range(0, N, SAMPLES_AT_ONCE)):
             these = self._matrices[channel][some] @ signal if read is None else read[some][:, kept]
             by_theta[some, own] = these[:, 1 : 1 + len(own)]
-            around = these[:, 1 + len(own) :].reshape(len(these), NEXT_TO, n)
+            around = these[:, 1 + len(own) :].reshape(len(these), PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
         return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)
@@ -340,7 +340,7 @@ class _Join:
             (N,) predicted values; (N, n) derivatives by the own beginning; (N, q) additions to those by the parameters.
         """
         rows = np.arange(len(piece))
-        own, before, after = (around[rows, (piece + k) % NEXT_TO] for k in (0, -1, 1))
+        own, before, after = (around[rows, (piece + k) % PIECES_PER_SAMPLE] for k in (0, -1, 1))
         last = np.maximum(piece - 1, 0)
         before = np.einsum("Ni,Nij->Nj", np.where(piece[:, None] > 0, before, 0.0), back[last])
         after = np.where(piece[:, None] < len(self.gap) - 1, after, 0.0)

@@ -15,11 +15,11 @@ from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
 from armdyn.smoothing import MIN_SMOOTHED_SAMPLES, best_smoothing, difference_penalty, smoothed
 
-ORDER = 4
+WHITTAKER_ORDER = 4
 """Order of the penalised differences: piecewise-constant jerk costs nothing in the limit."""
-WEAKEST = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
+MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
 """Smoothing that halves a motion at a tenth of the sampling rate: no gripper is faster, but an encoder's steps are."""
-SEARCH = WEAKEST * np.logspace(0, 8, 17)
+STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
 
@@ -39,8 +39,8 @@ def smoothed_motion(
         exact: whether the positions have no noise.
         spread: variance of the stamps over which each position was averaged, s^2; see `Run.spread`.
     """
-    if len(time) < ORDER + 2:
-        raise InputError(f"a recorded motion has {len(time)} samples: {ORDER + 2} or more are needed")
+    if len(time) < WHITTAKER_ORDER + 2:
+        raise InputError(f"a recorded motion has {len(time)} samples: {WHITTAKER_ORDER + 2} or more are needed")
     grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
     if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
         motion = np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
@@ -89,20 +89,20 @@ def best_strength(y: np.ndarray) -> float:
     with eigenvalues 1/(1 + lambda (2 sin(w/2))^8).
     """
     n = len(y)
-    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * ORDER)
+    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * WHITTAKER_ORDER)
 
     def validation_error(strength: float) -> float:
         residual = y - penalised(y, strength)
         return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
 
-    best = 4 * int(np.argmin([validation_error(strength) for strength in SEARCH[::4]]))
-    near = SEARCH[max(0, best - 3) : best + 4]
+    best = 4 * int(np.argmin([validation_error(strength) for strength in STRENGTHS_TRIED[::4]]))
+    near = STRENGTHS_TRIED[max(0, best - 3) : best + 4]
     return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
 
 
 def penalised(y: np.ndarray, strength: float) -> np.ndarray:
     """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
-    bands = strength * difference_penalty(len(y), ORDER, ORDER + 1)
+    bands = strength * difference_penalty(len(y), WHITTAKER_ORDER, WHITTAKER_ORDER + 1)
     bands[0] += 1.0
     return solveh_banded(bands, y, lower=True, check_finite=False)
 
@@ -127,9 +127,9 @@ def _extrapolated(near: np.ndarray) -> np.ndarray:
     return np.array([first, second])
 
 
-ALIKE = 1.5
+MAX_STEP_RATIO = 1.5
 """Largest ratio of a coarse sensor's steps: where they are not all its resolution, one is twice that."""
-FINEST_GRID, COARSEST_GRID = 0.005, 0.01
+MIN_GRID_STEP, MAX_GRID_STEP = 0.005, 0.01
 """Grid steps, s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
 
@@ -218,7 +218,7 @@ def recorded_inputs(
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
-    dt = min(step, max(interval, FINEST_GRID / COARSEST_GRID * step))
+    dt = min(step, max(interval, MIN_GRID_STEP / MAX_GRID_STEP * step))
     steady = [name for name, channel in driving.items() if name in held or moves_in_steps(channel)]
     for every in (float(np.median(np.diff(driving[name].time))) for name in steady):
         dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # the motion has a kink where a command steps
@@ -256,7 +256,7 @@ def moves_in_steps(channel: Channel) -> bool:
     jumps = np.diff(channel.value)
     there = jumps != 0.0
     sizes = np.abs(jumps[there])
-    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > ALIKE * sizes.min())
+    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_STEP_RATIO * sizes.min())
 
 
 def mean_held(channel: Channel, grid: np.ndarray) -> np.ndarray:

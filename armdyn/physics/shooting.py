@@ -9,9 +9,9 @@ import numpy as np
 
 from armdyn.codegen import Buffered
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import SHORT, Simulator, System
+from armdyn.physics.simulate import STEPS_PER_BLOCK, Simulator, System
 
-TOGETHER = 64
+PIECES_PER_CALL = 64
 """Largest number of pieces per compiled call."""
 
 
@@ -79,24 +79,26 @@ class Shooting:
         outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
         steps = np.diff(edges)
         begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
-        for first in range(0, J, TOGETHER):
-            these = slice(first, min(first + TOGETHER, J))
+        for first in range(0, J, PIECES_PER_CALL):
+            these = slice(first, min(first + PIECES_PER_CALL, J))
             size = these.stop - first
             at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
             shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end belongs to no other piece
             state, sensitivity = states[these].T, np.tile(begin, size)
-            for done in range(0, int(shown.max()), SHORT):
-                step = done + np.arange(SHORT)
+            for done in range(0, int(shown.max()), STEPS_PER_BLOCK):
+                step = done + np.arange(STEPS_PER_BLOCK)
                 node = at[:, None] + step
                 here = np.minimum(node, nodes.shape[1] - 1)
                 now = np.minimum(here, middle.shape[1] - 1)
-                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(-1, size * SHORT)
+                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(
+                    -1, size * STEPS_PER_BLOCK
+                )
                 moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
                 state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
                 kept = step < shown[:, None]
                 target = (node - edges[0])[kept]
-                outputs[target] = y.T.reshape(size, SHORT, c)[kept]
-                by = dy.T.reshape(size, SHORT, m, c)[kept]
+                outputs[target] = y.T.reshape(size, STEPS_PER_BLOCK, c)[kept]
+                by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
                 sensitivities[target] = by.transpose(0, 2, 1)
             ends[these] = state.T
             slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)

@@ -15,9 +15,9 @@ from armdyn.physics.recorded import Path, slope
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
-SHORT = 16
+STEPS_PER_BLOCK = 16
 """Number of steps that are compiled together; pieces of a motion are short."""
-BLOCK = 8 * SHORT
+STEPS_PER_CALL = 8 * STEPS_PER_BLOCK
 """Steps per call; a run of any length is a sequence of blocks, the last one cut."""
 
 
@@ -113,10 +113,10 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        steps = _repeated(_step(dynamics, self.active, rows), "steps", SHORT)
+        steps = _repeated(_step(dynamics, self.active, rows), "steps", STEPS_PER_BLOCK)
         self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
         self._start = Buffered(_start(dynamics, self.active))
-        self._advance = Buffered(_repeated(self.steps, "block", BLOCK // SHORT))
+        self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
@@ -135,7 +135,7 @@ class Simulator:
         nodes, middle, ends = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // BLOCK) * BLOCK
+        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
         inputs[rows : 2 * rows, : K - 1] = middle
@@ -147,12 +147,12 @@ class Simulator:
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
-        for first in range(0, padded, BLOCK):
-            block = slice(first, first + BLOCK)
+        for first in range(0, padded, STEPS_PER_CALL):
+            block = slice(first, first + STEPS_PER_CALL)
             along = inputs[:, block], step[:, block], theta
             state, sensitivity, before, y, dy = self._advance(state, sensitivity, *along)
             states[block], outputs[block] = before.T, y.T
-            sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
+            sensitivities[block] = dy.T.reshape(STEPS_PER_CALL, m, columns)
         last = np.zeros((n, m))
         last[:, self.active] = sensitivity
         return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))

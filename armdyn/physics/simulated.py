@@ -18,21 +18,21 @@ from armdyn.recording.differences import NORMAL_MEDIAN, quiet_std
 from armdyn.recording.spikes import clean
 from armdyn.run import Run
 
-REPAID = 70_000
+MIN_SAVED_STEPS = 70_000
 """Saving of a smaller model, in steps times derivatives of a prediction (6 ms), from which on its compilation of 0.2 s
 pays off in the thirty predictions of a fit."""
-FIRST_STRETCH, FIRST_SAMPLES = 0.1, 5
+START_FIT_SECONDS, MIN_START_SAMPLES = 0.1, 5
 """First part of a run, s, and its least number of samples, to which a parabola is fitted for the start value and
 rate."""
 
-REACH = 0.125
+LOCAL_FIT_PERIODS = 0.125
 """Half the time over which a parabola is fitted to a channel for its value and rate, in periods of the swing."""
-RESTING = 0.04
+REST_AMPLITUDE_SHARE = 0.04
 """Amplitude that counts as rest, as a share of the largest one."""
-SURELY = 4.0
+MIN_AMPLITUDE_DEVIATES = 4.0
 """Standard deviations by which the median of n squares must exceed that of noise alone; its standard deviation is
 nearly the noise's variance over the root of n."""
-PADDED = 8
+ZERO_PADDING_FACTOR = 8
 """Factor by which a signal is extended with zeros, which refines its spectrum by as much."""
 
 
@@ -68,7 +68,7 @@ class SimulatedModel(Model):
     def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """A smaller model with at least the `needed` effects, where its compilation pays off; see `Model.holding`."""
         lean, steps = self.with_only(needed), sum(self.path(run).nodes.shape[1] for run in runs)
-        if steps * (len(self.names) - len(lean.names)) > REPAID:
+        if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS:
             return lean
         return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
 
@@ -241,14 +241,14 @@ def main_period(channel: Channel) -> float:
     time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))
     value = np.interp(time, channel.time, channel.value)
     value = (value - value.mean()) * np.hanning(len(value))
-    power = np.abs(np.fft.rfft(value, PADDED * len(value))) ** 2
-    lowest = PADDED  # one period in the whole recording
+    power = np.abs(np.fft.rfft(value, ZERO_PADDING_FACTOR * len(value))) ** 2
+    lowest = ZERO_PADDING_FACTOR  # one period in the whole recording
     best = lowest + int(np.argmax(power[lowest:]))
-    return float(PADDED * len(value) * (time[1] - time[0]) / best)
+    return float(ZERO_PADDING_FACTOR * len(value) * (time[1] - time[0]) / best)
 
 
 def end_of_motion(channel: Channel, swing: float) -> float:
-    """Time at which an oscillation has come to rest, s: its amplitude stays below `RESTING` of the largest one.
+    """Time at which an oscillation has come to rest, s: its amplitude stays below a share of the largest one.
 
     The amplitude is estimated from the median of the squares in every half period, which glitches do not change, less
     the noise: single samples of a noisy sensor remain large for ever.
@@ -263,15 +263,15 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     begins = np.flatnonzero(np.diff(part, prepend=-1))
     squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
     count = np.diff(begins, append=len(left))
-    noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + SURELY / np.sqrt(count))
-    moving = np.flatnonzero(squares > noise + RESTING**2 * squares.max())
+    noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count))
+    moving = np.flatnonzero(squares > noise + REST_AMPLITUDE_SHARE**2 * squares.max())
     last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
     return float(channel.time[last])
 
 
-def measured_start(channel: Channel, stretch: float = FIRST_STRETCH) -> tuple[float, float]:
+def measured_start(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
     """Value and rate of a channel at its first sample, from a parabola through the first `stretch` s."""
     since = channel.time - channel.time[0]
-    near = max(FIRST_SAMPLES, int(np.searchsorted(since, stretch)))
+    near = max(MIN_START_SAMPLES, int(np.searchsorted(since, stretch)))
     curve = np.polyfit(since[:near], channel.value[:near], 2)
     return float(curve[2]), float(curve[1])

@@ -14,11 +14,11 @@ from armdyn.effects.effect import Effect
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
 
-STABLE = 1.4
+STABLE_STEP_RATE = 1.4
 """Step times the fastest rate: half of the stable limit, since an effect may be twice its typical size."""
-FINEST = 50.0
+MAX_STEP_DIVISION = 50.0
 """Largest factor by which steps are shortened; a faster motion needs a smoother law."""
-MOST = 729
+MAX_STATE_COMBINATIONS = 729
 """Number of combinations of states that are evaluated, at their start and to both sides; above it single states are
 varied."""
 
@@ -27,7 +27,9 @@ varied."""
 def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Step with which a physics is integrated, s: the declared one, or a stable one with each effect added alone."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
-    return max(min(physics.step, STABLE / fastest if fastest > 0.0 else np.inf), physics.step / FINEST)
+    return max(
+        min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION
+    )
 
 
 @lru_cache(maxsize=512)
@@ -47,7 +49,7 @@ def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
 
 def _largest_rate(system: Formulation, physics: Physics, theta: np.ndarray) -> float:
     starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0]) for p in physics.states.values()]
-    if 3 ** len(starts) <= MOST:
+    if 3 ** len(starts) <= MAX_STATE_COMBINATIONS:
         points = np.array(list(product(*starts)))
     else:
         middle = np.array([each[0] for each in starts])
