@@ -1,4 +1,4 @@
-"""Channels from arrays and data frames in memory; every problem is told at once."""
+"""Make channels from arrays and data frames in memory; all problems are reported at once."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,17 +23,17 @@ from urdf.table_file import join_problems
 def channels_of(
     time: Any, values: Mapping[str, Any], units: Mapping[str, str], joints: Sequence[str] = ()
 ) -> dict[str, Channel]:
-    """Channels that share their time stamps.
+    """Make channels that share their time stamps.
 
     Args:
-        time: (n,) s, strictly increasing.
-        values: by name, such as ``"load_force"`` or ``"q.elbow [deg]"``, (n,) with nan for missing samples; ``"q"``,
-            ``"v"``, ``"a"`` and ``"tau"`` may hold (n, j), a column for each of `joints`.
-        units: by name, where they are neither in the name nor SI.
+        time: (n,) time stamps, s, strictly increasing.
+        values: (n,) samples by name, such as ``"load_force"`` or ``"q.elbow [deg]"``, with nan for missing samples;
+            ``"q"``, ``"v"``, ``"a"`` and ``"tau"`` may have (n, j), a column for each of `joints`.
+        units: units by name, where they are neither in the name nor SI.
         joints: names of the columns of two-dimensional values.
 
     Raises:
-        InputError: lists everything that is wrong.
+        InputError: it lists everything that is wrong.
     """
     problems: list[str] = []
     stamps: FloatArray | None = None
@@ -49,7 +49,7 @@ def channels_of(
         with collect(problems):
             value = _numbers(name, raw)
             with at(f"'{name}'"):
-                # Units that are not given are SI: what stands in memory has been read by somebody.
+                # Units that are not given are SI.
                 usual = "" if is_auxiliary(name) else channel_units(name)[0]
                 to_si = channel_unit(name, written or _given(units, name) or usual)
                 if name in found:
@@ -70,13 +70,13 @@ def channels_of(
 
 
 def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
-    """Time and values of a data frame of pandas, polars or pyarrow, or of a mapping.
+    """Time and values of a data frame (pandas, polars or pyarrow) or of a mapping.
 
     Time is the column ``time`` (``time [ms]`` in another unit), else the index of a frame of pandas; durations and
     dates become seconds.
 
     Raises:
-        InputError: there is no time.
+        InputError: there is no time column.
     """
     # pyarrow has `column_names`, pandas and polars `columns`; those of pandas have no truth value.
     names = list(getattr(frame, "column_names", frame.columns if hasattr(frame, "columns") else frame.keys()))
@@ -92,10 +92,10 @@ def frame_columns(frame: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def seconds(time: Any, unit: str) -> FloatArray:
-    """(n,) stamps in s, of numbers in `unit`, of durations or of dates.
+    """Convert time stamps to s, (n,), from numbers in `unit`, durations or dates.
 
     Raises:
-        InputError: the unit is none of time.
+        InputError: the unit is no unit of time.
     """
     array = np.asarray(time)
     if array.dtype.kind in "mM":
@@ -104,7 +104,7 @@ def seconds(time: Any, unit: str) -> FloatArray:
 
 
 def _columns(values: Mapping[str, Any], joints: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    """One column per channel, and what is wrong with the shapes."""
+    """One column per channel, and the faults of the shapes."""
     found: dict[str, Any] = {}
     problems = []
     for label, raw in values.items():

@@ -1,7 +1,7 @@
-"""Files that are either the old one or the whole new one, never half of it, and stay what their owner made of them.
+"""Write files in one step: a file is the old one or the complete new one, and keeps its mode and owner.
 
-Only a regular file is replaced, by a rename; a link stays and the file that it points to is replaced; mode and owner
-are kept. Pipes and devices are written to.
+Only a regular file is replaced, by a rename; a link is kept, and the file that it points to is replaced. Pipes and
+devices are written to directly.
 """
 
 import os
@@ -22,17 +22,17 @@ _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
 _TEMPORARY = ".armdyn-{}.tmp"
 ABANDONED = 86400.0
-"""Age from which a temporary file belongs to a program that was killed [s]: nobody writes to it any more."""
+"""Age, s, from which a temporary file belongs to a program that was killed."""
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8; see `replacing`."""
+    """Write `text` as UTF-8 in one step; see `replacing`."""
     with replacing(path) as file:
         file.write(text.encode("utf-8", errors="replace"))
 
 
 def make_directory(path: Path) -> None:
-    """Make a directory and those above it where they are missing.
+    """Make a directory, with the directories above it where they are missing.
 
     Raises:
         InputError: it cannot be made, or a file has its name.
@@ -45,14 +45,14 @@ def make_directory(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to, which takes the place of `path` when the block ends well.
+    """Open a file for writing that replaces `path` when the block ends without an error.
 
     Args:
-        path: of a file, which may be there or not; of a link to one; of a pipe or device, which is written to.
+        path: a file, which may exist or not, a link to one, or a pipe or device, which is written to.
 
     Raises:
-        InputError: the directory is missing, it or the file cannot be written to, the disk is full, or the command has
-            read the old file; that is then as it was, and nothing is left beside it.
+        InputError: the directory is missing, it or the file is not writable, the disk is full, or the command has read
+            the old file; the old file is then unchanged, and nothing is left beside it.
     """
     with _refusing(path):
         if is_stream(path):
@@ -65,7 +65,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
-    """What the system says against writing a file becomes an `InputError`."""
+    """Turn the system's errors of writing a file into an `InputError`."""
     try:
         yield
     except OSError as error:
@@ -77,7 +77,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def _replaceable(path: Path) -> Path:
-    """The file that a path leads to, whether or not it is there."""
+    """The file that a path leads to, which may not exist."""
     target = Path(os.path.realpath(path))
     if target.is_symlink():  # what is left of links in a circle
         raise OSError(0, "it is a link that leads back to itself")
@@ -91,10 +91,10 @@ def _replaceable(path: Path) -> Path:
 
 @contextmanager
 def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, BinaryIO]]:
-    """Two files that belong together: both are the old ones or both the new ones; see `replacing`.
+    """Open two files that belong together; both are replaced or none; see `replacing`.
 
     Raises:
-        InputError: as `replacing`; a disk that is full leaves both as they were.
+        InputError: see `replacing`; with a full disk both files are unchanged.
     """
     with replacing(first) as one, replacing(second) as other:
         yield one, other
@@ -105,7 +105,7 @@ def replacing_both(first: Path, second: Path) -> Iterator[tuple[BinaryIO, Binary
 
 
 def is_stream(path: Path) -> bool:
-    """Whether this is a pipe, a device or a file that is open already: it is written to and never replaced."""
+    """Whether this is a pipe, a device or an open file, which is written to and never replaced."""
     if _open_descriptor(path) is not None:
         return True
     try:
@@ -125,26 +125,26 @@ def _stream(path: Path) -> BinaryIO:
     descriptor = _open_descriptor(path)
     if descriptor is None:
         return path.open("wb", buffering=0)
-    for standard in (sys.stdout, sys.stderr):  # what was printed before stands before
+    for standard in (sys.stdout, sys.stderr):  # earlier output comes first
         with suppress(OSError, ValueError, AttributeError):
             standard.flush()
     return os.fdopen(os.dup(descriptor), "wb")
 
 
 class GrowingFile:
-    """A file that is of use before it is whole, such as a recording: a crash leaves what was written so far.
+    """A file that is useful before it is complete, such as a recording: after a crash it has what was written so far.
 
-    Where there is no such file yet, it grows under its own name; else under another beside it, and takes the old one's
-    place when it is finished: until then the old one stays whole, with everything that belongs to it.
+    Where there is no such file yet, it grows under its own name; otherwise under another name beside it, and replaces
+    the old file when it is finished: until then the old one is unchanged, with everything that belongs to it.
 
     Args:
-        path: as for `replacing`.
+        path: path of the file; see `replacing`.
 
     Attributes:
-        stream: to write to.
+        stream: stream to write to.
 
     Raises:
-        InputError: it cannot be written to.
+        InputError: the file cannot be written to.
     """
 
     def __init__(self, path: Path) -> None:
@@ -161,10 +161,10 @@ class GrowingFile:
             may_replace(self._beside or target)
 
     def finish(self) -> None:
-        """Close it and let it take its place.
+        """Close the file and let it replace the old one.
 
         Raises:
-            OSError: the disk is full, or it was moved away.
+            OSError: the disk is full, or the file was moved away.
         """
         self.stream.close()
         if self._beside is not None and self._target is not None:
@@ -200,7 +200,7 @@ def _beside(target: Path) -> Iterator[BinaryIO]:
 
 
 def _remove_abandoned(directory: Path) -> None:
-    """What programs that were killed have left of their files."""
+    """Remove temporary files of programs that were killed."""
     for left in directory.glob(_TEMPORARY.format("*")):
         with suppress(OSError):
             if time.time() - left.stat().st_mtime > ABANDONED:

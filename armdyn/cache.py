@@ -1,6 +1,6 @@
-"""The folder in which results that are slow to compute are kept between calls; nobody else can write to it.
+"""The private folder of cached results that are slow to compute; nobody else can write to it.
 
-Its entries are loaded as machine code, so one that somebody else could have put there is never used.
+Its entries are loaded as machine code, so an entry that somebody else could have written is never used.
 """
 
 import os
@@ -15,11 +15,11 @@ from pathlib import Path
 
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 LONGEST_NAME = 100
-"""Characters of an entry's name; 255 is the most that file systems take, and a hash follows."""
+"""Largest number of characters of an entry's name; file systems take 255, and a hash follows."""
 
 
 def cache_directory() -> Path:
-    """Directory for generated tables: the user's private one, or one that lasts as long as this process.
+    """Directory for generated tables: the user's private one, or a temporary one for this process.
 
     ``$ARMDYN_CACHE`` if set, else ``$XDG_CACHE_HOME/armdyn``, else ``~/.cache/armdyn``.
     """
@@ -27,7 +27,7 @@ def cache_directory() -> Path:
 
 
 def private_directory() -> Path | None:
-    """The user's cache, created if absent; None where it cannot be written to, or others can write to it.
+    """The user's cache, created if absent; None where it is not writable, or others can write to it.
 
     A folder in the usual place that is ours is closed to others; one that ``$ARMDYN_CACHE`` names stays as it is.
     """
@@ -47,7 +47,7 @@ def private_directory() -> Path | None:
 
 
 def is_private(file: Path) -> bool:
-    """Whether this is a regular file, no link, of ours that nobody else can write to."""
+    """Whether this is a regular file of the user, no link, to which nobody else can write."""
     try:
         found = file.lstat()
     except OSError:
@@ -56,7 +56,7 @@ def is_private(file: Path) -> bool:
 
 
 def entry_name(name: str) -> str:
-    """A name, such as that of a robot in a file, as part of the name of a file: letters, digits, ``_`` and ``-``."""
+    """Turn a name from a file, such as a robot's, into a part of a file name: letters, digits, ``_`` and ``-``."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:LONGEST_NAME] or "_"
 
 

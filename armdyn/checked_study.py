@@ -1,7 +1,7 @@
-"""A model against recordings that are asked first whether they are what they say they are: how every question begins.
+"""A study whose recordings are inspected first: the beginning of every question to a model and recordings.
 
-A mistake in a recording, such as torques with the wrong sign, looks like a missing effect. So no effect is named and no
-value told before the recordings are inspected, nor where nothing can have the values that were fitted.
+A mistake in a recording, such as torques with the wrong sign, looks like a missing effect. So the recordings are
+inspected before an effect is named or a value is reported, and impossible fitted values are refused.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +22,7 @@ from armdyn.identify.motion_polish import polished
 from armdyn.identify.repair import Repair, add, fitted_model, repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.inspection.check import MODEL, Inspection
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
 from armdyn.inspection.inspect import inspected, require_usable
 from armdyn.inspection.plausible import compared_model, require_plausible
 from armdyn.model import Model
@@ -33,15 +33,15 @@ from armdyn.threads import one_thread
 
 AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
-"""Recordings or their files; one alone is one."""
+"""Recordings or their files; a single one counts as a list of one."""
 Say: TypeAlias = Callable[[str], None]
 
 
 def read_runs(given: Runs) -> list[Run]:
-    """Recordings as they are, or read from their files; one alone is a list of one.
+    """Read recordings from their files, where they are not in memory; a single one gives a list of one.
 
     Raises:
-        InputError: one cannot be read.
+        InputError: a recording cannot be read.
     """
     each = [given] if isinstance(given, Run | str | Path) else given
     return [run if isinstance(run, Run) else read_run(run) for run in each]
@@ -52,18 +52,18 @@ class ModelWithCatalogue:
     """A model and the effects that it can have.
 
     Attributes:
-        file: the model, and how it came to be.
+        file: the model, with its history.
         catalogue: effects of the catalogue, of the model's base, and of the user's file.
-        path: of the model's file; ``M.toml`` where it comes from no file.
+        path: path of the model's file; ``M.toml`` where it comes from no file.
     """
 
     file: ModelFile
     catalogue: tuple[Effect, ...]
-    path: Path = Path(MODEL)
+    path: Path = Path(MODEL_PLACEHOLDER)
 
     @classmethod
     def of(cls, model: AnyModel, effects: Path | None = None) -> "ModelWithCatalogue":
-        """A model, or its file, with a file of the user's own effects.
+        """Read a model, or take one, with a file of the user's own effects.
 
         Raises:
             InputError: a file cannot be used.
@@ -75,24 +75,24 @@ class ModelWithCatalogue:
         return cls(file, available(file.model, own, effects), Path(model))
 
     def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
-        """Ask whether recordings of it, once it has the effects `adding`, are what they say they are."""
+        """Inspect recordings for this model with the effects `adding`."""
         return inspected(runs, self.file.model, self.catalogue, adding).naming(self.path)
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedStudy:
-    """A study, what was found in its recordings, and the answers that it gives.
+    """A study with the inspection of its recordings, and the answers that it gives.
 
-    Each answer raises a `WrongRecordingError` where nothing can have the values that were fitted, and the recordings
-    are not trusted.
+    Each answer raises a `WrongRecordingError` where fitted values are physically impossible, unless the recordings are
+    trusted.
 
     Attributes:
         known: the model as given.
-        study: of it, without its background where effects are chosen: that is then found anew.
-        effects: to choose from.
-        inspection: of the recordings.
-        trusted: go on where recordings are not what they say they are.
-        declared: the model as its user wrote it, before recordings said what its drives are.
+        study: study of the model; where effects are chosen, without its background, which is then found anew.
+        effects: effects to choose from.
+        inspection: findings on the recordings.
+        trusted: whether to go on where a recording contradicts its declaration.
+        declared: the model as its user wrote it, before drives were identified from recordings.
     """
 
     known: ModelWithCatalogue
@@ -114,20 +114,20 @@ class CheckedStudy:
         adding: str = "",
         trusted: bool = False,
     ) -> "CheckedStudy":
-        """Check recordings, and make a study of them.
+        """Inspect recordings and make a study of them.
 
         Args:
-            model: or its file.
+            model: the model, or its file.
             runs: recordings to fit, or their files.
-            held_out: recordings that take part in choosing effects, never in a fit.
-            exam: recordings that take part in nothing: their error is computed at the very end.
-            effects: to choose from; all that the model can have where they are not given.
-            adding: effects that the model is about to get, see `find_several`, whose values the recordings may state.
-            trusted: go on where recordings are not what they say they are.
+            held_out: recordings that help to choose effects, but are never fitted.
+            exam: recordings that are used for nothing else: their error is computed at the very end.
+            effects: effects to choose from; None means all that the model can have.
+            adding: effects that the model is about to get (see `find_several`), whose values the recordings may state.
+            trusted: go on where a recording contradicts its declaration.
 
         Raises:
-            InputError: something cannot be read or compared.
-            WrongRecordingError: a recording is not what it says it is, and is not trusted.
+            InputError: a file cannot be read, or the recordings cannot be compared with the model.
+            WrongRecordingError: a recording contradicts its declaration, and is not trusted.
         """
         known = model if isinstance(model, ModelWithCatalogue) else ModelWithCatalogue.of(model)
         training, others, last = map(read_runs, (runs, held_out, exam))
@@ -139,7 +139,7 @@ class CheckedStudy:
         coming = find_several(adding, known.catalogue) if adding else ()
         for run in every:
             check_run(known.file.model, run, coming)
-        found = known.inspect(every, coming)  # of what was recorded: a servo's reading is made of it
+        found = known.inspect(every, coming)  # the recorded channels, before a servo's torque is estimated from them
         training, others, last = ([model.reading(run) for run in given] for given in (training, others, last))
         if not trusted:
             require_usable(found)
@@ -150,33 +150,33 @@ class CheckedStudy:
 
     @property
     def set_aside(self) -> tuple[str, ...]:
-        """What the study does not use of the model as given, a sentence each without its full stop."""
+        """Sentences, without their full stops, on parts of the given model that the study does not use."""
         given = self.known.file.model.background
         if given is None or self.study.model.background is not None:
             return ()
         return (f"The {given.label} of the model as given is set aside, to be found anew",)
 
     def compare(self) -> Comparison:
-        """Fit the model and see where it fails."""
+        """Fit the model and find where it fails."""
         found = compare(self.study)
         model = compared_model(self.study.model, found)
         self._require_plausible(model)
         return self._moving(replace(found, left_out=(*found.left_out, *model.open_questions)), model)
 
     def diagnose(self, say: Say | None = None) -> Diagnosis:
-        """Find out which effect the model lacks."""
+        """Find which effect the model lacks."""
         found = diagnose(self.study, say)
         self._require_plausible(fitted_model(self.study, found.search.last))
         return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:
-        """Diagnose and add until nothing is left to explain."""
+        """Diagnose and add effects until nothing is left to explain."""
         found = repair(self.study, say)
         self._require_plausible(found.model)
         return self._moved(found)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
-        """Add these effects, one after the other, whether or not the recordings ask for them."""
+        """Add these effects, one after the other, whether or not the recordings need them."""
         found = add(self.study, wanted)
         self._require_plausible(found.model)
         return self._moved(found)
@@ -186,7 +186,7 @@ class CheckedStudy:
         return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
 
     def _moved(self, found: Repair) -> Repair:
-        """A repair whose values are fitted to the motion, where drives say what they were told, and its roll-out."""
+        """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
         if isinstance(model, ArmModel) and isinstance(self.declared, ArmModel) and found.verdict is not Verdict.LOST:
             model = polished(model, [run.recording for run in self.study.runs], self.declared.drives)
@@ -200,7 +200,7 @@ class CheckedStudy:
 
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
-        """A comparison that tells what the drives are, and how far the model's motion is from the recorded one."""
+        """A comparison with the identified drives, and the simulated against the recorded motion."""
         if not isinstance(model, ArmModel):
             return found
         roles = {"training": self.study.runs, "held_out": self.study.held_out, "exam": self.study.exam}
@@ -208,7 +208,7 @@ class CheckedStudy:
         return replace(found, rollout=roll_outs(model, every), drives=model.drives)
 
     def _telling(self, found: Comparison) -> Comparison:
-        """A comparison that tells what was set aside, and what stays open."""
+        """A comparison with sentences on what was set aside and which questions are open."""
         return replace(found, left_out=(*found.left_out, *self.set_aside, *self.study.model.open_questions))
 
     def _require_plausible(self, model: Model) -> None:

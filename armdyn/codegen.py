@@ -1,4 +1,4 @@
-"""CasADi functions turned into C once and kept, with CasADi's virtual machine where no compiler exists."""
+"""Compile CasADi functions to machine code once and cache it; without a compiler CasADi's virtual machine is used."""
 
 import hashlib
 import os
@@ -21,19 +21,19 @@ from armdyn.quoting import identifier
 # the time to compile and gives code that is no faster.
 FLAGS = ("-O1", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 SWITCH = "ARMDYN_COMPILE"
-"""Environment variable: ``0`` keeps to the virtual machine."""
+"""Environment variable; with ``0`` the virtual machine is used."""
 
 
 @cache
 def compiler() -> str | None:
-    """The C compiler on the path, or None when there is none or ``ARMDYN_COMPILE=0``."""
+    """The C compiler on the path; None where there is none or ``ARMDYN_COMPILE=0``."""
     if os.environ.get(SWITCH) == "0":
         return None
     return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
 
 
 def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The same functions as machine code where a compiler exists, else as they are.
+    """Compile functions to machine code where a compiler exists; otherwise return them unchanged.
 
     The library is kept in the user's private cache under a hash of its source and a digest of itself, so that the
     compiler runs once per formulation, and again where the library was damaged. A failing compiler, a full disk or a
@@ -41,7 +41,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
 
     Args:
         name: prefix of the file in the cache, an identifier.
-        functions: by key; each keeps its inputs and outputs.
+        functions: functions by key; each keeps its inputs and outputs.
     """
     command = compiler()
     if command is None:
@@ -60,13 +60,13 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
         library = _kept(directory, stem) or _compile(command, source, directory, stem)
         if library is not None:
             return {key: ca.external(key, str(library)) for key in functions}
-    except (OSError, RuntimeError):  # a disk that is full or forbids to execute, or a library that cannot be loaded
+    except (OSError, RuntimeError):  # a full disk, one without permission to execute, or a damaged library
         pass
     return dict(functions)
 
 
 def _kept(directory: Path, stem: str) -> Path | None:
-    """The library in the cache whose content has the digest in its name; what is damaged is removed."""
+    """The library in the cache whose content matches the digest in its name; a damaged one is removed."""
     for library in sorted(directory.glob(f"{stem}-*.so")):
         if is_private(library) and library.name == _library_name(stem, library.read_bytes()):
             return library
@@ -84,7 +84,7 @@ def _renamed(key: str, function: ca.Function) -> ca.Function:
 
 
 def _compile(command: str, source: str, directory: Path, stem: str) -> Path | None:
-    """The library, made anew; None where the compiler fails."""
+    """Compile the library; None where the compiler fails."""
     with tempfile.TemporaryDirectory(dir=directory) as scratch:
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
         code.write_text(source)

@@ -1,4 +1,4 @@
-"""One root error; its kinds carry what was wrong and what to do next."""
+"""One root error; its subclasses carry what was wrong and what to do next."""
 
 import traceback
 from collections.abc import Iterable, Iterator
@@ -8,14 +8,14 @@ from typing import Any
 from urdf.table_file import TableFileError, hint
 
 LONGEST_NAME = 60
-"""Characters of a name that a message shows."""
+"""Largest number of characters of a name in a message."""
 
 
 class ArmdynError(Exception):
-    """Something a user can mend: the message is one line that says what, where and what to do."""
+    """An error that a user can correct: the message is one line that says what, where and what to do."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For its way out of a worker process: as it is, not made anew by a constructor that wants more than a line."""
+        """Pickle the error as it is, for its way out of a worker process, without calling its constructor."""
         return _as_it_was, (type(self), self.args, self.__dict__)
 
 
@@ -26,14 +26,14 @@ def _as_it_was(kind: type[ArmdynError], args: tuple[Any, ...], state: dict[str, 
 
 
 class InputError(ArmdynError):
-    """A value, file or argument that cannot be used."""
+    """A value, file or argument cannot be used."""
 
 
 @contextmanager
 def at(where: object) -> Iterator[None]:
-    """Tell the place of what is wrong in the block, such as a file or one of its entries, before the message.
+    """Add the place, such as a file or an entry, to the messages of errors in the block.
 
-    A message that begins with the place already is left as it is.
+    A message that begins with the place already is unchanged.
     """
     try:
         yield
@@ -44,7 +44,7 @@ def at(where: object) -> Iterator[None]:
 
 @contextmanager
 def collect(problems: list[str], where: str = "") -> Iterator[None]:
-    """Add what is wrong in the block to a list, with its place before it, and go on: all problems are told at once."""
+    """Append errors of the block to a list, with the place before each, and go on, so that all are reported at once."""
     try:
         yield
     except InputError as error:
@@ -52,13 +52,13 @@ def collect(problems: list[str], where: str = "") -> Iterator[None]:
 
 
 class UnknownNameError(InputError):
-    """A name that is not in a list of valid names.
+    """A name is not in a list of valid names.
 
     Args:
-        kind: what was looked up, such as ``"effect"``.
+        kind: kind of the name, such as ``"effect"``.
         name: the name that was given.
         valid: the names that exist.
-        besides: what else may be written, for a message that knows no name like the given one.
+        besides: further text on what may be written, for a message without a similar valid name.
     """
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
@@ -69,22 +69,22 @@ class UnknownNameError(InputError):
 
 
 class TaskFailedError(ArmdynError):
-    """The input is sound but the answer is no: infeasible, unreachable, stopped for safety."""
+    """The input is valid but the answer is negative: infeasible, unreachable, stopped for safety."""
 
 
 LONGEST_MESSAGE = 300
-"""Characters of a foreign message that are shown; some hold whole matrices."""
+"""Largest number of characters shown of a message from another library; some contain whole matrices."""
 
 
 def sentence_of(error: BaseException, failed: str) -> str:
-    """What happened, in one line.
+    """Describe an error in one line.
 
-    Our own errors already say what to do. Of any other, the kind, its message and the place in the code are given:
-    that is what whoever mends it needs.
+    Errors of armdyn already say what to do. For any other, the type, its message and the place in the code are given,
+    which is what a developer needs.
 
     Args:
-        error: what was raised.
-        failed: such as ``"the estimator node failed at 1.20 s"``.
+        error: the exception.
+        failed: text such as ``"the estimator node failed at 1.20 s"``.
     """
     said = " ".join(str(error).split())
     said = said if len(said) <= LONGEST_MESSAGE else said[:LONGEST_MESSAGE] + " ..."

@@ -1,4 +1,4 @@
-"""What a script or notebook asks for: inspect, fit, compare, diagnose, add and repair, in one call each."""
+"""Functions for scripts and notebooks: inspect, fit, compare, diagnose, add and repair, one call each."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -17,30 +17,30 @@ from armdyn.model import Model
 
 
 def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
-    """The model with the values and standard deviations that the runs give.
+    """Fit a model: it gets the values and standard deviations that the runs determine.
 
     Args:
-        model: or its file.
+        model: the model, or its file.
         runs: recordings, or their files.
-        trust_data: go on where recordings are not what they say they are.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared.
-        WrongRecordingError: see `inspect`.
-        TaskFailedError: the fit is lost.
+        InputError: a file cannot be read, or the runs cannot be compared with the model.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
+        TaskFailedError: the fit has failed.
     """
     return require_found(repairs.add(CheckedStudy.of(model, runs, effects=(), trusted=trust_data).study, ())).model
 
 
 def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
-    """Ask whether recordings are what they say they are: units, signs, columns, clocks, gaps.
+    """Check whether recordings are what they are declared to be: units, signs, columns, clocks, gaps.
 
     Args:
         runs: recordings, or their files.
-        model: of what was recorded, or its file; without one only the signals themselves are looked at.
+        model: model of the recorded system, or its file; without it only the signals are checked.
 
     Raises:
-        InputError: something cannot be read.
+        InputError: a file cannot be read.
     """
     read = read_runs(runs)
     return inspected(read) if model is None else ModelWithCatalogue.of(model).inspect(read)
@@ -49,18 +49,18 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
 def compare(
     model: AnyModel, runs: Runs, held_out: Runs = (), exam: Runs = (), *, trust_data: bool = False
 ) -> Comparison:
-    """Fit the model and see where it fails.
+    """Fit a model and find where it fails.
 
     Args:
-        model: or its file.
+        model: the model, or its file.
         runs: recordings to fit, or their files.
-        held_out: recordings that take no part in the fit.
-        exam: recordings that take part in nothing: their error is computed at the very end.
-        trust_data: go on where recordings are not what they say they are.
+        held_out: recordings that are not fitted.
+        exam: recordings that are used for nothing else: their error is computed at the very end.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared.
-        WrongRecordingError: see `inspect`.
+        InputError: a file cannot be read, or the runs cannot be compared with the model.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
     """
     return CheckedStudy.of(model, runs, held_out, exam, effects=(), trusted=trust_data).compare()
 
@@ -73,18 +73,18 @@ def diagnose(
     *,
     trust_data: bool = False,
 ) -> Diagnosis:
-    """Find out which effect the model lacks.
+    """Find which effect a model lacks.
 
     Args:
-        model: or its file.
+        model: the model, or its file.
         runs: recordings to fit, or their files.
-        held_out: recordings that take part in choosing effects, never in a fit.
-        effects: to choose from; the catalogue and the base's own where it is not given.
-        trust_data: go on where recordings are not what they say they are.
+        held_out: recordings that help to choose effects, but are never fitted.
+        effects: effects to choose from; by default the catalogue and the base's own.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared.
-        WrongRecordingError: see `inspect`.
+        InputError: a file cannot be read, or the runs cannot be compared with the model.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
     """
     return CheckedStudy.of(model, runs, held_out, effects=effects, trusted=trust_data).diagnose()
 
@@ -98,20 +98,20 @@ def add(
     *,
     trust_data: bool = False,
 ) -> Repair:
-    """Add effects to a model, one after the other, whether or not the recordings ask for them, and refit.
+    """Add effects to a model, one after the other, whether or not the recordings need them, and refit it.
 
     Args:
-        model: or its file.
-        effects: one or several, or their names, such as ``"rotor_inertia+joint_spring:elbow,wrist"``.
+        model: the model, or its file.
+        effects: one or several effects, or their names, such as ``"rotor_inertia+joint_spring:elbow,wrist"``.
         runs: recordings to fit, or their files.
-        held_out: recordings that take no part in a fit: every step tells the error on them.
-        exam: recordings that take part in nothing: likewise.
-        trust_data: go on where recordings are not what they say they are.
+        held_out: recordings that are not fitted; the error on them is reported at every step.
+        exam: recordings that are used for nothing else; the error on them is reported at every step.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared, or an effect is not for such a model.
+        InputError: a file cannot be read, the runs cannot be compared, or an effect does not apply to such a model.
         UnknownNameError: there is no such effect.
-        WrongRecordingError: see `inspect`.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
     """
     known = ModelWithCatalogue.of(model)
     each = [effects] if isinstance(effects, str | Effect) else effects
@@ -130,19 +130,19 @@ def repair(
     *,
     trust_data: bool = False,
 ) -> Repair:
-    """Diagnose and add until nothing is left to explain.
+    """Diagnose a model and add effects until nothing is left to explain.
 
     Args:
-        model: or its file.
+        model: the model, or its file.
         runs: recordings to fit, or their files.
-        held_out: recordings that take part in choosing effects, never in a fit.
-        effects: to choose from; the catalogue and the base's own where it is not given.
-        exam: recordings that take part in nothing: every step tells the error on them.
-        trust_data: go on where recordings are not what they say they are.
+        held_out: recordings that help to choose effects, but are never fitted.
+        effects: effects to choose from; by default the catalogue and the base's own.
+        exam: recordings that are used for nothing else; the error on them is reported at every step.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared.
-        WrongRecordingError: see `inspect`.
+        InputError: a file cannot be read, or the runs cannot be compared with the model.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
     """
     return CheckedStudy.of(model, runs, held_out, exam, effects=effects, trusted=trust_data).repair()
 
@@ -155,17 +155,17 @@ def discover(
     *,
     trust_data: bool = False,
 ) -> Discovery:
-    """Find a formula for the force that the model lacks; `Discovery.write` makes a file of effects of it.
+    """Find a formula for the force that a model lacks; `Discovery.write` writes it as a file of effects.
 
     Args:
-        model: or its file.
+        model: the model, or its file.
         runs: recordings to fit, or their files.
-        held_out: recordings that take part in choosing the formula, never in a fit.
-        effects: that are known already; the catalogue and the base's own where it is not given.
-        trust_data: go on where recordings are not what they say they are.
+        held_out: recordings that help to choose the formula, but are never fitted.
+        effects: effects that are known already; by default the catalogue and the base's own.
+        trust_data: go on where a recording contradicts its declaration.
 
     Raises:
-        InputError: something cannot be read or compared, or there are no terms for such a model.
-        WrongRecordingError: see `inspect`.
+        InputError: a file cannot be read, the runs cannot be compared, or there are no terms for such a model.
+        WrongRecordingError: a recording contradicts its declaration; see `inspect`.
     """
     return CheckedStudy.of(model, runs, held_out, effects=effects, trusted=trust_data).discover()

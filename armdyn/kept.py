@@ -1,4 +1,4 @@
-"""What is worked out of an object is kept with it, and goes when it goes."""
+"""Cache results with the object from which they were computed; they are deleted with the object."""
 
 from collections.abc import Callable, Hashable
 from functools import wraps
@@ -12,13 +12,13 @@ Found = TypeVar("Found")
 def cached_with_first_argument(
     function: Callable[Concatenate[First, Others], Found],
 ) -> Callable[Concatenate[First, Others], Found]:
-    """Work out once what a function makes of its first argument, and keep it as long as that lives.
+    """Decorate a function so that its results are cached with its first argument, as long as that exists.
 
-    The motion of an arm at the stamps of one recording is 100 MB: a table that outlives the recordings would fill the
+    The motion of an arm at the stamps of one recording is 100 MB: a cache that outlives the recordings would fill the
     memory where hundreds of them are read one after the other.
 
     Args:
-        function: of an object that has a dictionary of attributes, such as a run, and of hashable arguments.
+        function: its first argument has a dictionary of attributes, such as a run; the others are hashable.
     """
 
     @wraps(function)

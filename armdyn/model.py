@@ -1,4 +1,4 @@
-"""A model: a base, effects, parameters. Never changed in place."""
+"""A model: a base, effects and parameters. It is never changed in place."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -20,13 +20,13 @@ from armdyn.shown import Displayable
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model says about one run, all channels one after another.
+    """Prediction of a model for one run, with all channels one after another.
 
     Attributes:
-        channels: names in the order of the blocks.
-        slices: where each channel's samples are.
-        time: (n,) s.
-        values: (n,) in the channels' units.
+        channels: names of the channels in the order of the blocks.
+        slices: slice of each channel's samples.
+        time: (n,) times of the samples, s.
+        values: (n,) predicted values, in the channels' units.
         sensitivities: (n, p) exact derivatives with respect to the parameters, in the order of `Model.names`.
     """
 
@@ -38,7 +38,7 @@ class Prediction:
 
 
 def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Prediction:
-    """A prediction of channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p)."""
+    """Join channels, each with its name, times (n,) s, values (n,) and sensitivities (n, p), to a prediction."""
     names, times, values, sensitivities = zip(*parts, strict=True)
     ends = np.cumsum([len(time) for time in times]).tolist()
     slices = {name: slice(end - len(time), end) for name, time, end in zip(names, times, ends, strict=True)}
@@ -47,12 +47,12 @@ def join_channels(parts: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Background:
-    """Small values of effects that a model has without naming them: together they predict, none of them is told.
+    """Small values of unnamed effects of a model: together they improve the prediction, but none of them is reported.
 
     Attributes:
-        width: standard deviation about their null values with which they were found, in typical sizes; 0 where only
-            those were looked for that are sure.
-        names: of the parameters; they are held by every fit.
+        width: prior standard deviation about their null values, in typical sizes; 0 where only values with certain
+            evidence were fitted.
+        names: names of the parameters, which no fit changes.
     """
 
     width: float
@@ -60,13 +60,13 @@ class Background:
 
     @property
     def label(self) -> str:
-        """Such as ``"background of 57 small values"``."""
+        """A short name such as ``"background of 57 small values"``."""
         count = len(self.names)
         return f"background of {count} small value{'' if count == 1 else 's'}"
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The background in one sentence, for a reader."""
         return f"Not listed: a {self.label}, of a width of {self.width:.3g} typical sizes."
 
 
@@ -75,10 +75,11 @@ class Model(Displayable):
     """Base class of `PendulumModel` and `ArmModel`.
 
     Attributes:
-        effects: in the order in which they were added.
-        parameters: by name, of the base first, then of the effects; `names` gives the order used in every vector.
-        background: which of the effects' parameters are small values without a name; None where none are. An effect
-            has all its parameters on a joint in the background, or none.
+        effects: effects in the order in which they were added.
+        parameters: parameters by name, those of the base first, then those of the effects; `names` gives the order in
+            vectors.
+        background: small unnamed values among the effects' parameters; None where there are none. All parameters of an
+            effect on one joint are in the background, or none.
     """
 
     effects: tuple[Effect, ...]
@@ -86,20 +87,21 @@ class Model(Displayable):
     background: Background | None = field(default=None, kw_only=True)
 
     linear = False
-    """Whether predictions are linear in most unknowns: one expansion then says what any set of effects does."""
+    """Whether predictions are linear in most unknowns; one expansion then predicts the influence of any set of
+    effects."""
 
     @property
     def step(self) -> float:
-        """Of a simulation, s, about: how long a recording can be simulated follows from it."""
+        """Approximate step of a simulation, s; it limits the length of a recording that can be simulated."""
         return 0.005
 
     @property
     def settled_window(self) -> float:
-        """In a shorter part of a run, s, friction and creep are told too little to be fitted there."""
+        """Length of a part of a run, s, below which friction and creep are not identifiable."""
         return 3.0
 
     def __str__(self) -> str:
-        """One line: the base, its values, its effects."""
+        """The base, its values and its effects, in one line."""
         said = [effect.label for effect in self.named_effects] or ["no effects"]
         said += [self.background.label] if self.background is not None else []
         return f"{self.about}; {', '.join(said)}"
@@ -108,14 +110,14 @@ class Model(Displayable):
 
     @property
     def about(self) -> str:
-        """What it is a model of, with its values, but no usual ones that no fit changes, and without its effects."""
+        """The base with its values, without usual values that no fit changes and without effects."""
         shared = (p for p in self.parameters.values() if p.scope == "shared" and not p.effect)
         own = (p for p in shared if not p.considered or p.value != p.null)
         values = ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in own)
         return f"{self.base}, {values}" if values else self.base
 
     def document(self) -> Document:
-        """Its parameters."""
+        """Build the table of parameters."""
         shared = {name: p for name, p in self.named_only().parameters.items() if p.scope == "shared"}
         values = shared.values()
         columns = [Column("parameter", list(shared)), *columns_of(values, value=".6g")]
@@ -130,19 +132,19 @@ class Model(Displayable):
         return {} if self.background is None else {"background": self._background_columns}
 
     def _background_columns(self) -> Columns:
-        """A row per value."""
+        """Table of the background: one row per value."""
         held = [self.parameters[name] for name in self.background.names] if self.background is not None else []
         columns = [Column("parameter", [p.name for p in held]), *columns_of(held, effect="", joint="", value="")]
         columns += [*columns_of(held, unit=""), Column("typical_sizes", [(p.value - p.null) / p.typical for p in held])]
         return Table(columns).values
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
-        """First guesses of the parameters that are one value per run: the state at the start of a simulated motion."""
+        """First guesses of the parameters with one value per run: the state at the start of a simulated motion."""
         del run
         return {}
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """States at the start of a run from each of which a fit is tried; empty where a fit converges from anywhere.
+        """Start states from each of which a fit is tried; empty where a fit converges from any start.
 
         Args:
             run: a recording.
@@ -152,12 +154,12 @@ class Model(Displayable):
         return ()
 
     def start_window(self, theta: np.ndarray) -> float:
-        """Length of a run, s, that is long enough to choose among the possible starts; `theta` (p,)."""
+        """Length of a run, s, that suffices to choose among the possible starts; `theta` is (p,)."""
         del theta
         return np.inf
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """The run, or the parts of it each of which has a start of its own."""
+        """The run, or its parts with a start state each."""
         return (run,)
 
     def changes_link(self, names: Sequence[str]) -> bool:
@@ -173,7 +175,7 @@ class Model(Displayable):
     @property
     @abstractmethod
     def stages(self) -> tuple[str, ...]:
-        """What effects of this model may act on."""
+        """Names of the stages on which effects of this model may act."""
 
     def described(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file that name the base; paths in them are relative to the file's `folder`."""
@@ -186,21 +188,21 @@ class Model(Displayable):
         return tuple(self.parameters)
 
     def value(self, name: str) -> float:
-        """Present value of a parameter, in its unit."""
+        """Value of a parameter, in its unit."""
         return self._parameter(name).value
 
     def theta(self) -> np.ndarray:
-        """(p,) present values in the order of `names`."""
+        """(p,) values in the order of `names`."""
         return np.array([p.value for p in self.parameters.values()])
 
     def with_effect(self, effect: Effect) -> Self:
-        """The model with one effect more, or with one that it has on more joints, at its null value.
+        """The model with one more effect, or with an effect on more joints, at its null value.
 
-        On joints where only the background has the effect, it leaves the background.
+        On joints where the effect is only in the background, it is removed from the background.
 
         Raises:
-            InputError: the model has it already, or lacks the stage on which it acts.
-            UnknownNameError: it is meant for a joint that the model lacks.
+            InputError: the model has the effect already, or lacks the stage on which it acts.
+            UnknownNameError: the effect names a joint that the model lacks.
         """
         if effect.acts_on not in self.stages:
             raise InputError(
@@ -230,10 +232,10 @@ class Model(Displayable):
         return self._with(effects if has else [*effects, whole], {**self.parameters, **{p.name: p for p in added}})
 
     def without_effect(self, name: str) -> Self:
-        """The model with one effect less, or ``"<effect>:<joint>,<joint>"`` with one on fewer joints.
+        """The model without one effect, or without it on some joints: ``"<effect>:<joint>,<joint>"``.
 
         Raises:
-            UnknownNameError: the model does not have it.
+            UnknownNameError: the model does not have the effect.
         """
         name, _, listed = name.partition(":")
         has = self.joints_with(name)
@@ -256,7 +258,7 @@ class Model(Displayable):
         return self._with(kept, own)
 
     def _with(self, effects: Iterable[Effect], parameters: Mapping[str, Parameter]) -> Self:
-        """The model with these effects and parameters, and with what they leave of its background."""
+        """The model with these effects and parameters, and with the part of its background that remains."""
         held = tuple(name for name in self.background.names if name in parameters) if self.background else ()
         background = replace(self.background, names=held) if self.background and held else None
         return replace(
@@ -264,16 +266,16 @@ class Model(Displayable):
         )
 
     def with_background(self, width: float, values: Mapping[str, float], effects: Iterable[Effect]) -> Self:
-        """The model with small values of effects, on joints where it does not name them, in place of its background.
+        """The model with a new background: small values of effects on joints where the model does not name them.
 
         Args:
-            width: standard deviation about their null values with which they were found, in typical sizes.
-            values: by name of the parameter; others of the same effect on the same joint are at their null values.
-            effects: definitions; those that the values need are added on the joints that they need.
+            width: prior standard deviation about their null values, in typical sizes.
+            values: values by parameter name; other parameters of the same effect and joint get their null values.
+            effects: definitions of the effects, which are added on the joints with values.
 
         Raises:
-            InputError: the width is negative, a value is out of bounds, or belongs to an effect that the model
-                names on this joint.
+            InputError: the width is negative, a value is out of bounds, or it belongs to an effect that the model names
+                on this joint.
             UnknownNameError: there is no such effect, joint or parameter.
         """
         if not 0.0 <= width < inf:
@@ -312,38 +314,38 @@ class Model(Displayable):
 
     @property
     def named_effects(self) -> tuple[Effect, ...]:
-        """The effects that it names, each on the joints where it is named: all but those of the background."""
+        """The effects that the model names, each on its named joints, without those of the background."""
         return self.named_only().effects
 
     def _joints_without_name(self, effect: str) -> tuple[str, ...]:
-        """Joints where only the background has an effect, ``("",)`` where its stage has none."""
+        """Joints where an effect is only in the background, ``("",)`` where its stage has no joints."""
         held = self.background.names if self.background is not None else ()
         return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
-        """Effects that come with the base, beside the catalogue's."""
+        """Effects that come with the base, besides the catalogue's."""
         return ()
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
-        """Joints that an effect can act on, ``("",)`` where its stage has none, in the order of the model.
+        """Joints on which an effect can act, in the model's order; ``("",)`` where its stage has no joints.
 
         Raises:
-            InputError: it cannot act on the joints that it names, or on none.
+            InputError: it cannot act on a joint that it names, or on any joint.
         """
         del effect
         return ("",)
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter of an effect on a joint, in the units and of the size that it has there."""
+        """A parameter of an effect on a joint, with the units and typical size that it has there."""
         return quantity.parameter(effect, short, joint)
 
     def joints_with(self, effect: str) -> tuple[str, ...]:
-        """Joints on which the model has an effect, ``("",)`` where its stage has none, empty where it lacks it."""
+        """Joints on which the model has an effect; ``("",)`` where its stage has no joints; empty without it."""
         return next((e.joints or self.reachable(e) for e in self.effects if e.name == effect), ())
 
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """The model with other parameter values (in their units); standard deviations are forgotten."""
+        """The model with other parameter values, in their units; standard deviations are removed."""
         return self.with_parameters({name: self._parameter(name).with_value(v) for name, v in values.items()})
 
     def with_parameters(self, changed: Mapping[str, Parameter]) -> Self:
@@ -353,16 +355,16 @@ class Model(Displayable):
         return replace(self, parameters=MappingProxyType({**self.parameters, **changed}))
 
     def with_prior(self, name: str, mean: float, std: float) -> Self:
-        """The model with knowledge of a parameter from outside the data: mean and standard deviation in its unit."""
+        """The model with a prior on a parameter: mean and standard deviation, in its unit."""
         known = replace(self._parameter(name), prior=Prior(mean, std), value=mean)
         return self.with_parameters({name: known})
 
     def with_fixed(self, *names: str) -> Self:
-        """The model with these parameters held at their present values by every fit."""
+        """The model with these parameters fixed at their values in every fit."""
         return self.with_parameters({name: replace(self._parameter(name), fitted=False) for name in names})
 
     def with_candidates(self, effects: Iterable[Effect]) -> Self:
-        """The model with every one of `effects` that it lacks and can have, at its null value and not fitted."""
+        """The model with all of `effects` that it lacks and can have, at their null values and not fitted."""
         model = self
         for effect in effects:
             if model.lacks(effect):
@@ -373,59 +375,59 @@ class Model(Displayable):
         return model
 
     def lacks(self, effect: Effect) -> bool:
-        """Whether `with_effect` would add something."""
+        """Whether `with_effect` would change the model."""
         if effect.acts_on not in self.stages:
             return False
         return not set(effect.joints or self.reachable(effect)) <= set(self.joints_with(effect.name))
 
     @property
     def first_guesses(self) -> tuple[str, ...]:
-        """Parameters whose values are no more than guesses: where runs do not tell them, they stay about as given."""
+        """Parameters whose values are only guesses; unidentified ones stay near the given values."""
         return ()
 
     def following(self, runs: Sequence[Run]) -> Self:
-        """The model in which what recordings say of things beside it is as they say; most have nothing beside them."""
+        """The model adapted to further quantities of recordings, such as a servo's commands; most are unchanged."""
         del runs
         return self
 
     def taking(self, run: Run) -> Run:
-        """The run with those of its further quantities as channels that the model predicts or follows."""
+        """The run with those of its further quantities as channels that the model predicts or needs as input."""
         return run
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """What recordings left open of things beside it, and what would tell, a sentence each without its full stop."""
+        """Open questions that recordings leave, with what would answer them: sentences without full stops."""
         return ()
 
     @property
     def told_beside(self) -> frozenset[str]:
-        """Names of effects that are no candidates: recordings say it beside them, or fit any.
+        """Names of effects that are no candidates, because recordings state them or because they fit any recording.
 
-        They can be added by hand.
+        A user can still add them.
         """
         return frozenset()
 
     def reading(self, run: Run) -> Run:
-        """The run with what its channels say, to this model, of what it predicts: a servo's error is its torque."""
+        """The run with estimated channels that the model predicts: a servo's position error gives its torque."""
         return run
 
     def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
-        """A model that may lack effects which are not `needed`, where `runs` are predicted faster without them.
+        """A model that may lack effects which are not `needed`, where it predicts `runs` faster.
 
-        At the null values of what it lacks it predicts the same; its parameters keep their order.
+        At the null values of the effects that it lacks, it predicts the same; its parameters keep their order.
         """
         del runs
         return self.with_only(needed)
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run as this model is compared with it; prepare every run once, before its noise is estimated.
+        """The run in the form for comparison with this model; prepare every run once, before its noise is estimated.
 
-        An arm low-passes and thins out the measured torques here, and does the same to what it predicts for the run
-        that it returns. Other models take runs as they are.
+        For an arm the measured torques are low-passed and thinned out here, and the predictions for the returned run
+        likewise. Other models use runs as they are.
 
         Args:
             run: a recording.
-            beside: recordings that show what the sensors did; this one alone if there are none.
+            beside: further recordings that show the properties of the sensors; by default this one alone.
 
         Raises:
             InputError: the run cannot be compared with this model.
@@ -434,12 +436,12 @@ class Model(Displayable):
         return run
 
     def jumps(self, run: Run) -> np.ndarray:
-        """(j,) times, s, ascending, at which what it predicts for a prepared run may jump."""
+        """(j,) times, s, ascending, at which the prediction for a prepared run may jump."""
         del run
         return np.zeros(0)
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
-        """By channel of a prepared run, the standard deviation of what is compared, where it depends on (p,) `theta`.
+        """Standard deviation of the compared samples, by channel of a prepared run, where it depends on (p,) `theta`.
 
         The noise of an arm's positions becomes torque through its inertias.
         """
@@ -447,21 +449,21 @@ class Model(Displayable):
         return {}
 
     def parts(self, effect: str) -> Mapping[str, tuple[str, ...]]:
-        """Names of an effect's parameters by the joint that they belong to, ``""`` where there is none."""
+        """Names of an effect's parameters by joint; the joint is ``""`` where the effect has none."""
         return {
             joint: tuple(p.name for p in self.parameters.values() if p.effect == effect and p.joint == joint)
             for joint in self.joints_with(effect)
         }
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """What a residual may depend on, such as the swing angle or a joint's speed, over the run's time."""
+        """Signals on which a residual may depend, such as the swing angle or a joint's speed, over the run's time."""
         del run, theta
         return {}
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
-        """Channels of a run whose residual is a missing force, by name with its joint; empty for a model with states.
+        """Channels whose residual is a missing force, by name with the joint; empty for a model with states.
 
-        What a model with states lacks is an acceleration, which its residual shows only through the motion.
+        A model with states lacks an acceleration, which its residual contains only through the motion.
         """
         del run
         return {}
@@ -476,12 +478,12 @@ class Model(Displayable):
         """Channels of a run that this model predicts, in the order of the prediction.
 
         Raises:
-            InputError: there is none.
+            InputError: there is no such channel.
         """
 
     @abstractmethod
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """What the model says about a run.
+        """Predict the channels of a run.
 
         Args:
             run: a recording; the channels that both it and the model have are predicted.

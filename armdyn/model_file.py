@@ -1,4 +1,4 @@
-"""Model files: readable TOML, the only state that is kept between commands."""
+"""Model files: readable TOML, the only state that is stored between commands."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,16 +19,16 @@ from urdf.bounds import LARGEST
 from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
-"""Where each base is read; a user's own is the path of a Python file."""
+"""Module of each base; a user's own base is the path of a Python file."""
 KEYS = ("base", "effects", "parameters", "background", "history")
-"""Keys of every model file; each base has its own besides."""
+"""Keys of every model file; each base has further ones."""
 _Names = str | tuple[str, ...]
 _Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
 
 
 @dataclass(frozen=True)
 class _Change:
-    """Entries of a change in the history that are looked at; others are let pass."""
+    """Entries of a change in the history that are checked; others are accepted."""
 
     added: _Names = ()
     removed: _Names = ()
@@ -45,7 +45,7 @@ class _Change:
 
 @dataclass(frozen=True)
 class _ParameterEntry:
-    """The entries of a parameter; what is left out stays as the model has it."""
+    """The entries of a parameter; missing ones keep the model's value."""
 
     value: Annotated[float, Check(lambda value: abs(value) <= LARGEST, "write a number, in SI units")]
     std: Annotated[float, Check(lambda std: 0.0 <= std <= LARGEST, "write one that is not negative")] | None = None
@@ -64,11 +64,11 @@ class _BackgroundEntry:
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A model and how it came to be.
+    """A model and its history.
 
     Attributes:
-        model: with its effects and parameters.
-        description: keys that belong to the base, such as which arm it is.
+        model: the model, with its effects and parameters.
+        description: entries that belong to the base, such as the arm's file.
         history: one entry per change, as in the contract.
     """
 
@@ -78,7 +78,7 @@ class ModelFile:
 
 
 def read_model(path: Path | str, extra: Iterable[Effect] = ()) -> Model:
-    """The model in a file; see `read_model_file`."""
+    """Read the model in a file; see `read_model_file`."""
     return read_model_file(path, extra).model
 
 
@@ -86,11 +86,11 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     """Read a model file.
 
     Args:
-        path: TOML.
+        path: path of the TOML file.
         extra: a user's own effects, which the model may have.
 
     Raises:
-        InputError: names the file, the field, what is wrong and what to do.
+        InputError: it names the file, the field, what is wrong and what to do.
     """
     path = Path(path)
     if path.is_dir():
@@ -113,7 +113,7 @@ def write_model_file(path: Path | str, file: ModelFile) -> None:
 
 
 def model_text(file: ModelFile, folder: Path) -> str:
-    """The model file as TOML; paths in it begin at the folder where it will lie."""
+    """Text of a model file, in TOML; paths are relative to the folder of the file."""
     import tomlkit
 
     model, background = file.model.named_only(), file.model.background
@@ -161,22 +161,22 @@ def model_text(file: ModelFile, folder: Path) -> str:
 
 
 def base_pendulum(known: Mapping[str, str] | None = None) -> Model:
-    """A bare pendulum with what is known of it; see `with_known`."""
+    """A bare pendulum with known values; see `with_known`."""
     from armdyn.pendulum.model import pendulum_model
 
     return with_known(pendulum_model(0.35, 0.1), known or {})
 
 
 def with_known(model: Model, known: Mapping[str, str]) -> Model:
-    """A model with what is known of its parameters.
+    """Set known values of a model's parameters.
 
     Args:
-        model: without it.
-        known: such as ``{"mass": "80 g +/- 0.4 g"}``; without a standard deviation a value is only a first guess, and
-            exact where no fit changes it.
+        model: the model without known values.
+        known: values such as ``{"mass": "80 g +/- 0.4 g"}``; a value without a standard deviation is only a first
+            guess, or exact where no fit changes it.
 
     Raises:
-        InputError: an unknown name, unit or value.
+        InputError: a name, unit or value is not valid.
     """
     settable = [name for name, p in model.parameters.items() if p.scope == "shared"]
     for name, text in known.items():
@@ -235,7 +235,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
 
 @contextmanager
 def _own_effects_in_a_file() -> Iterator[None]:
-    """Say of an effect that is not known where it may be."""
+    """Add a hint to the error of an unknown effect: it may be in a file of the user's effects."""
     try:
         yield
     except UnknownNameError as error:

@@ -1,4 +1,4 @@
-"""How a document looks in a notebook: a card of HTML, a plotly figure, data frames."""
+"""Show a document in a notebook: a card of HTML, a plotly figure, data frames."""
 
 from html import escape
 from typing import Any
@@ -7,14 +7,14 @@ from armdyn.document import MOST_ROWS, Curve, Document, Level, Table
 from armdyn.errors import InputError, UnknownNameError
 
 MOST_POINTS = 2000
-"""Per curve of a figure."""
+"""Largest number of points per curve of a figure."""
 GREY, ORANGE, BLUE, GREEN, VERMILLION = "#7B8794", "#E69F00", "#0072B2", "#009E73", "#D55E00"
-"""Okabe and Ito's palette, as in the reports."""
+"""Colours of Okabe and Ito's palette, as in the reports."""
 PALETTE = (BLUE, ORANGE, GREEN, "#CC79A7", VERMILLION, "#56B4E9", "#F0E442", GREY)
 
 
 def card(document: Document) -> str:
-    """A document as HTML that is at home on light and dark pages."""
+    """A document as HTML that suits light and dark pages."""
     colour = "currentColor" if document.level is None else GREEN if document.level is Level.GOOD else VERMILLION
     head = f"<b>{escape(document.title)}</b><br>{escape(document.verdict)}"
     tables = "".join(_html(table) for table in document.tables if table.name)
@@ -103,7 +103,7 @@ def figure(document: Document) -> Any:
 
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:
-    """A band around a curve; (n,) times forth and back."""
+    """A band around a curve, as a closed polygon."""
     thin = slice(None, None, -(-len(curve.time) // MOST_POINTS))
     time, middle = curve.time[thin].tolist(), curve.value[thin]
     half = middle * 0.0 if curve.half_width is None else curve.half_width[thin]

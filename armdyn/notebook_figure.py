@@ -1,4 +1,4 @@
-"""A plotly figure that a saved notebook still shows when it was made a page."""
+"""A plotly figure that is still visible when a saved notebook is converted to a page."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 
 
 class KeptFigure(go.Figure):  # type: ignore[misc]
-    """A figure whose output holds HTML and text beside plotly's own form, which `nbconvert` cannot draw."""
+    """A figure whose output also has HTML and text, because `nbconvert` cannot draw plotly's own form."""
 
     def _repr_mimebundle_(self, *_: Any, **__: Any) -> dict[str, Any]:
         return {

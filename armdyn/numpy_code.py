@@ -1,4 +1,4 @@
-"""A CasADi function as lines of Python that need numpy alone: an operation of the expression graph per line."""
+"""Write a CasADi function as lines of Python that need only numpy: one operation of the expression graph per line."""
 
 from collections.abc import Callable, Mapping
 from math import isfinite
@@ -23,22 +23,22 @@ OPERATIONS: Mapping[int, str] = {
     ca.OP_AND: "np.logical_and({}, {}) * 1.0", ca.OP_OR: "np.logical_or({}, {}) * 1.0",
     ca.OP_NOT: "np.logical_not({}) * 1.0", ca.OP_IF_ELSE_ZERO: "np.where({}, {}, 0.0)",
 }  # fmt: skip
-"""What each operation of CasADi is in numpy."""
+"""Form of each CasADi operation in numpy."""
 
 
 def unknown_operations(f: ca.Function) -> set[int]:
-    """The operations of an SX function that have no line here."""
+    """The operations of an SX function that cannot be written as numpy code."""
     used = {f.instruction_id(k) for k in range(f.n_instructions())}
     return used - {*OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
 
 
 def numpy_lines(f: ca.Function, read: Callable[[int, int], str], write: Callable[[int, int], str]) -> list[str]:
-    """What computes an SX function whose operations are all known.
+    """Lines that compute an SX function with known operations only.
 
     Args:
         f: the function.
-        read: expression for an entry of an input, by their numbers.
-        write: where an entry of an output is kept, by their numbers.
+        read: gives the expression of an input's entry, by input and entry number.
+        write: gives the target of an output's entry, by output and entry number.
     """
     lines = []
     for k in range(f.n_instructions()):

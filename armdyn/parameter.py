@@ -1,4 +1,4 @@
-"""A parameter of a model: what it is called, what it may be, what is known of it; and what was recorded beside it."""
+"""Parameters of a model: name, bounds, prior and value; and recorded quantities that effects read."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -15,10 +15,10 @@ Scope = Literal["shared", "per_run"]
 
 @dataclass(frozen=True)
 class Prior:
-    """Knowledge from outside the data, such as a weighing: a normal density.
+    """Prior knowledge of a parameter, such as a weighing: a normal density.
 
     Attributes:
-        mean: in the parameter's unit.
+        mean: mean in the parameter's unit.
         std: standard deviation in the parameter's unit, > 0.
     """
 
@@ -49,8 +49,9 @@ class Parameter:
         source: where the value comes from.
         effect: name of the effect that it belongs to, ``""`` for a parameter of the base.
         joint: the joint that it belongs to, ``""`` for none.
-        needs: channels of which a recording must have one to show it; any will do where empty.
-        beside: further channels of which it must have one as well: a delay shows only against another clock.
+        needs: channels of which a recording must have one to make it identifiable; any channel where empty.
+        beside: further channels of which the recording must also have one: a delay is visible only against another
+            clock.
     """
 
     name: str
@@ -72,11 +73,11 @@ class Parameter:
 
     @property
     def considered(self) -> bool:
-        """Whether no fit changes it, but its standard deviation counts: a base's that is only known to a prior."""
+        """Whether it has a prior whose standard deviation counts although no fit changes it (a consider parameter)."""
         return not self.fitted and self.prior is not None and not self.effect
 
     def shows_in(self, channels: Collection[str]) -> bool:
-        """Whether recordings of these channels can show it."""
+        """Whether recordings of these channels can determine it."""
         return not asked_for(channels, self.needs, self.beside)
 
     def __post_init__(self) -> None:
@@ -94,12 +95,12 @@ class Parameter:
 
 
 def asked_for(channels: Collection[str], needs: tuple[str, ...], beside: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Channels of which a recording of `channels` lacks one to show something; empty where it lacks none.
+    """Channels of which one is missing in a recording of `channels`; empty where none is missing.
 
     Args:
-        channels: that it has.
-        needs: of these one, of any joint where none is named; any will do where empty.
-        beside: of these one as well, likewise.
+        channels: channels of the recording.
+        needs: channels of which one is needed, on any joint where none is named; any channel where empty.
+        beside: further channels of which one is needed as well.
     """
     held = {*channels, *(name.partition(".")[0] for name in channels)}
     return next((names for names in (needs, beside) if names and not held & set(names)), ())
@@ -116,11 +117,11 @@ class Quantity:
         lower: smallest physical value.
         upper: largest physical value.
         scope: ``"shared"`` by all runs or ``"per_run"``.
-        summary: one phrase on what the number is.
-        spread: standard deviation, about the null value, of what nature has; it keeps a fit sound where a run does
-            not determine the number, such as the place of a mass of zero.
-        needs: channels of which a recording must have one to show it; any will do where empty.
-        beside: further channels of which it must have one as well, see `Parameter`.
+        summary: one phrase on the meaning of the number.
+        spread: prior standard deviation about the null value of what occurs in nature; it keeps a fit stable where a
+            run does not identify the number, such as the place of a mass of zero.
+        needs: channels of which a recording must have one to make it identifiable; any channel where empty.
+        beside: further channels of which the recording must also have one; see `Parameter`.
     """
 
     unit: str
@@ -145,17 +146,17 @@ class Quantity:
 
 
 quantity: Any = Quantity
-"""A `Quantity` where it is the default value of an argument, which is an expression when the effect is applied."""
+"""A `Quantity` as the default value of an argument, which is an expression when the effect is applied."""
 
 
 @dataclass(frozen=True)
 class RecordedColumn:
-    """Declares a further recorded quantity that an effect reads, as the default value of an argument of its function.
+    """Declares a recorded quantity that an effect reads, as the default value of an argument of its function.
 
     Attributes:
-        name: of the column, ``"extra.temperature"``.
-        unit: SI base unit in which it is read, ``"1"`` for a plain number.
-        usual: its value wherever it was not recorded: in runs without the column, in plans, in control, in exports.
+        name: name of the column, such as ``"extra.temperature"``.
+        unit: SI base unit of its values, ``"1"`` for a plain number.
+        usual: value where it was not recorded: in runs without the column, in plans, in control, in exports.
     """
 
     name: str
@@ -163,14 +164,14 @@ class RecordedColumn:
     usual: float
 
     def over(self, recorded: Mapping[str, Channel], time: FloatArray) -> FloatArray:
-        """(n,) values at (n,) times, s: linear between the samples, held before the first one and after the last one.
+        """(n,) values at (n,) times, s: linear between the samples, constant before the first and after the last.
 
         Args:
             recorded: further quantities of a run, by name.
-            time: on the run's clock.
+            time: (n,) times on the run's clock, s.
 
         Raises:
-            InputError: it was recorded in another unit.
+            InputError: the quantity was recorded in another unit.
         """
         if self.name not in recorded:
             return np.full(len(time), self.usual)
@@ -183,4 +184,4 @@ class RecordedColumn:
 
 
 column: Any = RecordedColumn
-"""A `RecordedColumn` where it is the default value of an argument, which is an expression like that of a `quantity`."""
+"""A `RecordedColumn` as the default value of an argument, which is an expression like that of a `quantity`."""

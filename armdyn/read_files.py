@@ -1,10 +1,10 @@
-"""Files that a command has read, directly or not: nothing that it writes takes the place of one.
+"""Keep a list of the files that a command has read, so that no output overwrites one of them.
 
-A model names a URDF, a recording has a sidecar, a batch names models: whoever chooses an output cannot know them all,
-and no list of them is complete for long. Python tells an audit hook of every file that is opened; what other languages
-open is told by `reading`. Only a command keeps count; a program that writes over what it has read means to.
+A model names a URDF, a recording has a sidecar, a batch names models: a user who chooses an output cannot know them
+all. Python calls an audit hook for every file that is opened; files opened by other languages are added by `reading`.
+Only a command keeps the list; a program may overwrite what it has read.
 
-The same hook keeps a command from waiting for ever at a named pipe, whoever opens it.
+The same hook prevents a command from waiting for ever at a named pipe.
 """
 
 import errno
@@ -20,7 +20,7 @@ from armdyn.errors import InputError
 
 
 class _Opened:
-    """What one command has opened to read, and what of it may be written over."""
+    """The files that one command has read, and those of them that may be overwritten."""
 
     def __init__(self) -> None:
         self.paths: set[str] = set()
@@ -43,7 +43,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _refuse_named_pipe(path: str | bytes) -> None:
-    """Raise an `OSError` for a pipe that has a name: whoever opens it waits until somebody else does."""
+    """Raise an `OSError` for a named pipe: opening it waits until another program opens it."""
     try:
         named = stat.S_ISFIFO(os.stat(path).st_mode)  # noqa: PTH116 called for every file that is opened
     except (OSError, ValueError):  # whoever opens it will say so
@@ -54,7 +54,7 @@ def _refuse_named_pipe(path: str | bytes) -> None:
 
 @contextmanager
 def keeping_inputs() -> Iterator[None]:
-    """Keep count of what is read until the block ends, refuse to write over it, and open no named pipe."""
+    """Keep a list of the files read in the block, refuse to overwrite them, and open no named pipe."""
     global _opened, _hooked
     if not _hooked:
         sys.addaudithook(_hear)
@@ -67,22 +67,22 @@ def keeping_inputs() -> Iterator[None]:
 
 
 def reading(path: Path) -> None:
-    """Tell that a file is read by a library that is not Python."""
+    """Add a file that a library in another language reads to the list."""
     sys.audit("open", str(path), "rb", os.O_RDONLY)
 
 
 def may_replace(path: Path) -> None:
-    """Let a file be written over although it was read: it is the command's own, or its user asked for that."""
+    """Allow a file to be overwritten although it was read: it is the command's own, or its user asked for that."""
     identity = _identity(path)
     if _opened is not None and identity is not None:
         _opened.free.add(identity)
 
 
 def refuse_to_replace(path: Path) -> None:
-    """Refuse to write over a file that was read, under whatever name.
+    """Refuse to overwrite a file that was read, under any of its names.
 
     Raises:
-        InputError: it was read.
+        InputError: the file was read.
     """
     identity = _identity(path)
     if _opened is None or identity is None or identity in _opened.free:
@@ -92,7 +92,7 @@ def refuse_to_replace(path: Path) -> None:
 
 
 def _identity(path: Path | str) -> tuple[int, int] | None:
-    """Device and number of a file, the same for all its names; None where there is none."""
+    """Device and number of a file, which are the same for all its names; None where there is no file."""
     with suppress(OSError, ValueError):
         found = Path(path).stat()
         return found.st_dev, found.st_ino

@@ -1,6 +1,6 @@
-"""From a quantity to the samples of its sensor: gain, lag, dead time, low-pass, sampling; with exact derivatives.
+"""Sample a quantity as its sensor does: gain, lag, dead time, low-pass, sampling; with exact derivatives.
 
-The same for a torque along a recorded motion of an arm and for the output of a simulation. The quantity is given at
+It serves both the torque along a recorded motion of an arm and the output of a simulation. The quantity is given at
 nodes: the stamps of a recording or the grid of a simulation.
 """
 
@@ -13,36 +13,36 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered
 from armdyn.physics.definition import Expression
-from armdyn.smoothing import UNDISTORTED, LowPass, Samples, basis_matrix
+from armdyn.smoothing import MAX_UNDISTORTED_CUTOFF, LowPass, Samples, basis_matrix
 
 ON_A_NODE = 1e-9
-"""Of the interval of the nodes: a sample that is nearer to one needs no interpolation."""
+"""Distance of a sample from a node, in intervals of the nodes, below which it needs no interpolation."""
 
 
 class Sampler(ABC):
     """A linear map from signals at nodes to samples at other times, which may be late."""
 
     nodes: np.ndarray
-    """(K,) s."""
+    """(K,) times of the nodes, s."""
 
     @abstractmethod
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
-        """(N, m) what represents (K, m) signals in between; linear, and zero for zero."""
+        """(N, m) coefficients that represent (K, m) signals between the nodes; linear in the signals."""
 
     @abstractmethod
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """(n, N) that takes coefficients to the samples' times minus `delay` s, or to the derivative there, in 1/s."""
+        """(n, N) matrix from coefficients to values at the sample times minus `delay` s, or to a derivative, 1/s."""
 
 
 class Interpolated(Sampler):
-    """Samples of the signal as it is, cubic between the nodes; after the last it is constant.
+    """Samples of the signal itself, cubic between the nodes and constant after the last one.
 
-    What a late sample shows of the time before the first node goes on from there with the signal's first slope.
+    Before the first node a late sample continues the signal with its first slope.
 
     Args:
-        nodes: (K,) s, K >= 4.
-        time: (n,) s of the samples.
-        spread: s^2; variance of the times over which a sample is a mean, 0 for an instant. Of evenly spaced nodes only.
+        nodes: (K,) times of the nodes, s, K >= 4.
+        time: (n,) times of the samples, s.
+        spread: variance, s^2, of the times over which a sample is a mean, 0 for an instant; only for even nodes.
     """
 
     def __init__(self, nodes: np.ndarray, time: np.ndarray, spread: float = 0.0) -> None:
@@ -50,11 +50,11 @@ class Interpolated(Sampler):
         self._prompt: csr_matrix | None = None
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
-        """See `Sampler.coefficients`."""
+        """The signals themselves; see `Sampler.coefficients`."""
         return signals
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """See `Sampler.matrix`; that of what is not late is kept, since most sensors have no dead time."""
+        """Interpolation matrix, see `Sampler.matrix`; cached without delay, since most sensors have no dead time."""
         if delay or derivative:
             return self._made(delay, derivative)
         if self._prompt is None:
@@ -73,7 +73,7 @@ class Interpolated(Sampler):
         return found + _rows(bend, middle[:, None] + [-1, 0, 1], len(nodes))
 
     def _instants(self, delay: float, derivative: int) -> csr_matrix:
-        """`matrix` for samples that are no means."""
+        """The `matrix` for samples at instants, which are no means."""
         nodes = self.nodes
         at = np.clip(self._time, nodes[0], None) - delay
         inside = np.clip(at, nodes[0], nodes[-1])
@@ -104,15 +104,15 @@ class Interpolated(Sampler):
 
 
 class LowPassed(Sampler):
-    """Samples of the signal after a low-pass of zero phase.
+    """Samples of the signal after a low-pass without phase shift.
 
     Args:
-        nodes: (K,) s.
-        cutoff: of the low-pass, Hz.
-        time: (n,) s of the samples.
-        used: (K,) bool, the nodes that the low-pass takes in.
-        recorded_below: cut-off, Hz, of a low-pass before that through which the samples were recorded, of all nodes: a
-            Butterworth filter of second order forwards and backwards; None where there was none.
+        nodes: (K,) times of the nodes, s.
+        cutoff: cut-off of the low-pass, Hz.
+        time: (n,) times of the samples, s.
+        used: (K,) bool, nodes that the low-pass uses.
+        recorded_below: cut-off, Hz, of an earlier low-pass in the recording, over all nodes: a Butterworth filter of
+            second order forwards and backwards; None where there was none.
     """
 
     def __init__(
@@ -126,30 +126,30 @@ class LowPassed(Sampler):
         self.nodes, self._time, self._used, self._before = nodes, time, used, None
         if recorded_below is not None:
             # Penalised second differences pass 1 / (1 + (f/f_c)^4), as that filter does.
-            self._before = LowPass(Samples(nodes, UNDISTORTED / recorded_below, order=2), recorded_below)
-        self._filter = LowPass(Samples(nodes[used], UNDISTORTED / cutoff), cutoff)
+            self._before = LowPass(Samples(nodes, MAX_UNDISTORTED_CUTOFF / recorded_below, order=2), recorded_below)
+        self._filter = LowPass(Samples(nodes[used], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
-        """See `Sampler.coefficients`."""
+        """Coefficients of the smoothed signals; see `Sampler.coefficients`."""
         if self._before is not None:
             signals = self._before.curve(signals)(self.nodes)
         return self._filter.curve(signals[self._used]).coefficients
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:
-        """See `Sampler.matrix`."""
+        """Matrix from coefficients to samples; see `Sampler.matrix`."""
         samples, at = self._filter.samples, self._time - delay
         matrix = basis_matrix(np.clip(at, self.nodes[0], None), samples.start, samples.step, samples.size, derivative)
         return matrix.multiply((at >= self.nodes[0])[:, None]).tocsr() if derivative else matrix
 
 
 class Sensor:
-    """What a sensor makes of its quantity: reading(t) = [gain quantity]_lagged (t - delay).
+    """A sensor's reading of a quantity: reading(t) = [gain quantity]_lagged (t - delay).
 
     Signals are (K, 1 + m): the quantity and its derivatives by m parameters, those of `theta` first.
 
     Args:
-        theta: (p,) symbols.
-        gain: reading per quantity, an expression of `theta`.
+        theta: (p,) symbols of the parameters.
+        gain: gain of the reading, an expression of `theta`.
         lag: first-order time constant, s.
         delay: dead time, s.
 
@@ -172,14 +172,14 @@ class Sensor:
         return float(self._function(theta)[0][2, 0])
 
     def amplified(self, signal: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """The signal times the gain."""
+        """The signal multiplied by the gain."""
         if not self.amplifies:
             return signal
         amplified = signal * self._function(theta)[0][0, 0]
         return self._with(amplified, 0, signal[:, 0], theta)
 
     def lagged(self, signal: np.ndarray, theta: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """The signal behind the lag, as if it had come with its first slope; `nodes` (K,) s."""
+        """The signal after the lag, continued before the start with its first slope; `nodes` are (K,) times, s."""
         if not self.lags:
             return signal
         tau, steps = float(self._function(theta)[0][1, 0]), np.diff(nodes)
@@ -194,7 +194,7 @@ class Sensor:
     def adjoint(self, weights: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
         """(K,) weights of the quantity at the nodes that give the same sum as (n,) `weights` of the samples.
 
-        For a sampler whose coefficients are the signal itself, as `Interpolated`.
+        Only for a sampler whose coefficients are the signal itself, such as `Interpolated`.
         """
         signal = np.asarray(sampler.matrix(self.delay(theta) if self.delays else 0.0).T @ weights)
         if not self.lags:
@@ -209,7 +209,7 @@ class Sensor:
         return weighted
 
     def sampled(self, coefficients: np.ndarray, sampler: Sampler, theta: np.ndarray) -> np.ndarray:
-        """(n, 1 + m) samples of what (N, 1 + m) coefficients represent."""
+        """(n, 1 + m) samples of a signal with (N, 1 + m) coefficients."""
         delay = self.delay(theta) if self.delays else 0.0
         samples = np.asarray(sampler.matrix(delay) @ coefficients)
         return self.moved(samples, coefficients[:, 0], sampler, theta)
@@ -222,9 +222,9 @@ class Sensor:
         theta: np.ndarray,
         delay: float | None = None,
     ) -> np.ndarray:
-        """The samples, with the derivatives by the dead time added; `coefficients` (N,) of the quantity.
+        """The samples, with their derivatives by the dead time added; `coefficients` (N,) are those of the quantity.
 
-        Where these hold the dead time already, `delay` is 0.
+        Where the coefficients include the dead time already, `delay` is 0.
         """
         if not self.delays:
             return samples
@@ -232,7 +232,7 @@ class Sensor:
         return self._with(samples, 2, -(sampler.matrix(at, 1) @ coefficients), theta)
 
     def _with(self, signal: np.ndarray, setting: int, slope: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """The signal with the chain rule of a setting, by which its quantity has this slope."""
+        """The signal with the derivative by a setting (`slope`) added by the chain rule."""
         derivatives = self._function(theta)[1]
         for column in self._columns[setting]:
             signal[:, 1 + column] += slope * derivatives[setting, column]
@@ -246,21 +246,21 @@ def lagged(
     start: float | np.ndarray | None = None,
     start_by_lag: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A first-order lag of a signal that is linear between samples, and its derivative.
+    """Apply a first-order lag to a signal that is linear between samples, and differentiate it by the lag.
 
     z_{k+1} = e z_k + b y_k + c y_{k+1}, e = exp(-dt/tau), c = 1 - (1 - e) tau/dt, b = (1 - e) tau/dt - e: exact for
     the interpolated signal, and regular at tau = 0, where z = y and dz/dtau = -(y_{k+1} - y_k)/dt.
     (Franklin, Powell & Workman, Digital Control, 3rd ed., §6.3, first-order hold.)
 
     Args:
-        values: (K, m) samples, columns filtered alike.
-        time_constant: tau, s, >= 0.
-        step: dt between the samples, s, a number or (K-1,).
-        start: what the filtered columns start with; equilibrium when not given.
-        start_by_lag: derivative of the first one's start with respect to tau.
+        values: (K, m) samples, whose columns are filtered independently.
+        time_constant: time constant tau, s, >= 0.
+        step: interval dt between the samples, s, a number or (K-1,).
+        start: start values of the filtered columns; by default equilibrium.
+        start_by_lag: derivative of the first column's start value with respect to tau.
 
     Returns:
-        (K, m) filtered, and (K,) derivative of the first column with respect to tau.
+        (K, m) filtered values, and (K,) derivative of the first column with respect to tau.
     """
     tau, dt = time_constant, np.broadcast_to(step, len(values) - 1)
     e, share = _lag_shares(tau, dt)

@@ -1,4 +1,4 @@
-"""A run: one recording, read from CSV or MCAP, in SI units, ready to be compared with a model."""
+"""A run: one recording, read from CSV or MCAP, in SI units, ready for comparison with a model."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -27,30 +27,30 @@ __all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Displayable):
-    """One recording; its arrays cannot be written to.
+    """One recording; its arrays are read-only.
 
     Attributes:
         name: the file's name, such as ``"a.csv"``.
-        channels: measured quantities by name, each with its own time stamps. Those called ``"extra.<name>"`` are moved
+        channels: measured quantities by name, each with its own time stamps. Those named ``"extra.<name>"`` are moved
             to `extra`.
         known: values measured by hand (``mass``, ``length``, ...), in SI units: priors, not truth.
         noise: standard deviation per channel, in the channel's unit, where known.
-        description: a sentence for a person.
+        description: a sentence for a reader.
         source: the file it came from; None where it was made in memory.
-        warnings: a sentence per thing that was lost, such as the end of a recording that was cut off.
-        began: s; start of the recording that this run is a piece of; None where it is whole.
+        warnings: a sentence for everything that was lost, such as the end of a recording that was cut off.
+        began: start time, s, of the recording of which this run is a piece; None where it is complete.
         outliers: number of samples that were left out as faulty, by channel.
-        spread: s^2, by channel whose samples are means over several instants: their variance. Such a mean differs
-            from the signal by half of its second derivative times the variance.
-        recorded: when it was made, UTC; None where nobody wrote it down.
-        asked: what nobody has answered of how it was read, by channel or for the time: doubts of a mapping.
-        extra: further quantities by name, ``"extra.temperature"``, on which a law may depend; nothing is compared with
-            them, so that they may be as slow as they are.
-        own: those of the further quantities that a base of the user's own predicts or follows: they are `channels`.
+        spread: variance, s^2, of the instants over which samples are means, by channel. Such a mean differs from the
+            signal by half of its second derivative times the variance.
+        recorded: time of the recording, UTC; None where it is unknown.
+        asked: open questions on the import, by channel or for the time: uncertain mappings.
+        extra: further quantities by name, such as ``"extra.temperature"``, on which a law may depend; they are not
+            compared with predictions, so any sampling rate will do.
+        own: further quantities that a user's own base predicts or needs; they are among `channels`.
 
     Raises:
-        InputError: a joint turns in one channel and slides in another.
-        UnknownNameError: a channel has no name of the contract.
+        InputError: a joint is revolute in one channel and prismatic in another.
+        UnknownNameError: a channel's name is not in the contract.
     """
 
     name: str
@@ -92,23 +92,23 @@ class Run(Displayable):
         noise: Mapping[str, float] | None = None,
         description: str = "",
     ) -> "Run":
-        """A run of arrays that share their time stamps.
+        """Make a run from arrays that share their time stamps.
 
         ``Run.from_arrays(t, {"q": q, "tau": tau}, joints=["shoulder", "elbow"], units={"q": "deg"})``
 
         Args:
-            time: (n,) s, strictly increasing.
-            values: by channel, (n,) with nan for missing samples; ``"q"``, ``"v"``, ``"a"`` and ``"tau"`` may hold
-                (n, j), a column for each of `joints`. A name may end in a unit: ``"load_force [mN]"``.
-            units: by channel, or by ``"q"``, ``"v"``, ``"a"``, ``"tau"``; SI where none is given.
+            time: (n,) time stamps, s, strictly increasing.
+            values: (n,) samples by channel, with nan for missing samples; ``"q"``, ``"v"``, ``"a"`` and ``"tau"`` may
+                have (n, j), a column for each of `joints`. A name may end in a unit: ``"load_force [mN]"``.
+            units: units by channel, or by ``"q"``, ``"v"``, ``"a"``, ``"tau"``; by default SI.
             joints: names of the columns of two-dimensional values.
-            name: of the run.
-            known: see `Run`.
-            noise: see `Run`.
-            description: see `Run`.
+            name: name of the run.
+            known: values measured by hand; see `Run`.
+            noise: standard deviation per channel; see `Run`.
+            description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: lists everything that is wrong.
+            InputError: it lists everything that is wrong.
         """
         channels = channels_of(time, values, units or {}, joints)
         return cls(name, channels, known or {}, noise or {}, description)
@@ -117,16 +117,16 @@ class Run(Displayable):
     def from_dataframe(
         cls, frame: Any, *, units: Mapping[str, str] | None = None, name: str = "run", description: str = ""
     ) -> "Run":
-        """A run of a data frame of pandas, polars or pyarrow; columns are channels, ``q.elbow`` or ``q.elbow [deg]``.
+        """Make a run from a data frame (pandas, polars, pyarrow); columns are channels: ``q.elbow``, ``q.elbow [deg]``.
 
         Args:
-            frame: with a column ``time``, in s, or a pandas frame whose index is the time.
-            units: by column, where they are neither in the name nor SI.
-            name: of the run.
-            description: see `Run`.
+            frame: frame with a column ``time``, in s, or a pandas frame whose index is the time.
+            units: units by column, where they are neither in the name nor SI.
+            name: name of the run.
+            description: a sentence for a reader; see `Run`.
 
         Raises:
-            InputError: lists everything that is wrong.
+            InputError: it lists everything that is wrong.
         """
         time, values = frame_columns(frame)
         return cls.from_arrays(time, values, units=units, name=name, description=description)
@@ -138,14 +138,14 @@ class Run(Displayable):
         return partial(type(self), **plain), ()
 
     def __str__(self) -> str:
-        """One line: its name, what was measured, how long."""
+        """The run's name, its channels and its duration, in one line."""
         document = self.document()
         return f"{document.title}: {document.verdict}"
 
     __repr__ = __str__
 
     def document(self) -> Document:
-        """Its channels, and what was recorded over time: a row for each quantity, a curve for each joint."""
+        """Build the table of channels, and the curves over time: a row for each quantity, a curve for each joint."""
         channels, values = self.everything, self.everything.values()
         seconds = max((float(c.time[-1] - c.time[0]) for c in values), default=0.0)
         described = f"{self.description}. " if self.description else ""
@@ -169,19 +169,19 @@ class Run(Displayable):
 
     @property
     def everything(self) -> Mapping[str, Channel]:
-        """All channels and the further quantities, by name."""
+        """All channels and further quantities, by name."""
         return {**self.channels, **self.extra}
 
     @property
     def summary(self) -> str:
-        """What was recorded of how many joints: ``"q, tau of 6 joints"``."""
+        """Kinds of channels and number of joints, such as ``"q, tau of 6 joints"``."""
         quantities = dict.fromkeys(name.partition(".")[0] for name in self.channels)
         of_joints = f" of {len(self.joints)} joints" if self.joints else ""
         beside = f", {', '.join(self.extra)}" if self.extra else ""
         return f"{', '.join(quantities) or 'nothing'}{of_joints}{beside}"
 
     def _samples(self) -> dict[str, list[Any]]:
-        """A row per time stamp, a column per channel; nan where a channel has no sample."""
+        """Table of samples: a row per time stamp, a column per channel; nan where a channel has no sample."""
         time = np.unique(np.concatenate([c.time for c in self.everything.values()]))
         columns: dict[str, list[Any]] = {"time": time.tolist()}
         for name, c in self.everything.items():
@@ -196,12 +196,12 @@ class Run(Displayable):
 
     @property
     def recording(self) -> "Run":
-        """What was recorded, at its own rate: this run, unless a model prepared it for comparison."""
+        """The recording at its own rate: this run, unless a model prepared it for comparison."""
         return self
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """What a model did to channels before it compares them; nothing where it takes them as they are."""
+        """Processing of channels before a comparison, by channel; empty where a model uses them as they are."""
         return {}
 
     @property
@@ -211,14 +211,14 @@ class Run(Displayable):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Joints whose position was recorded, in the order of the columns."""
+        """Joints whose positions were recorded, in the order of the columns."""
         return tuple(name.removeprefix("q.") for name in self.channels if name.startswith("q."))
 
     def channel(self, name: str) -> Channel:
         """The channel `name`.
 
         Raises:
-            UnknownNameError: this run does not have it.
+            UnknownNameError: this run does not have the channel.
         """
         if name not in self.everything:
             raise UnknownNameError(f"channel of {self.name}", name, self.everything)
@@ -228,8 +228,8 @@ class Run(Displayable):
         """The channel `name`, which must have enough samples and must change.
 
         Raises:
-            UnknownNameError: this run does not have it.
-            InputError: it has fewer than `MIN_SAMPLES` samples, or holds one and the same value.
+            UnknownNameError: this run does not have the channel.
+            InputError: it has fewer than `MIN_SAMPLES` samples, or it is constant.
         """
         channel = self.channel(name)
         if len(channel) < MIN_SAMPLES:
@@ -237,7 +237,7 @@ class Run(Displayable):
                 f"{self._where}: '{name}' has {len(channel)} samples, at least {MIN_SAMPLES} are needed: record longer"
             )
         span = float(np.ptp(channel.value))
-        # A constant in another unit may be off by one rounding.
+        # A constant in another unit may differ by one rounding.
         if span <= 1e-14 * float(np.abs(channel.value).max()):
             raise InputError(
                 f"{self._where}: '{name}' is {channel.value[0]:.6g} {channel.unit} throughout: "
@@ -257,10 +257,10 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
 
     Args:
         path: ends in ``.mcap``, or is a CSV.
-        recover: read an MCAP file that was cut off as far as it goes; `Run.warnings` says so.
+        recover: read an MCAP file that was cut off as far as it goes, with a warning in `Run.warnings`.
 
     Raises:
-        InputError: names the file, the row, column or field, what is wrong and what to do.
+        InputError: it names the file, the row, column or field, what is wrong and what to do.
     """
     path = Path(path)
     if path.is_dir():  # also ".", which has no suffix to change
@@ -297,10 +297,10 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
 
 
 def write_run_csv(run: Run, path: Path | str) -> None:
-    """Write a run as CSV and sidecar; `read_run` gives back the same numbers to the last digit.
+    """Write a run as CSV and sidecar; `read_run` reads the same numbers to the last digit.
 
-    Channels with different stamps are merged on time, with empty cells where one has no sample. Both files are
-    the old ones or the new ones.
+    Channels with different stamps are merged by time, with empty cells where one has no sample. Either both files are
+    replaced or none.
 
     Raises:
         InputError: the run has no channel, or the files cannot be written.

@@ -1,4 +1,4 @@
-"""What every result can do in a notebook: show itself, plot itself, become a data frame. Loads nothing until asked."""
+"""Base of results that a notebook can show, plot and turn into a data frame; nothing is loaded before it is needed."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
@@ -8,14 +8,14 @@ if TYPE_CHECKING:
 
 
 class Displayable(ABC):
-    """Base of what a notebook shows."""
+    """Base class of everything that a notebook shows."""
 
     @abstractmethod
     def document(self) -> "Document":
-        """Sentences, tables and curves: what there is to show."""
+        """Build the document: sentences, tables and curves of the result."""
 
     def __repr__(self) -> str:
-        """The sentence of it, not all of its samples."""
+        """The result's sentence, instead of all of its samples."""
         return f"{type(self).__name__}: {self.document().verdict}"
 
     def _repr_html_(self) -> str:
@@ -25,7 +25,7 @@ class Displayable(ABC):
         return card(self.document())
 
     def plot(self) -> Any:
-        """Measured and predicted over time, per channel, as a plotly figure; of several runs one at a time.
+        """Plot measured and predicted channels over time as a plotly figure; of several runs one is visible at a time.
 
         Raises:
             InputError: plotly is missing, or there is nothing to plot: compare a model with runs, and plot that.
@@ -35,7 +35,7 @@ class Displayable(ABC):
         return figure(self.document())
 
     def to_dataframe(self, what: str = "") -> Any:
-        """A table of this as a pandas data frame.
+        """A table of the result as a pandas data frame.
 
         Args:
             what: ``"parameters"``, ``"channels"``, ``"samples"`` or ``"missing_force"``; of a diagnosis also

@@ -1,8 +1,8 @@
-"""Linear algebra has one thread while armdyn computes.
+"""Linear algebra uses one thread while armdyn computes.
 
 Its matrices have tens or hundreds of rows. Threads that share such a product wait for each other longer than they
-compute: a repair of a real arm takes three to four times the processor time with two of them. And they add in another
-order, so that the last digits of an answer would depend on how many they are.
+compute: with two threads, a repair of a real arm takes three to four times the processor time. They also sum in another
+order, so the last digits of an answer would depend on the number of threads.
 """
 
 from contextlib import ContextDecorator
@@ -11,12 +11,12 @@ import scipy.linalg  # noqa: F401  has a library of its own beside numpy's, whic
 from threadpoolctl import threadpool_limits
 
 one_thread: ContextDecorator = threadpool_limits.wrap(limits=1, user_api="blas")
-"""Decorates a function: linear algebra has one thread until it returns, and then as many as the caller gave it.
+"""Decorator: linear algebra uses one thread until the function returns, then as many as before.
 
-The number is one of the whole process: what other Python threads compute meanwhile has one thread as well.
+The number holds for the whole process: other Python threads also compute with one thread meanwhile.
 """
 
 
 def keep_one_thread() -> None:
-    """Leave linear algebra one thread for good, in a process that computes for nobody else."""
+    """Set linear algebra to one thread permanently, in a process that computes for nobody else."""
     threadpool_limits(limits=1, user_api="blas")

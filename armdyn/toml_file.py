@@ -1,4 +1,4 @@
-"""TOML files that people write, and what is wrong with one in a sentence that says which it is."""
+"""Read TOML files that people write, with errors as sentences."""
 
 from pathlib import Path
 from typing import Any
@@ -8,15 +8,15 @@ from urdf.table_file import read_table
 
 
 def read_toml(path: Path, absent: str = "", *, finite: bool = False) -> dict[str, Any]:
-    """The content of a file.
+    """Read the content of a TOML file.
 
     Args:
-        path: of the file.
-        absent: what to do where there is none, such as ``": make one with 'armdyn new'"``.
-        finite: refuse `nan` and `inf` anywhere.
+        path: path of the file.
+        absent: advice where there is no file, such as ``": make one with 'armdyn new'"``.
+        finite: refuse `nan` and `inf` everywhere.
 
     Raises:
-        InputError: names the file, what is wrong and what to do.
+        InputError: it names the file, what is wrong and what to do.
     """
     try:
         with at(path):

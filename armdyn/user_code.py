@@ -1,7 +1,7 @@
-"""A user's Python file: read, first run in a copy of this process, and whatever it raises as one line.
+"""Run a user's Python file, first in a copy of this process, and report whatever it raises in one line.
 
-The copy may run for ever, take all memory or exit, and changes nothing here: the kernel limits its memory, and a timer
-that needs no Python its processor time: on a machine that does much else, nothing is refused for that.
+The copy may run for ever, take all memory or exit, without any change here: the kernel limits its memory, and a timer
+outside Python its processor time, so that nothing is refused on a busy machine.
 """
 
 import faulthandler
@@ -24,23 +24,23 @@ from armdyn.errors import ArmdynError, InputError
 from urdf.bounds import LARGEST_TEXT, MIB, USER_MEMORY, USER_SECONDS
 
 WAITED = 8.0
-"""Times the processor time that a copy has, after which it counts as one that waits for something."""
+"""Time of the copy, as a multiple of its processor time limit, after which it counts as waiting for something."""
 PATIENCE = 2.0
-"""s that a copy may take to tell where it was when its time was up."""
+"""Time, s, in which a copy must report its line when its time is up."""
 LONGEST_SAID = 300
-"""Letters of what an exception says."""
+"""Largest number of characters of an exception's message."""
 _OUTCOME = b"outcome:"
 
 
 def load_module(path: Path, holds: str) -> ModuleType:
-    """A user's Python file, run; it may do whatever a Python program may.
+    """Run a user's Python file and return it as a module; it may do anything that a Python program may do.
 
     Args:
-        path: of the file.
-        holds: what it should hold, such as ``"effects"``.
+        path: path of the file.
+        holds: what the file should contain, such as ``"effects"``.
 
     Raises:
-        InputError: it cannot be read or run.
+        InputError: the file cannot be read or run.
     """
     wanted = f"give the Python file with your {holds}"
     if path.is_dir():
@@ -55,14 +55,14 @@ def load_module(path: Path, holds: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     with faults_in(path), warnings.catch_warnings():
-        warnings.simplefilter("ignore", SyntaxWarning)  # Python's opinion of their style
+        warnings.simplefilter("ignore", SyntaxWarning)  # style warnings are the user's own affair
         spec.loader.exec_module(module)
     return module
 
 
 @contextmanager
 def faults_in(path: Path) -> Iterator[None]:
-    """Whatever a user's file raises becomes an `InputError` in one line, with the file and the line in it."""
+    """Turn everything that a user's file raises into an `InputError` of one line, with the file and line."""
     try:
         yield
     except KeyboardInterrupt:
@@ -80,7 +80,7 @@ def _fault(error: BaseException, path: Path) -> InputError:
 
 
 def place_of(error: BaseException | None, path: Path) -> str:
-    """The file, with the last line of it that an exception came through where there is one."""
+    """The path of the file, with the last of its lines in an exception's traceback, where there is one."""
     line = error.lineno if isinstance(error, SyntaxError) else None
     trace = error.__traceback__ if error is not None else None
     while trace is not None:
@@ -91,21 +91,22 @@ def place_of(error: BaseException | None, path: Path) -> str:
 
 
 def rehearse(path: Path, work: Callable[[], object]) -> None:
-    """Do something that runs a user's file in a copy of this process; where there are no copies, do nothing.
+    """Run `work`, which runs a user's file, in a copy of this process; do nothing where copies are not possible.
 
     Args:
         path: the user's file.
-        work: what is to be done; its result is lost.
+        work: function to call; its result is not used.
 
     Raises:
-        ArmdynError: what `work` raised.
-        InputError: it takes too long or too much memory, or ends the process; names the file and, if known, the line.
+        ArmdynError: the error that `work` raised.
+        InputError: `work` takes too long or too much memory, or ends the process; it names the file and, if known, the
+            line.
     """
     if not hasattr(os, "fork"):
         return
     reading, writing = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of a copy with threads: it takes no lock of theirs
+        warnings.simplefilter("ignore", DeprecationWarning)  # the copy takes no lock of other threads
         child = os.fork()
     if child == 0:
         os.close(reading)
@@ -128,7 +129,7 @@ def rehearse(path: Path, work: Callable[[], object]) -> None:
 
 
 def _read(pipe: int) -> bytes:
-    """What is said until the last end is closed, or for a little longer than the copy may live."""
+    """Read the pipe until its last end is closed, or for a little longer than the copy may live."""
     said, end = b"", time.monotonic() + WAITED * USER_SECONDS + PATIENCE
     while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0] and (part := os.read(pipe, 65536)):
         said += part
@@ -136,9 +137,9 @@ def _read(pipe: int) -> bytes:
 
 
 def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
-    """In the copy."""
+    """Do the work in the copy."""
     with suppress(BaseException):
-        # Nobody is to read what the user's file prints twice, nor is anybody asked.
+        # The output of the user's file must not appear twice, and nobody may be asked for input.
         quiet = os.open(os.devnull, os.O_RDWR)
         for descriptor in (0, 1, 2):
             os.dup2(quiet, descriptor)
@@ -147,7 +148,9 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
         _limit_memory()
-        faulthandler.register(signal.SIGPROF, file=writing, all_threads=False, chain=True)  # tells the line, then ends
+        faulthandler.register(
+            signal.SIGPROF, file=writing, all_threads=False, chain=True
+        )  # reports the line, then ends the process
         signal.setitimer(signal.ITIMER_PROF, USER_SECONDS)
         faulthandler.dump_traceback_later(WAITED * USER_SECONDS, exit=True, file=writing)
         outcome: BaseException | None = None

@@ -235,20 +235,21 @@ class PathTable:
                 check_owner(source, about, robot, REBUILD)
             try:
                 check_shapes(arrays, SHAPES, len(about["joints"]))
+                own = path_of(about["path"])
                 table = cls(
                     robot_name=about["robot"],
                     joint_names=tuple(about["joints"]),
                     tool_frame=about["tool_frame"],
                     tool_offset=arrays["tool_offset"],
-                    path=path_of(about["path"]),
+                    path=own,
                     **{name: arrays[name] for name in NODES},
                     limits=Limits(**{name: arrays[name] for name in LIMITS}),
                     torque=PathTorque(**{name: arrays[name] for name in TORQUES}),
                     fingerprint=about["fingerprint"],
                 )
-                check_motion(table)
+                check_motion(arrays, own)
                 if robot is not None:
-                    check_robot(table, robot)
+                    check_robot(arrays, own, robot)
             except (InputError, UrdfError) as error:
                 raise StaleTableError(f"{source}: {error}; {REBUILD}") from error
         return table

@@ -1,6 +1,6 @@
-"""Arrays in an npz file, with what they are about and a digest of their numbers; and whether these can guard an arm.
+"""Write and read a table's arrays in an npz file with a digest, and check that they can guard an arm.
 
-A file is well formed and may still hold anything.
+A well-formed file may still contain any numbers, so they are checked against the path and the robot.
 """
 
 import hashlib
@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path as File
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +17,10 @@ from armdyn.atomic import replacing
 from armdyn.errors import InputError
 from armdyn.read_files import may_replace
 from ik.errors import StaleTableError
+from ik.path import Path
 from urdf import Robot
 from urdf.bounds import LARGEST_ARRAY
 from urdf.robot import Array
-
-if TYPE_CHECKING:
-    from ik.table import PathTable
 
 FORMAT = 6  # raise it when a change of the code makes other tables out of the same robot
 REBUILD = "build it again with 'armdyn ik build'"
@@ -41,7 +39,7 @@ def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, An
 
 
 def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What a file is about, and its arrays of these names; to be called within `reading`.
+    """Read a file's description and its arrays of these names; call it within `reading`.
 
     Raises:
         StaleTableError: another version wrote it, or it was changed.
@@ -63,7 +61,7 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
 
 
 def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
-    """A fingerprint of a text and of names, shapes, kinds and numbers of arrays."""
+    """Digest of a text and of the names, shapes, types and numbers of arrays."""
     digest = hashlib.sha256(said.encode())
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
@@ -73,11 +71,11 @@ def digest_of(said: str, arrays: Mapping[str, Array]) -> str:
 
 @contextmanager
 def reading(source: File) -> Iterator[None]:
-    """Say in one line why a file cannot be read.
+    """Turn every error of reading a file into one line.
 
     Raises:
         InputError: there is no such file.
-        StaleTableError: it is damaged, or something else.
+        StaleTableError: the file is damaged, or is no table.
     """
     try:
         yield
@@ -91,19 +89,19 @@ def reading(source: File) -> Iterator[None]:
         raise StaleTableError(f"{source}: not an IK table, or damaged; {REBUILD}") from error
 
 
-EVEN = 1e-6
-"""Share by which a distance between nodes may differ from another; a lookup takes them for even."""
-BEYOND = 1e-6
-"""rad or m beyond a position limit that rounding explains."""
-ASTRAY = 1e-6
-"""m and, as a share of the way, how far what belongs together may be apart: a table is solved to 1e-9."""
+SPACING_TOLERANCE = 1e-6
+"""Relative difference of the distances between nodes, which a lookup takes as even."""
+LIMIT_TOLERANCE = 1e-6
+"""Excess over a position limit, rad or m, that rounding explains."""
+PATH_TOLERANCE = 1e-6
+"""Distance from the path, m, and error of a posture's growth as a share of it: a table is solved to 1e-9."""
 
 
 def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints: int) -> None:
-    """Hold arrays against their axes: every letter of `shapes` is one, k nodes, n joints, or a number.
+    """Check the shapes of arrays; each letter of `shapes` is an axis: k nodes, n joints, or a number.
 
     Raises:
-        InputError: names the array and what is wrong.
+        InputError: it names the array and the fault.
     """
     sizes = {"k": arrays["s"].size, "n": joints, "3": 3, "6": 6}
     for name, axes in shapes.items():
@@ -115,45 +113,52 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
         if not np.isfinite(values).all():
             raise InputError(f"'{name}' holds a number that is none")
     steps = np.diff(arrays["s"])
-    if not steps.size or not np.all(steps > 0.0) or np.ptp(steps) > EVEN * np.max(steps):
+    if not steps.size or not np.all(steps > 0.0) or np.ptp(steps) > SPACING_TOLERANCE * np.max(steps):
         raise InputError("'s' does not grow evenly")
 
 
-def check_motion(table: "PathTable") -> None:
-    """Hold postures, their derivatives, the Jacobians and the path of a table against each other.
+def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
+    """Check that postures, their derivatives, the Jacobians and the path of a table agree.
 
     From one node to the next q grows by h (q' + q'_next)/2 + h^2 (q'' - q''_next)/12 + O(h^5 q^(5)), and J q' is the
     path's direction.
 
+    Args:
+        arrays: by name, of the shapes that `check_shapes` accepts: nodes, postures, derivatives, Jacobians, limits.
+        path: the path of the tool.
+
     Raises:
-        InputError: says what differs.
+        InputError: it names the arrays that disagree.
     """
-    s, q, first, second, path = table.s, table.q, table.dq_ds, table.d2q_ds2, table.path
-    if table.joint_margin < -BEYOND:
+    s, q, first, second = (arrays[name] for name in ("s", "q", "dq_ds", "d2q_ds2"))
+    if np.any(q < arrays["lower"] - LIMIT_TOLERANCE) or np.any(q > arrays["upper"] + LIMIT_TOLERANCE):
         raise InputError("'q' leaves the range from 'lower' to 'upper'")
     width = s[1] - s[0]
     grown = width * (first[1:] + first[:-1]) / 2 + width**2 * (second[:-1] - second[1:]) / 12
-    if np.max(np.abs(np.diff(q, axis=0) - grown)) > 1e-2 * np.max(np.abs(np.diff(q, axis=0)), initial=ASTRAY):
+    if np.max(np.abs(np.diff(q, axis=0) - grown)) > 1e-2 * np.max(np.abs(np.diff(q, axis=0)), initial=PATH_TOLERANCE):
         raise InputError("'q', 'dq_ds' and 'd2q_ds2' do not belong together")
-    if abs(s[0] - path.s_min) > ASTRAY or abs(s[-1] - path.s_max) > ASTRAY:
+    if abs(s[0] - path.s_min) > PATH_TOLERANCE or abs(s[-1] - path.s_max) > PATH_TOLERANCE:
         raise InputError(f"its nodes go from {s[0]:g} to {s[-1]:g} m, its path from {path.s_min:g} to {path.s_max:g} m")
-    moved = np.einsum("kij,kj->ki", table.jacobian, first)
+    moved = np.einsum("kij,kj->ki", arrays["jacobian"], first)
     if np.max(np.abs(moved - path.twist(s).T)) > 1e-4:
         raise InputError("'jacobian' and 'dq_ds' do not follow the path")
 
 
-def check_robot(table: "PathTable", robot: Robot) -> None:
-    """Hold limits, tool and postures of a table against the robot.
+def check_robot(arrays: Mapping[str, Array], path: Path, robot: Robot) -> None:
+    """Check that limits, tool and postures of a table are those of the robot.
+
+    Args:
+        arrays: by name, of the shapes that `check_shapes` accepts: limits, tool offset, nodes, postures.
+        path: the path of the tool.
+        robot: the robot, whose limits and tool must be those of the table.
 
     Raises:
         InputError: a limit is not the robot's, or its tool is not on the path.
     """
-    own = {"tool_offset": (table.tool_offset, robot.tool_offset)}
-    own |= {name: (values, getattr(robot.limits, name)) for name, values in vars(table.limits).items()}
-    for name, (values, robots) in own.items():
-        if not np.array_equal(values, robots):
+    for name, values in {"tool_offset": robot.tool_offset, **vars(robot.limits)}.items():
+        if not np.array_equal(arrays[name], values):
             raise InputError(f"'{name}' differs from that of '{robot.name}'")
-    position = np.array([robot.tool_pose(q).translation for q in table.q])
-    away = float(np.max(np.linalg.norm(position - table.path.pose(table.s)[1].T, axis=1)))
-    if away > ASTRAY:
+    position = np.array([robot.tool_pose(q).translation for q in arrays["q"]])
+    away = float(np.max(np.linalg.norm(position - path.pose(arrays["s"])[1].T, axis=1)))
+    if away > PATH_TOLERANCE:
         raise InputError(f"its postures put the tool {away:.3g} m away from the path")

@@ -166,7 +166,7 @@ def plan_experiment(
         seed: of everything random.
         say: told how far it is.
     """
-    from armdyn.experiments.plan import HOPELESS, plan
+    from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan
     from pipeline.motion.feasible_motion import with_feasible_motion
 
     made = plan(rivals, seconds, limits, seed=seed, say=say)
@@ -175,7 +175,7 @@ def plan_experiment(
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion
-    useful = moving is not None and moving.outlook.probability > HOPELESS
+    useful = moving is not None and moving.outlook.probability > MIN_RIGHT_PROBABILITY
     return made, moving.experiment.motion if moving is not None and useful else None
 
 

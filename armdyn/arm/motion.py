@@ -10,7 +10,16 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing import FEWEST, ORDERS, Choice, Curve, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing import (
+    MIN_SMOOTHED_SAMPLES,
+    SPLINE_ORDERS,
+    Choice,
+    Curve,
+    Rates,
+    best_smoothing,
+    derivative_noise,
+    smoothed,
+)
 
 SHARPEST = 1e-3
 """Of a joint's speed: the least noise that its velocity is taken to have."""
@@ -131,10 +140,10 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
     start, end = -np.inf, np.inf
     for name in joints:
         q = _position(run, name)
-        if len(q) < FEWEST:
+        if len(q) < MIN_SMOOTHED_SAMPLES:
             raise InputError(
-                f"{run.source or run.name}: 'q.{name}' has {len(q)} samples, at least {FEWEST} are needed: "
-                "record longer"
+                f"{run.source or run.name}: 'q.{name}' has {len(q)} samples, at least {MIN_SMOOTHED_SAMPLES} are "
+                "needed: record longer"
             )
         start, end = max(start, float(q.time[0])), min(end, float(q.time[-1]))
         curves.append(_joint_curve(q, run.channels.get(f"v.{name}"), run.channels.get(f"a.{name}")))
@@ -149,8 +158,8 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
 def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
     """By channels, which a run keeps when others of its channels are cleaned."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
-    choice = best_smoothing(q.time, q.value, ORDERS)
-    rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= FEWEST]
+    choice = best_smoothing(q.time, q.value, SPLINE_ORDERS)
+    rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES]
     curve = smoothed(q.time, q.value, choice, rates)
     position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
     speed = float(np.sqrt(np.mean(velocity**2)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import NONE, Expression, Timed
+from armdyn.physics.definition import ZERO, Expression, Timed
 
 __all__ = ["Base", "Expression", "Joint", "Link", "Neighbour", "Told"]
 
@@ -92,11 +92,11 @@ class Told:
         voltage: of its supply over the one at which its gain holds, less one.
     """
 
-    torque: Expression = NONE
-    rate: Expression = NONE
-    total: Expression = NONE
-    velocity: Expression = NONE
-    voltage: Expression = NONE
+    torque: Expression = ZERO
+    rate: Expression = ZERO
+    total: Expression = ZERO
+    velocity: Expression = ZERO
+    voltage: Expression = ZERO
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ class Joint(Timed):
     load: Expression
     inner: Neighbour
     link: Link
-    torque: Expression = NONE
-    inner_torque: Expression = NONE
+    torque: Expression = ZERO
+    inner_torque: Expression = ZERO
     gain: Expression = ONE
-    offset: Expression = NONE
+    offset: Expression = ZERO
     on: Expression = ONE
     told: Told = field(default_factory=Told)
 

@@ -24,7 +24,16 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, Reading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing import HIGHEST, UNDISTORTED, WHITE, Choice, Curve, LowPass, Samples, best_smoothing
+from armdyn.smoothing import (
+    MAX_CUTOFF_SHARE,
+    MAX_UNDISTORTED_CUTOFF,
+    WHITE_RATE_SHARE,
+    Choice,
+    Curve,
+    LowPass,
+    Samples,
+    best_smoothing,
+)
 
 STIFF = 10.0
 """Hz, where the links of arms begin to bend (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
@@ -38,7 +47,7 @@ FEWEST = 20
 """Samples of a torque that are left at least, where there were so many."""
 POSTURES = 20
 """Of a run, over which inertias are averaged."""
-FREQUENCIES = np.linspace(0.0, HIGHEST_RATE / (2.0 * WHITE), 701)
+FREQUENCIES = np.linspace(0.0, HIGHEST_RATE / (2.0 * WHITE_RATE_SHARE), 701)
 """Hz at which the noise of positions is worked out."""
 
 
@@ -58,13 +67,13 @@ def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: Choice, brought_in
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
     as_recorded, per_second = 1.0 / interval, min(FEWEST, len(stamps) // 3) / float(stamps[-1] - stamps[0])
     # A torque that shows no noise up to the highest cut-off that was tried shows no end of its band either.
-    own_band = MARGIN * choice.cutoff if choice.cutoff < 0.99 * HIGHEST / interval else 0.0
+    own_band = MARGIN * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
     widest = min(max(STIFF, own_band), float(FREQUENCIES[-1]))
     frequencies, measured = _spectrum(stamps, torque, interval)
     frequencies, measured = frequencies[frequencies <= widest], measured[frequencies <= widest]
     last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, FREQUENCIES, brought_in))))
     useful = widest if last == len(frequencies) - 1 else float(frequencies[last])
-    return min(max(2.0 * WHITE * useful, per_second), as_recorded) / (2.0 * WHITE)
+    return min(max(2.0 * WHITE_RATE_SHARE * useful, per_second), as_recorded) / (2.0 * WHITE_RATE_SHARE)
 
 
 def position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
@@ -185,7 +194,7 @@ def prepare(
             motion = motion.standing(stands)
             known = settled(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
-        low = LowPass(Samples(stamps[known], UNDISTORTED / cutoff), cutoff)
+        low = LowPass(Samples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # Thinned samples vary too much to show their noise; the recording at its own rate does.
         # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
@@ -325,7 +334,7 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
 
     Before and after a long one, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
     """
-    step = 1.0 / (2.0 * WHITE * cutoff)
+    step = 1.0 / (2.0 * WHITE_RATE_SHARE * cutoff)
     usual = float(np.median(np.diff(stamps)))
     stamps = stamps[known]
     if len(stamps) < 2:

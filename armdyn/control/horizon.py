@@ -1,7 +1,7 @@
 """The cost of a schedule of accelerations over SAC's horizon, and its exact derivative; see `sac` for the formulas.
 
-The extended state runs ahead by the Runge-Kutta method, with the Gram matrix of the signals where the question has one,
-and its costate back (reverse differentiation of the discretised cost).
+The extended state is integrated forwards by the Runge-Kutta method, with the Gram matrix of the signals where the
+question has one, and the adjoint state backwards (reverse differentiation of the discretised cost).
 """
 
 from functools import lru_cache
@@ -10,28 +10,28 @@ import casadi as ca
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.control.questions import Question
-from armdyn.pendulum.dynamics import STATE_SIZE, Dynamics
+from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, Dynamics
 from armdyn.physics.simulate import runge_kutta
 
 WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
-"""Settings of SAC that the cost takes, in this order."""
+"""Settings of SAC that the cost takes as arguments, in this order."""
 
 
 @lru_cache(maxsize=16)
 def horizon_functions(
     dynamics: tuple[Dynamics, ...], name: str, question: Question, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
-    """Cost, and cost with gradient, of (schedule, extended state, time, theta, weights, scales, gram).
+    """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
 
     Args:
-        dynamics: of the model in question, or of both rivals.
-        name: identifies their equations in the cache of compiled code.
-        question: what the motion shall tell.
-        steps: of the horizon.
-        dt: their length, s.
+        dynamics: equations of the model in question, or of both rivals.
+        name: identifier of the equations, for the cache of compiled code.
+        question: the purpose of the motion.
+        steps: number of steps of the horizon.
+        dt: length of a step, s.
     """
     watched = question.watched
-    extended_size = 2 + sum(STATE_SIZE * (1 + len(names)) for names in watched)
+    extended_size = 2 + sum(PLANAR_STATE_SIZE * (1 + len(names)) for names in watched)
     sizes = [len(d.names) for d in dynamics]
     z, u, t = ca.SX.sym("z", extended_size), ca.SX.sym("u"), ca.SX.sym("t")
     theta, weights = ca.SX.sym("theta", sum(sizes)), ca.SX.sym("weights", len(WEIGHTS))
@@ -43,14 +43,16 @@ def horizon_functions(
     at, first = 2, 0
     for d, names, size in zip(dynamics, watched, sizes, strict=True):
         own = theta[first : first + size]
-        pendulum = z[at : at + STATE_SIZE]
-        psi = ca.reshape(z[at + STATE_SIZE : at + STATE_SIZE * (1 + len(names))], STATE_SIZE, len(names))
+        pendulum = z[at : at + PLANAR_STATE_SIZE]
+        psi = ca.reshape(
+            z[at + PLANAR_STATE_SIZE : at + PLANAR_STATE_SIZE * (1 + len(names))], PLANAR_STATE_SIZE, len(names)
+        )
         columns = [d.names.index(parameter) for parameter in names]
 
         def derivative(
             expression: ca.SX, *, state: ca.SX = pendulum, by: ca.SX = psi, of: ca.SX = own, places: list[int] = columns
         ) -> ca.SX:
-            """Total derivative with respect to the parameters that are watched."""
+            """Total derivative with respect to the watched parameters."""
             if not places:
                 return ca.SX(expression.numel(), 0)
             along = ca.jtimes(expression, state, by) if len(places) == 1 else ca.jacobian(expression, state) @ by
@@ -61,14 +63,14 @@ def horizon_functions(
         reading = d.output(pendulum, w, own)[0] if question.logarithmic else d.tension(pendulum, w, own)
         readings.append(reading)
         slopes.append(derivative(reading))
-        at, first = at + STATE_SIZE * (1 + len(names)), first + size
+        at, first = at + PLANAR_STATE_SIZE * (1 + len(names)), first + size
     extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(*rates)])
     following = runge_kutta(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
 
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
     running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2
     signals = question.signals(readings, slopes, scales)
-    if not question.logarithmic:  # judged moment by moment: nothing is gathered over the horizon
+    if not question.logarithmic:  # judged at each moment: no information is summed over the horizon
         running += floor**2 / (signals**2 + floor**2)
         signals = ca.SX(0, 1)
     size = signals.numel()

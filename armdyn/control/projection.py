@@ -21,22 +21,22 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import TaskFailedError
 
 QUASI_NEWTON_FIRST = 2
-"""Newton from a stationary guess can land on a stationary point that does not swing; two such steps lead away."""
+"""Number of quasi-Newton steps first: Newton's method from a stationary guess can end at one that does not swing."""
 ARMIJO = 1e-4
 SHORTEST_STEP = 2.0**-20
 
 
 @dataclass(frozen=True)
 class DiscreteProblem:
-    """Symbolic pieces of ``sum_k l(s_k, u_k) + m(s_N)`` subject to ``s_{k+1} = f(s_k, u_k)``.
+    """Symbolic functions of a problem: minimise ``sum_k l(s_k, u_k) + m(s_N)`` with ``s_{k+1} = f(s_k, u_k)``.
 
-    Costs that are squares of residuals are taken by Gauss and Newton in the quasi-Newton steps, exactly in Newton's.
+    Quasi-Newton steps use the Gauss-Newton Hessian of squared residuals, Newton steps the exact one.
 
-    The last argument p holds every number that may change between solves.
+    The last argument p contains every number that may change between solutions.
 
     Attributes:
         name: identifier, used for the cache of compiled code.
-        states: n.
+        states: number of states n.
         parameters: number of entries of p.
         step: ``(s, u, t, p) -> s_next``.
         linearised: ``(s, u, t, p, s_next) -> A (n, n), B (n,)``.
@@ -62,12 +62,12 @@ class Solution:
     """A locally optimal trajectory.
 
     Attributes:
-        states: (n, N+1).
-        controls: (N,).
+        states: (n, N+1) states at the nodes.
+        controls: (N,) controls.
         cost: value of the cost.
-        cost_derivative: along the last direction; its magnitude is below the tolerance.
+        cost_derivative: derivative of the cost along the last direction; its magnitude is below the tolerance.
         iterations: the cost after each step.
-        seconds: spent solving.
+        seconds: computing time, s.
     """
 
     states: np.ndarray
@@ -103,18 +103,18 @@ class ProjectionOptimizer:
         tolerance: float = 1e-6,
         most_iterations: int = 60,
     ) -> Solution:
-        """Descend from the trajectory that `guess` makes.
+        """Minimise the cost, starting from the trajectory that `guess` gives.
 
         Args:
             initial: (n,) state at step 0.
             times: (N+1,) node times, s.
-            parameters: p of the problem.
-            guess: (N,) controls; zero when not given.
+            parameters: values of p.
+            guess: (N,) controls; zero by default.
             tolerance: bound on the magnitude of the cost's derivative along the descent direction.
-            most_iterations: after these it counts as not converged.
+            most_iterations: largest number of iterations; a descent that needs more has not converged.
 
         Raises:
-            TaskFailedError: no convergence, or the dynamics left the finite numbers.
+            TaskFailedError: the optimiser did not converge, or the states became infinite.
         """
         started = perf_counter()
         n, N = self.problem.states, self.steps
@@ -122,7 +122,7 @@ class ProjectionOptimizer:
         case = np.asarray(times)[None, :N], float(times[N]), parameters
 
         def project(states: np.ndarray, controls: np.ndarray, gains: np.ndarray) -> _Trajectory:
-            """The trajectory that a curve is made by feedback."""
+            """Project a curve onto a trajectory, by feedback."""
             x, u, cost = self._project(start[:, 0], states[:, :-1], controls, gains, *case)
             return _Trajectory(np.hstack([start, x]), u.copy(), float(cost[0, 0]))
 

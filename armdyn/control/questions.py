@@ -1,15 +1,16 @@
-r"""What a motion shall tell: the length, several parameters with others as nuisance, or which of two rivals is true.
+"""Purpose of a motion: to determine the length, several parameters, or which of two rivals is true.
 
 All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
-to the wanted parameters and to the nuisance ones; of two rivals the difference of their readings, which is wanted, and
-the derivatives of the rival's with respect to its unknowns, which are nuisance. With the Gram matrix G of the signals
-in blocks, w wanted and n nuisance, what the nuisance leaves of the wanted is the Schur complement
+to the wanted parameters and to the nuisance ones; for two rivals, the wanted signal is the difference of their
+readings, and the nuisance signals are the derivatives with respect to the rival's unknowns. With the Gram matrix G of
+the signals in blocks, w wanted and n nuisance, the information on the wanted ones is the Schur complement
 
     S = G_ww - G_wn G_nn^-1 G_nw :
 
-the Fisher information on the wanted parameters with the others unknown (Kay, Estimation Theory, 1993, §3.7), and for
-rivals the rise of chi2 when the rival is refitted. Maximised is log det S (D-optimal), or minimised log tr S^-1
-(A-optimal) or log d' S^-1 d, the variance in one direction d (Pukelsheim, Optimal Design of Experiments, 2006, ch. 6).
+It is the Fisher information on the wanted parameters with the others unknown (Kay, Estimation Theory, 1993, §3.7), and
+for rivals the rise of chi2 when the rival is refitted. Either log det S is maximised (D-optimal), or log tr S^-1 is
+minimised (A-optimal), or log d' S^-1 d, the variance in one direction d (Pukelsheim, Optimal Design of Experiments,
+2006, ch. 6).
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from armdyn.pendulum.model import PendulumModel
 
 
 class Criterion(Enum):
-    """What becomes small; see the head of this file."""
+    """The criterion that a motion minimises; see the head of this file."""
 
     DETERMINANT = "determinant"
     INVERSE = "inverse"
@@ -35,14 +36,14 @@ class Criterion(Enum):
 
 @dataclass(frozen=True)
 class Question:
-    """What a motion shall tell; make it with `information` or `separation`.
+    """The purpose of a motion; make it with `information` or `separation`.
 
     Attributes:
-        wanted: parameters that are asked for; none for rivals.
-        nuisance: unknowns beside them; of the rival, for rivals.
-        criterion: of their information.
-        direction: weights of the wanted parameters, each in its typical size; for the criterion of a direction.
-        rivals: whether two models are told apart.
+        wanted: wanted parameters; empty for rivals.
+        nuisance: further unknowns; for rivals, those of the rival.
+        criterion: criterion of the information.
+        direction: weights of the wanted parameters, each in its typical size, for the criterion of one direction.
+        rivals: whether the purpose is to distinguish two models.
     """
 
     wanted: tuple[str, ...]
@@ -53,51 +54,51 @@ class Question:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the cost is a logarithm of all signals together; the length alone is judged moment by moment."""
+        """Whether the cost is a logarithm of all signals together; the length alone is judged at each moment."""
         return self.criterion is not Criterion.FLOOR
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """By which readings are differentiated."""
+        """Parameters with respect to which readings are differentiated."""
         return (*self.wanted, *self.nuisance)
 
     @property
     def watched(self) -> tuple[tuple[str, ...], ...]:
-        """The same by model."""
+        """Parameters with respect to which readings are differentiated, by model."""
         return ((), self.nuisance) if self.rivals else (self.parameters,)
 
     @property
     def asked(self) -> int:
-        """Number of signals that are wanted; they come first."""
+        """Number of wanted signals, which come first."""
         return 1 if self.rivals else len(self.wanted)
 
     @property
     def size(self) -> int:
-        """Number of signals."""
+        """Number of all signals."""
         return self.asked + len(self.nuisance)
 
     @property
     def tag(self) -> str:
-        """For the cache of compiled code."""
+        """Identifier of the question, for the cache of compiled code."""
         return f"_{self.criterion.value}_{self.size}" if self.logarithmic else ""
 
     def check(self, models: Sequence[PendulumModel]) -> None:
         """Refuse parameters that a model lacks.
 
         Raises:
-            UnknownNameError: names one.
+            UnknownNameError: a model lacks a parameter.
         """
         for name in self.parameters:
             if name not in models[-1].physics_names:
                 raise UnknownNameError("parameter", name, models[-1].physics_names)
 
     def signals(self, readings: Sequence[Any], slopes: Sequence[Any], scales: Any) -> Any:
-        """(k,) signals, wanted first.
+        """(k,) signals, the wanted ones first.
 
         Args:
             readings: force of every model, N.
-            slopes: (1, m) its derivatives with respect to what is watched of each model.
-            scales: (m + 1,) typical size of every parameter, and last the noise.
+            slopes: (1, m) derivatives of the readings with respect to the watched parameters of each model.
+            scales: (m + 1,) typical size of every parameter, followed by the noise.
         """
         if not self.logarithmic:
             return slopes[0]
@@ -106,13 +107,13 @@ class Question:
         return ca.vertcat((readings[0] - readings[1]) / noise, scaled) if self.rivals else scaled
 
     def criterion_function(self) -> ca.Function:
-        """``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
+        """A function ``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
         k, asked = self.size, self.asked
         if not self.logarithmic:
             return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
         G = ca.SX.sym("G", k, k)
         S = ca.SX(G)
-        for last in reversed(range(asked, k)):  # what the nuisance explains is taken out, one signal after the other
+        for last in reversed(range(asked, k)):  # eliminate the nuisance signals one after the other
             S = S[:last, :last] - S[:last, last] @ S[last, :last] / S[last, last]
         if self.criterion is Criterion.DETERMINANT:
             cost = 0
@@ -126,7 +127,7 @@ class Question:
 
 
 LENGTH = Question(("length",), criterion=Criterion.FLOOR)
-"""The paper's: the length alone, moment by moment."""
+"""The paper's question: the length alone, judged at each moment."""
 
 
 def information(
@@ -135,10 +136,10 @@ def information(
     criterion: Criterion = Criterion.DETERMINANT,
     direction: Sequence[float] = (),
 ) -> Question:
-    """Information on some parameters, others being unknown as well.
+    """The question for information on some parameters, with others unknown as well.
 
     Raises:
-        InputError: nothing is wanted, something twice, or the direction does not fit.
+        InputError: no parameter is wanted, one is given twice, or the direction does not fit.
     """
     if not wanted or len({*wanted, *nuisance}) < len(wanted) + len(nuisance):
         raise InputError("name at least one parameter that is wanted, and none twice")
@@ -150,5 +151,5 @@ def information(
 
 
 def separation(unknowns: Sequence[str]) -> Question:
-    """Which of two models is true, whatever the rival's unknowns."""
+    """The question which of two models is true, for any values of the rival's `unknowns`."""
     return Question((), tuple(unknowns), rivals=True)

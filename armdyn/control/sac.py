@@ -31,25 +31,26 @@ from armdyn.pendulum.model import PendulumModel
 
 @dataclass(frozen=True)
 class SacSettings:
-    """Weights and limits; the defaults are the ones that were found to work for Baxter's line.
+    """Weights and limits of SAC; the defaults were found to work for Baxter's line.
 
     Attributes:
-        horizon: s.
+        horizon: length of the horizon, s.
         dt: integration step, s.
-        sample_time: an action is chosen this often, s.
-        control_weight: R, 1/(m/s^2)^2.
+        sample_time: interval at which an action is chosen, s.
+        control_weight: weight R of the control, 1/(m/s^2)^2.
         desired_change: gamma < 0, the desired relative change of the cost.
-        largest_acceleration: m/s^2.
-        largest_speed: of the gripper, m/s; actions that would pass it are cut.
-        time_exponent: beta, how much a later action is disliked.
-        first_duration: of a needle, s; halved until the cost falls.
-        halvings: at most.
+        largest_acceleration: largest acceleration of the gripper, m/s^2.
+        largest_speed: largest speed of the gripper, m/s; actions that would exceed it are cut.
+        time_exponent: beta, the exponent of the penalty on later actions.
+        first_duration: first duration of a needle, s; it is halved until the cost falls.
+        halvings: largest number of halvings.
         information_floor: G0, N/m; a floor on |Gamma|.
         position_weight: w_x, 1/m^2.
         velocity_weight: w_v, s^2/m^2.
         barrier_weight: w_b, 1/m^2.
         barrier: x_b, m.
-        noise: s, of the load cell, N s^(1/2): one sample's over the square root of their rate.
+        noise: density s of the load cell's noise, N s^(1/2): standard deviation of a sample over the root of the
+            sampling rate.
     """
 
     horizon: float = 1.4
@@ -81,28 +82,28 @@ class SacSettings:
 
     @property
     def steps(self) -> int:
-        """Integration steps of the horizon."""
+        """Number of integration steps of the horizon."""
         return round(self.horizon / self.dt)
 
     def weights(self) -> np.ndarray:
-        """(5,) in the order of `WEIGHTS`."""
+        """(5,) weights in the order of `WEIGHTS`."""
         return np.array([getattr(self, name) for name in WEIGHTS])
 
 
 @dataclass(frozen=True)
 class SacState:
-    """Where the gripper and the load are, and how the load's state would change with the parameters in question.
+    """State of the gripper and the load, with the derivatives of the load's state by the parameters in question.
 
     Attributes:
-        time: s.
-        x: gripper, m.
-        v: gripper, m/s.
+        time: time, s.
+        x: position of the gripper, m.
+        v: velocity of the gripper, m/s.
         pendulum: (2,) angle and momentum, see `dynamics`.
-        sensitivity: (2,) its derivative with respect to the length, or (2, m) with respect to m parameters; (2, 0) of a
-            hypothesis that is held against a rival.
+        sensitivity: (2,) derivative of `pendulum` with respect to the length, or (2, m) with respect to m parameters;
+            (2, 0) for a hypothesis that is compared with a rival.
         rival: (2,) angle and momentum of the rival's load; None where there is no rival.
-        rival_sensitivity: (2, m) its derivative with respect to the rival's m unknowns.
-        gram: (k, k) G_0 of the k signals; None where the question has none.
+        rival_sensitivity: (2, m) derivative of `rival` with respect to the rival's m unknowns.
+        gram: (k, k) Gram matrix G_0 of the k signals; None where the question has none.
     """
 
     time: float
@@ -115,7 +116,7 @@ class SacState:
     gram: np.ndarray | None = None
 
     def vector(self) -> np.ndarray:
-        """(n,) extended state; 6 for the length alone."""
+        """(n,) extended state; n = 6 for the length alone."""
         parts = [np.array([self.x, self.v]), self.pendulum, self.sensitivity.ravel(order="F")]
         if self.rival is not None and self.rival_sensitivity is not None:
             parts += [self.rival, self.rival_sensitivity.ravel(order="F")]
@@ -127,13 +128,13 @@ class SacAction:
     """One needle of acceleration.
 
     Attributes:
-        acceleration: m/s^2.
-        start: s after now.
-        end: s after now.
+        acceleration: acceleration of the gripper, m/s^2.
+        start: start of the needle, s from now.
+        end: end of the needle, s from now.
         schedule: (steps,) acceleration held over each integration step of the horizon, m/s^2.
-        cost: of the horizon with the action.
-        free_cost: of the horizon without.
-        seconds: spent deciding.
+        cost: cost of the horizon with the action.
+        free_cost: cost of the horizon without the action.
+        seconds: computing time, s.
     """
 
     acceleration: float
@@ -146,13 +147,13 @@ class SacAction:
 
 
 class SequentialActionControl:
-    """Chooses actions for one composed model, or for two that are rivals.
+    """Chooses actions for one composed model, or for two rival models.
 
     Args:
-        model: whose parameters are in question, or the hypothesis.
+        model: model whose parameters are in question, or the hypothesis.
         settings: weights and limits.
-        question: what the motion shall tell; the length where it is not given.
-        rival: what is held against the hypothesis; for a question about rivals.
+        question: purpose of the motion; by default the length.
+        rival: rival of the hypothesis, for a question about rivals.
     """
 
     def __init__(
@@ -179,12 +180,12 @@ class SequentialActionControl:
         )
 
     def act(self, state: SacState, model: PendulumModel, rival: PendulumModel | None = None) -> SacAction:
-        """The action from now on.
+        """Choose the action from now on.
 
         Args:
-            state: of gripper and load, now.
-            model: with the latest estimate; the same effects as the one this controller was built for.
-            rival: likewise.
+            state: present state of gripper and load.
+            model: model with the latest estimate, and the same effects as the one this controller was built for.
+            rival: rival model with its latest values, and the same effects as before.
         """
         started = perf_counter()
         c = self.settings
@@ -212,12 +213,12 @@ class SequentialActionControl:
     def gradient(
         self, schedule: np.ndarray, state: SacState, model: PendulumModel, rival: PendulumModel | None = None
     ) -> tuple[float, np.ndarray]:
-        """Cost of a schedule (steps,) of accelerations and its exact derivative (steps,)."""
+        """Cost of a schedule (steps,) of accelerations, and its exact gradient (steps,)."""
         cost, gradient = self._gradient(schedule, *self._fixed(state, model, rival))
         return float(cost[0, 0]), gradient.ravel().copy()
 
     def _fixed(self, state: SacState, model: PendulumModel, rival: PendulumModel | None) -> tuple[object, ...]:
-        """Arguments of the compiled functions behind the schedule."""
+        """Arguments of the compiled functions after the schedule."""
         models = [model] if rival is None else [model, rival]
         if tuple(m.physics_names for m in models) != self._names:
             raise InputError("this controller was built for a model with other effects: build a new one")

@@ -1,4 +1,4 @@
-"""The task: swing the load to a point with a wanted velocity, by moving the gripper along its line."""
+"""Plan a swing of the load to a point with a wanted velocity, by moving the gripper along its line."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -9,15 +9,15 @@ import numpy as np
 from armdyn.control.projection import DiscreteProblem, ProjectionOptimizer, Solution
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.variational import STATE_SIZE, VariationalStep
+from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
 
 CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
-"""Shares of the effects' values through which a plan is followed where it is not found at once."""
+"""Shares of the effects' values from which a plan is continued where it is not found directly."""
 
 
 ROOF_SLOPE, ROUND = 1.0, 0.005
-"""The load must stay above a roof over the wall with this slope, rounded (m) at its ridge. The wall alone is too thin:
-it would push a load that passes through it to the side, and a fast load passes it between two nodes."""
+"""Slope of a roof over the wall, above which the load must stay, and radius, m, of its ridge. The wall alone is too
+thin: it would push a load inside it to the side, and a fast load passes it between two nodes."""
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,21 @@ class TaskCost:
     """1/2 (|position - target|_P^2 + |velocity|_Q^2 + |gripper|_S^2) at the end, dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
-        target: (x, z) of the load relative to the gripper's start, z up, m.
-        target_velocity: (x, z) m/s.
+        target: (x, z) position of the load relative to the gripper's start, z up, m.
+        target_velocity: (x, z) velocity of the load, m/s.
         position_weights: (x, z) 1/m^2.
         velocity_weights: (x, z) s^2/m^2.
-        gripper_weights: S on the gripper's position 1/m^2 and velocity s^2/m^2; a load at rest hangs on only where the
+        gripper_weights: S on the gripper's position 1/m^2 and velocity s^2/m^2; a load stays at rest only where the
             gripper is at rest above it.
         control_weight: R, s^3/m^2, > 0.
         travel_weight: W, 1/(m^2 s); keeps the gripper near the middle of its line.
         wall: (x, z) of the top of a wall that the load must pass over, from the gripper's start, m; None for none.
-        clearance: height over it of the load's centre that costs nothing, m; less is allowed to both sides of the wall.
-        wall_weight: cost of a square metre below that, 1/(m^2 s).
-        least_tension: share of the load's weight that the string should pull with at least; None for no such term.
-        slack_weight: cost of a weight's square below that, 1/s.
+        clearance: least height of the load's centre above the wall that costs nothing, m; it decreases to both sides.
+        wall_weight: cost of a squared metre below that height, 1/(m^2 s).
+        least_tension: least tension of the string as a share of the load's weight; None for no such term.
+        slack_weight: cost of a squared weight below that tension, 1/s.
         reach: least and largest x of the gripper, m; None for a line without ends.
-        reach_weight: cost of a square metre beyond, 1/(m^2 s).
+        reach_weight: cost of a squared metre beyond, 1/(m^2 s).
     """
 
     target: tuple[float, float]
@@ -64,7 +64,7 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def numbers(self) -> dict[str, float]:
-        """The numbers that the compiled problem takes, by name, in its order; what does not count has no weight."""
+        """Arguments of the compiled problem by name, in its order; unused terms have no weight."""
         pairs = {
             "": self.target, "v": self.target_velocity, "w_": self.position_weights, "w_v": self.velocity_weights
         }  # fmt: skip
@@ -88,7 +88,7 @@ class TaskCost:
         }
 
     def vector(self) -> np.ndarray:
-        """(21,) the same as an array."""
+        """(21,) values of `numbers` as an array."""
         return np.array(list(self.numbers().values()))
 
 
@@ -97,14 +97,14 @@ COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
 
 @dataclass(frozen=True)
 class SwingState:
-    """Where a swing starts: the string's upper end, its angle, and when, for what changes with time.
+    """Start of a swing: state of the string's upper end and the string, and the time, for effects that depend on time.
 
     Attributes:
-        x: of the upper end, which trails a gripper with a lag, m.
-        v: m/s.
-        angle: rad.
-        rate: rad/s.
-        time: s since the model's time began.
+        x: position of the string's upper end, which follows the gripper with a lag, m.
+        v: velocity of the string's upper end, m/s.
+        angle: swing angle, rad.
+        rate: swing rate, rad/s.
+        time: time of the model, s.
     """
 
     x: float = 0.0
@@ -116,18 +116,18 @@ class SwingState:
 
 @dataclass(frozen=True)
 class SwingPlan:
-    """A planned swing, one entry per node.
+    """A planned swing, with one value per node.
 
     Attributes:
-        time: (N+1,) s from the swing's start.
-        x: (N+1,) gripper, m.
-        v: (N+1,) gripper, m/s, over the interval that ends at the node.
-        a: (N+1,) gripper, m/s^2, the last repeated.
-        angle: (N+1,) rad.
-        rate: (N+1,) rad/s.
-        tension: (N,) N at each node but the last.
-        load: (N+1, 2) x and z of the load, m; z is measured from the gripper's line.
-        solution: how it was found.
+        time: (N+1,) time from the swing's start, s.
+        x: (N+1,) position of the gripper, m.
+        v: (N+1,) velocity of the gripper over the interval that ends at the node, m/s.
+        a: (N+1,) acceleration of the gripper, m/s^2; the last one is repeated.
+        angle: (N+1,) swing angle, rad.
+        rate: (N+1,) swing rate, rad/s.
+        tension: (N,) tension at each node but the last, N.
+        load: (N+1, 2) x and z of the load, m; z is relative to the gripper's line.
+        solution: result of the optimiser.
     """
 
     time: np.ndarray
@@ -155,13 +155,13 @@ class TaskPlanner:
         self._load = self._variational.load.map(steps + 1)
 
     def optimizer(self, *, constrained: bool) -> ProjectionOptimizer:
-        """The optimiser of the task; it is faster where walls, slack and the ends of the line do not count."""
+        """The optimiser of the task; it is faster without walls, slack and ends of the line."""
         return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
     def plan(
         self, model: PendulumModel, cost: TaskCost, start: SwingState | None = None, *, tolerance: float = 1e-6,
     ) -> SwingPlan:  # fmt: skip
-        """The swing of least cost from `start` (at rest when not given).
+        """Plan the swing of least cost from `start`, by default from rest.
 
         Raises:
             InputError: the model has other effects than the one that the planner was built for.
@@ -185,7 +185,7 @@ class TaskPlanner:
         try:
             free = solve(unconstrained)
         except TaskFailedError:
-            # From rest, strong friction hides the swing: it is found while the effects grow from nothing.
+            # From rest, strong friction hides the swing: it is found while the effects grow from zero.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = None
             for share in CONTINUATION:
@@ -212,7 +212,7 @@ class TaskPlanner:
 def _ahead_of(
     x: np.ndarray, v: np.ndarray, u: np.ndarray, lag: float, dt: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The gripper's positions, backward velocities and accelerations (N+1,) that are trailed by x: x + lag x'."""
+    """The gripper's positions, backward velocities and accelerations (N+1,) for a lagged position x: x + lag x'."""
     a = np.append(u, u[-1])
     if lag == 0.0:
         return x.copy(), v.copy(), a
@@ -232,12 +232,13 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     Args:
         variational: the equations.
         name: identifier of the equations.
-        constrained: whether walls, slack and the ends of the line count; where not, their entries of p are ignored.
+        constrained: whether walls, slack and the ends of the line are included; otherwise their entries of p are
+            ignored.
     """
     thetas = len(variational.names)
     size = thetas + len(COST_NAMES) + 1
-    s, u, t, p = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
-    following, costate = ca.SX.sym("s_next", STATE_SIZE), ca.SX.sym("costate", STATE_SIZE)
+    s, u, t, p = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
+    following, costate = ca.SX.sym("s_next", VARIATIONAL_STATE_SIZE), ca.SX.sym("costate", VARIATIONAL_STATE_SIZE)
     theta, dt = p[:thetas], p[size - 1]
     c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
     position, velocity = variational.load(s, t, dt, theta)
@@ -249,7 +250,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
-    # The tension hardly depends on the exact next node, so that the extrapolated one is good enough.
+    # The tension hardly depends on the exact next node, so the extrapolated one suffices.
     onward = ca.vertcat(s[0] + dt * (s[1] + dt * u), s[1] + dt * u, s[2] + dt * s[3], s[3])
     gravity, mass = (theta[variational.names.index(name)] for name in ("gravity", "mass"))
     slack = c["least_tension"] - variational.tension(*at, onward) / (mass * gravity)
@@ -258,7 +259,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     constraints = ca.vertcat(inside, loose, beyond) if constrained else ca.SX(0, 1)
     return DiscreteProblem(
         name=f"{'constrained_' if constrained else ''}swing_{name}",
-        states=STATE_SIZE,
+        states=VARIATIONAL_STATE_SIZE,
         parameters=size,
         step=ca.Function("f", [s, u, t, p], [variational.step(*at)]),
         linearised=ca.Function("df", [s, u, t, p, following], variational.linearised(*at, following)),

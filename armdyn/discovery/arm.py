@@ -1,4 +1,4 @@
-"""Terms that a joint of an arm may lack: what its drive gives besides moving the rigid bodies."""
+"""Candidate terms for a joint of an arm: torques that its drive gives besides moving the rigid bodies."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,17 +12,18 @@ from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 from armdyn.recording.channels import FloatArray
 
-SHARE = 0.1
-"""Of the joint's torque, root mean square: typical size of one that is missing."""
-STOP, RUB, MAGNET, CABLE = 5, 2, 5, 3
-PERIODS = 28
-"""Of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit reaches."""
-SHORTEST, LONGEST = 0.03, 1.5
-"""Periods, over the range of the position."""
+MISSING_TORQUE_SHARE = 0.1
+"""Typical size of a missing torque, as a share of the joint's root mean square torque."""
+JOINT_STOP_PLACES, JOINT_RUB_PLACES, JOINT_MAGNET_PLACES, JOINT_CABLE_PLACES = 5, 2, 5, 3
+WAVE_PERIODS = 28
+"""Number of periods of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit
+reaches."""
+MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
+"""Shortest and longest period of these waves, over the range of the position."""
 
 
 def arm_terms(fit: Fit) -> Iterator[Term]:
-    """Every formula, for every joint whose torque was measured."""
+    """All candidate formulas, for every joint whose torque was measured."""
     for site, v in _joints(fit):
         found = [*_of_joint(site, v)]
         for recorded in recorded_variables(fit.problem.runs):
@@ -32,7 +33,7 @@ def arm_terms(fit: Fit) -> Iterator[Term]:
 
 
 def arm_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over what a joint's torque may depend on."""
+    """Smooth curves over the quantities on which a joint's torque may depend."""
     for site, v in _joints(fit):
         found = [shapes.curve(site, v[name]) for name in ("position", "speed", "load")]
         for recorded in recorded_variables(fit.problem.runs):
@@ -48,19 +49,19 @@ def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
     yield shapes.product(site, "damping by position", "friction that grows with the position", (q, 2), (speed, 1))
     yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
     yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
-    yield from shapes.stops(site, q, STOP)
-    yield from shapes.one_sided(site, q, speed, RUB)
+    yield from shapes.stops(site, q, JOINT_STOP_PLACES)
+    yield from shapes.one_sided(site, q, speed, JOINT_RUB_PLACES)
     yield from shapes.sticky(site, speed, (0.05 * speed.size, 0.3 * speed.size))
     yield from shapes.warming(site, speed, time)
-    yield from shapes.growing(site, q, CABLE)
-    yield from shapes.magnets(site, q, MAGNET)
+    yield from shapes.growing(site, q, JOINT_CABLE_PLACES)
+    yield from shapes.magnets(site, q, JOINT_MAGNET_PLACES)
     yield from shapes.play(site, speed, q, (0.01 * q.span, 0.05 * q.span))
-    periods = q.span * np.geomspace(SHORTEST, LONGEST, PERIODS)
+    periods = q.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
     yield from shapes.waves(site, q, periods.tolist())
 
 
 def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
-    """Every joint with what its torque may depend on, in the ranges of the runs."""
+    """Every joint, with the quantities on which its torque may depend and their ranges in the runs."""
     model = fit.problem.model
     assert isinstance(model, ArmModel)
     seen: dict[str, list[FloatArray]] = {}
@@ -74,7 +75,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
         if f"tau.{joint}" not in seen:
             continue
         q, speed, torque = (np.concatenate(seen[f"{kind}.{joint}"]) for kind in ("q", "v", "tau"))
-        typical = SHARE * float(np.sqrt(np.mean(torque**2)))
+        typical = MISSING_TORQUE_SHARE * float(np.sqrt(np.mean(torque**2)))
         rubs = "joint.with_torque(joint.direction * ({}))"
         dry = Site("joint", "N m", rubs, typical, "", shown="sign(speed) * ({})", joint=joint)
         site = Site("joint", "N m", "joint.with_torque({})", typical, "", dry, joint=joint)
@@ -90,7 +91,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
 
 
 def _as_declared(fit: Fit, term: Term) -> Term:
-    """A term in numbers of a usual joint, which the arm turns into those of its own; see `Arm.parameter`."""
+    """A term in the units of a typical joint, which the arm scales to its own joint; see `Arm.parameter`."""
     model, joint = fit.problem.model, term.site.joint
     assert isinstance(model, ArmModel)
 

@@ -1,8 +1,8 @@
-"""Discover: a formula for the missing force, chosen by the same evidence as effects of the catalogue.
+"""Discover a formula for the missing force, with the same evidence as for effects of the catalogue.
 
-Every candidate term is an effect. A study of the catalogue's effects and of the terms together is searched as a repair
-is: terms are fitted inside the model, held-out runs take part in choosing, and the price of a set grows with the number
-of effects that were tried. What wins is a formula, or the name of an effect that the catalogue has already.
+Every candidate term is an effect. The catalogue's effects and the terms are searched together, as in a repair: terms
+are fitted inside the model, held-out runs help to choose, and the penalty of a set grows with the number of effects
+that were tried. The result is a formula, or the name of an effect of the catalogue.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.diagnose import IDEALISED, explained_share
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, explained_share
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.lost import lost, lost_sentence
@@ -36,11 +36,11 @@ from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-BASES: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
+TERMS_BY_BASE: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
-"""By base: its terms, and its curves."""
+"""Candidate terms and candidate curves, by base."""
 
 
 @one_thread
@@ -51,17 +51,17 @@ def discover(
     catalogue: Sequence[Effect],
     progress: Progress | None = None,
 ) -> Discovery:
-    """Find a formula for what a model lacks.
+    """Find a formula for the force that a model lacks.
 
     Args:
-        model: as given.
-        runs: to fit.
-        held_out: take part in choosing.
-        catalogue: effects that are known; what one of them explains as well bears its name.
-        progress: is told every step.
+        model: the model as given.
+        runs: runs to fit.
+        held_out: runs that help to choose, but are not fitted.
+        catalogue: known effects; a formula that one of them explains as well gets its name.
+        progress: called with a text at every step.
 
     Raises:
-        InputError: a further quantity has two units, or a base of the user's own has states in other units than SI.
+        InputError: a further quantity has two units, or the states of a user's base are not in SI units.
     """
     check_same_units([*runs, *held_out])
     say = progress or (lambda _: None)
@@ -71,7 +71,7 @@ def discover(
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
-    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else BASES[model.base]
+    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else TERMS_BY_BASE[model.base]
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
@@ -80,15 +80,16 @@ def discover(
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
         other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
-        if other.squared_error(drawn.last.fit) < LEAVES * study.squared_error(found.last.fit):
+        if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
     return concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
-MOST, ALIKE = 12, 3
-"""Terms of a joint, and of each kind, that are looked at closely, those that promise most."""
-LEAVES = 0.7
-"""Of the squared error above the noise that a formula leaves, what a curve must leave at most to be told instead."""
+MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
+"""Number of terms of a joint, and of each kind, that are fully evaluated: those with the largest predicted
+contribution."""
+MAX_CURVE_RESIDUAL_SHARE = 0.7
+"""Largest share of a formula's squared error above the noise that a curve may leave to be reported instead."""
 
 
 def _searched(
@@ -110,14 +111,14 @@ def _searched(
 
 
 def predicts_better(study: Study, found: Search) -> bool:
-    """Whether runs that were not fitted are predicted better than by the model as given, where there are any."""
+    """Whether held-out runs are predicted better than by the model as given; True where there are none."""
     unfitted = [study.held_out_blocks(step.fit) for step in (found.steps[0], found.last)]
     given, then = (sum(float(block.residual @ block.residual) for block in blocks) for blocks in unfitted)
     return not unfitted[1] or then < given
 
 
 def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
-    """Names of the terms of each joint that promise most at the fit as given, few of a kind."""
+    """Names of the terms of each joint with the largest predicted contribution, few of a kind."""
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
     for score in study.scores(study.first(), study.present):
@@ -125,20 +126,22 @@ def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
         if term is None:
             continue
         joint, kind = term.site.joint, term.kind
-        if looked_at[joint,] < MOST and looked_at[joint, kind] < ALIKE:
+        if looked_at[joint,] < MAX_TERMS_PER_JOINT and looked_at[joint, kind] < MAX_TERMS_PER_KIND:
             looked_at.update([(joint,), (joint, kind)])
             found.add(term.name)
     return found
 
 
 def _is_whole(study: Study, found: Search) -> bool:
-    """Whether nothing is left, or nothing that matters."""
+    """Whether the residual is only noise, or nearly."""
     start, last = found.steps[0], found.last
-    return not last.tests.fails or (len(found.steps) > 1 and explained_share(study, start, last) > IDEALISED)
+    return not last.tests.fails or (
+        len(found.steps) > 1 and explained_share(study, start, last) > MIN_EXPLAINED_AT_NOISE
+    )
 
 
 def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
-    """What a search found, in formulas."""
+    """The result of a search, as formulas."""
     start, last = found.steps[0], found.last
     values = fitted_parameters(study, last.fit)
     shares = [explained_share(study, start, step) for step in found.steps[1:]]
@@ -170,7 +173,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
 
 
 def _brings(step: Step, candidate: Candidate) -> bool:
-    """Whether a step added an effect, or one joint of those that it ended with."""
+    """Whether a step added an effect, or one of the joints of its final form."""
     return any(not set(candidate.names).isdisjoint(added.names) for added in step.added)
 
 
@@ -182,7 +185,7 @@ def _finding(
     known: dict[str, Effect],
     values: Mapping[str, Parameter],
 ) -> Finding:
-    """One effect of the end, with the share that each step which brought it explains."""
+    """One effect of the result, with the share that the steps which added it explain."""
     own = {n.split(".", 1)[1]: values[n] for n in candidate.names if n in values}
     if len(candidate.joints) == 1:
         own = {name.partition("[")[0]: value for name, value in own.items()}
@@ -220,7 +223,7 @@ def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str
 
 
 def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]:
-    """Findings with names of their own that say what they are: ``discovered_stop``, ``discovered_stop_2``."""
+    """Give findings unique names that describe them: ``discovered_stop``, ``discovered_stop_2``."""
     for one in findings:
         if one.term is None:
             yield one

@@ -1,4 +1,4 @@
-"""Terms that a pendulum may lack: torques on the string, forces on the load, a rail that is not straight."""
+"""Candidate terms for a pendulum: torques on the string, forces on the load, a rail that is not straight."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,30 +9,30 @@ from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 
-SHARE = 0.02
-"""Of the load's weight: typical size of a force that is missing."""
-RUB, STOP, MAGNET = 3, 5, 7
-"""Places on a grid: half the distance of neighbours is within what a fit finds from there."""
+MISSING_FORCE_SHARE = 0.02
+"""Typical size of a missing force, as a share of the load's weight."""
+RAIL_RUB_PLACES, RAIL_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
+"""Number of positions on a grid: a fit from one of them reaches half the distance to its neighbours."""
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
-    """Every formula that the runs of a fit of the bare model may show."""
+    """All candidate formulas for the runs of a fit of the bare model."""
     string, load, rail, v = _sites(fit)
     yield from _of_string(string, v["angle"], v["speed"], v["time"])
     for recorded in recorded_variables(fit.problem.runs):
         yield from shapes.recorded_frictions(string, recorded, v["speed"])
         yield from shapes.recorded_torques(string, recorded)
     if v["along"].span > 0.0:
-        below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # it is below the line, as far as it is wide
-        yield from shapes.magnets(load, v["position"], MAGNET)
+        below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
+        yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
         under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnets(under, v["position"], MAGNET)
+        yield from shapes.magnets(under, v["position"], RAIL_MAGNET_PLACES)
         for n in (1, 2, 3):
             yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
 
 
 def pendulum_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over what a force may depend on."""
+    """Smooth curves over the quantities on which a force may depend."""
     string, load, rail, v = _sites(fit)
     yield shapes.curve(string, v["angle"])
     yield shapes.curve(string, v["speed"])
@@ -45,7 +45,7 @@ def pendulum_curves(fit: Fit) -> Iterator[Term]:
 
 
 def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
-    """String, load and rail, and what forces there may depend on, with the ranges of the runs."""
+    """String, load and rail, and the quantities on which forces there may depend, with their ranges in the runs."""
     problem = fit.problem
     values = [
         dict(zip(problem.model.names, problem.theta(i, fit.values), strict=True)) for i in range(len(problem.runs))
@@ -62,11 +62,16 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
         for name, value in {**found, "position": along - length * np.sin(at)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
-    torque = SHARE * mass * gravity * length
+    torque = MISSING_FORCE_SHARE * mass * gravity * length
     dry = Site("string", "N m", "string.with_dry_torque({})", torque, shown="-sign(speed) * {}")
     string = Site("string", "N m", "string.with_torque({})", torque, dry=dry)
     load = Site("load", "N", "load.with_force(ca.vertcat({}, 0, 0))", torque / length)
-    rail = Site("gripper", "m", "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))", 0.1 * SHARE * length)
+    rail = Site(
+        "gripper",
+        "m",
+        "gripper.with_position(gripper.position + ca.vertcat(0, 0, {}))",
+        0.1 * MISSING_FORCE_SHARE * length,
+    )
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
     return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
@@ -77,7 +82,7 @@ def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) ->
     yield shapes.power(string, angle, 2, "crooked spring", "a torque with the square of the angle")
     yield shapes.power(string, angle, 3, "flexure", "a spring that stiffens with the cube of the angle")
     yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
-    yield from shapes.stops(string, angle, STOP)
-    yield from shapes.one_sided(string, angle, rate, RUB)
+    yield from shapes.stops(string, angle, RAIL_STOP_PLACES)
+    yield from shapes.one_sided(string, angle, rate, RAIL_RUB_PLACES)
     yield from shapes.sticky(string, rate, (0.1 * rate.size, 0.4 * rate.size))
     yield from shapes.warming(string, rate, time)

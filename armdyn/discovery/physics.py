@@ -1,4 +1,4 @@
-"""Terms that a base of the user's own may lack: what changes the rate of a state, by states and inputs."""
+"""Candidate terms for a user's own base: changes of a state's rate, as functions of states and inputs."""
 
 import keyword
 import re
@@ -12,19 +12,19 @@ from armdyn.discovery.term import Site, Term, Variable
 from armdyn.discovery.units import over
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
-from armdyn.physics.definition import RATE
+from armdyn.physics.definition import RATE_STAGE
 from armdyn.physics.model import PhysicsModel
 from armdyn.recording.units import to_base_units
 from armdyn.run import Run
 
-SHARE = 0.05
-"""Of the rate that a state has: typical size of what is missing."""
-TAKEN = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
-"""Names that a formula has for something else."""
+MISSING_RATE_SHARE = 0.05
+"""Typical size of a missing rate, as a share of the state's rate."""
+RESERVED_NAMES = ("k", "place", "stiffness", "friction", "coefficient", "width", "rate", "near", "total", "ca")
+"""Names that formulas use for other purposes."""
 
 
 def physics_terms(fit: Fit) -> Iterator[Term]:
-    """Every formula that the runs of a fit of the bare model may show."""
+    """All candidate formulas for the runs of a fit of the bare model."""
     for site, variables in _states(fit):
         yield shapes.constant(site)
         for v in variables:
@@ -35,14 +35,14 @@ def physics_terms(fit: Fit) -> Iterator[Term]:
 
 
 def physics_curves(fit: Fit) -> Iterator[Term]:
-    """Smooth curves over what a rate may depend on."""
+    """Smooth curves over the quantities on which a rate may depend."""
     for site, variables in _states(fit):
         for v in variables:
             yield shapes.curve(site, v)
 
 
 def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
-    """Every state whose rate is no state, with states and inputs in the ranges of the runs."""
+    """Every state whose rate is no state itself, with states and inputs and their ranges in the runs."""
     model = fit.problem.model
     assert isinstance(model, PhysicsModel)
     variables = _variables(fit, model)
@@ -52,12 +52,12 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
             seen.setdefault(name, []).append(rate)
     for name in model.rated:
         unit = over(_plain(model.physics.states[name].unit, name), ("s", 1))
-        size = SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
-        yield Site(RATE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
+        size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
+        yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 
 
 def _variables(fit: Fit, model: PhysicsModel) -> list[Variable]:
-    """States as the fit follows them, and inputs as they were recorded; what stands still is none."""
+    """States as fitted, and inputs as recorded, without those that are constant."""
     units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
     samples: dict[str, list[np.ndarray]] = {name: [] for name in units}
     for i, run in enumerate(fit.problem.runs):
@@ -79,16 +79,16 @@ def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, 
 
 
 def _called(name: str) -> str:
-    """What formulas call a state or an input: a name of Python that they have not for something else."""
+    """The name of a state or input in formulas: a Python name that is not used otherwise."""
     short = re.sub(r"\W", "_", name.removeprefix("extra."))
-    return f"{short}_" if short in TAKEN or keyword.iskeyword(short) else short
+    return f"{short}_" if short in RESERVED_NAMES or keyword.iskeyword(short) else short
 
 
 def _plain(unit: str, name: str) -> str:
-    """The unit of differences of a state or an input.
+    """The unit of differences of a state or an input, as text.
 
     Raises:
-        InputError: it is a multiple of an SI unit, so that sizes would have none.
+        InputError: the unit is a multiple of an SI unit, so that sizes would have no unit.
     """
     base, factor, zero = to_base_units(unit)
     if factor != 1.0:

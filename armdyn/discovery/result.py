@@ -1,4 +1,4 @@
-"""What was discovered: formulas with values and evidence, the file of effects that holds them, what a reader sees."""
+"""The result of a discovery: formulas with values and evidence, their file of effects, and their tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,29 +17,29 @@ from armdyn.identify.explained import in_percent
 from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.identify.tables import missing_force_columns
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import RATE
+from armdyn.physics.definition import RATE_STAGE
 from armdyn.shown import Displayable
 
-SHARE_SURE = 0.5
-"""Of the misfit: what explains less is no law but a part of one."""
+MIN_LAW_SHARE = 0.5
+"""Least share of the squared error that a law must explain; one that explains less is only part of a law."""
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One law.
+    """One law that was discovered.
 
     Attributes:
-        effect: its name.
-        joints: of an arm; empty for every other base.
-        acts_on: the stage.
-        kind: of the law in a word or two; the effect's name where it is of the catalogue.
-        says: what it does.
-        formula: for a person.
-        values: by short name of its parameters.
-        explains: share of the misfit that it explains beside those before it.
-        known_as: effect of the catalogue that it is, or that does as well; None where there is none.
-        rivals: formulas of another kind that these runs cannot tell from it.
-        term: it as an effect of a file; None where the catalogue has it.
+        effect: name of the effect.
+        joints: joints on which it acts, for an arm; empty for other bases.
+        acts_on: the stage on which it acts.
+        kind: the kind of law in a word or two; the effect's name where it is an effect of the catalogue.
+        says: what the law does, in words.
+        formula: the formula, for a reader.
+        values: values of its parameters, by their short names.
+        explains: share of the squared error that it explains in addition to the laws before it.
+        known_as: effect of the catalogue that it is, or that explains as much; None where there is none.
+        rivals: formulas of another kind that these runs cannot distinguish from it.
+        term: the term that is written to a file of effects; None for an effect of the catalogue.
     """
 
     effect: str
@@ -56,22 +56,22 @@ class Finding:
 
     @property
     def joint(self) -> str | None:
-        """The joint, or several with commas; None for a base without joints."""
+        """The joint, or several joined by commas; None for a base without joints."""
         return ",".join(self.joints) or None
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """What the law depends on, ``"speed"`` or a column ``"extra.temperature"``; empty for one of the catalogue."""
+        """Quantities on which the law depends (``"speed"``, ``"extra.temperature"``); empty for a catalogue effect."""
         return () if self.term is None else tuple(v.quantity for v in self.term.variables)
 
     @property
     def label(self) -> str:
-        """The effect as `armdyn add` takes it."""
+        """The effect in the form that `armdyn add` takes."""
         return f"{self.effect}:{self.joint}" if self.joint else self.effect
 
     @property
     def sentence(self) -> str:
-        """The formula with its values."""
+        """The formula with its values, as a sentence."""
         values = ", ".join(f"{name} = {_number(v)}" for name, v in self.values.items() if not name.startswith("value_"))
         at = f"{self.joint}: " if self.joint else ""
         return f"{at}{self.formula}" + (f" with {values}" if values else "")
@@ -79,23 +79,24 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Discovery(Displayable):
-    """What was found.
+    """Result of a discovery.
 
     Attributes:
-        findings: laws, what explains most first; empty where nothing was found.
-        before: rms error by channel of the model as given.
-        after: with everything found.
-        held_out_before: of the model as given on held-out runs, or on runs predicted from the others; empty of one run.
-        held_out_rmse: the same with everything found.
-        noise: standard deviation by channel.
-        units: by channel.
-        explains: share of the misfit that all of it explains.
-        leaves_something: whether more than noise is left.
-        judged: whether a run that took no part in the fit was predicted.
-        runs: names of the runs that were fitted.
-        held_out: of those held out.
-        still: whether nothing that is predicted of the fitted runs changes by more than the noise.
-        missing_force: before and after.
+        findings: laws, the one that explains most first; empty where none was found.
+        before: root mean square error by channel of the model as given.
+        after: root mean square error by channel with all findings.
+        held_out_before: root mean square error by channel of the model as given, on held-out runs or on runs predicted
+            from the others; empty for a single run.
+        held_out_rmse: the same error with all findings.
+        noise: standard deviation of the noise by channel.
+        units: unit by channel.
+        explains: share of the squared error that all findings explain.
+        leaves_something: whether the residual is more than noise.
+        judged: whether a run that was not fitted was predicted.
+        runs: names of the fitted runs.
+        held_out: names of the held-out runs.
+        still: whether all predicted channels of the fitted runs are constant within the noise.
+        missing_force: curves of the missing force before and after.
     """
 
     findings: tuple[Finding, ...]
@@ -115,12 +116,12 @@ class Discovery(Displayable):
 
     @property
     def new(self) -> tuple[Finding, ...]:
-        """Those that no catalogue has."""
+        """The findings that are not in the catalogue."""
         return tuple(one for one in self.findings if one.term is not None)
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The result in one or two sentences, for a reader."""
         if not self.findings:
             if not self.leaves_something:
                 return "Nothing is missing: what is left is noise." + (
@@ -153,7 +154,7 @@ class Discovery(Displayable):
         return text
 
     def file_text(self) -> str:
-        """The file of effects, with its evidence in the docstrings.
+        """The text of the file of effects, with the evidence in its docstrings.
 
         Raises:
             InputError: nothing was discovered.
@@ -173,14 +174,14 @@ class Discovery(Displayable):
         """
         path = Path(path)
         atomic.write_text(path, self.file_text())
-        load_effects(path, (*STAGES, RATE))
+        load_effects(path, (*STAGES, RATE_STAGE))
 
     @staticmethod
     def _values(one: Finding) -> str:
         return ", ".join(f"{name} = {_number(value)}" for name, value in one.values.items())
 
     def _evidence(self, one: Finding) -> str:
-        """Of a docstring: the values, what they explain, the data of the picture."""
+        """The evidence in a docstring: the values, the share that they explain, the data of the picture."""
         fitted = "\n".join(f"{name} = {_number(value)}" for name, value in one.values.items())
         error = ", ".join(
             f"{channel} {self.before[channel]:.3g} to {self.after[channel]:.3g} {self.units[channel]}"
@@ -206,7 +207,7 @@ class Discovery(Displayable):
         return "\n\n".join(parts)
 
     def document(self) -> Document:
-        """The laws with their values, then the errors."""
+        """Build the tables: the laws with their values, then the errors."""
         laws = [
             [o.formula, o.label, self._values(o), in_percent(o.explains), o.known_as or "", "; ".join(o.rivals)]
             for o in self.findings
@@ -221,7 +222,7 @@ class Discovery(Displayable):
         error = Table.of(heads, errors)
         sections = [Section("What was found", tables=[found])] if laws else []
         sections.append(Section("Errors", "Root mean square.", tables=[error]))
-        level = Level.CAUTION if self.leaves_something and self.explains < SHARE_SURE else Level.GOOD
+        level = Level.CAUTION if self.leaves_something and self.explains < MIN_LAW_SHARE else Level.GOOD
         return Document(
             "Discover",
             self.sentence,
@@ -232,7 +233,7 @@ class Discovery(Displayable):
 
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:
-    """The drawn missing force over the variable that a law depends on."""
+    """The curve of the missing force over the quantity on which a law depends."""
     mine = [c for c in pooled(curves) if c.joint == one.joint]
     return next((c for name in one.depends_on for c in mine if c.against == name), None)
 

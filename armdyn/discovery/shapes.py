@@ -1,4 +1,4 @@
-"""Shapes that a force may have over one variable or two, as terms at a site, with the grids where places are sought."""
+"""Shapes that a force may have over one or two quantities, as candidate terms, with grids of their parameters."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -9,15 +9,15 @@ from armdyn.discovery.term import Constant, Site, Term, Variable
 from armdyn.discovery.units import over
 
 CURVE_VALUES = 7
-"""Of a smooth curve: fewer cannot follow a magnet's pull and release, and each further one has a price."""
-STEEP: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
-"""Over which a step goes from nothing to all, by the unit of its variable: samples resolve no sharper one. The same in
-every recording, so that equations that were compiled once serve them all."""
-STEP_SHARE = 0.01
-"""Of the largest value of a variable of any kind, over which a step at zero goes from one side to the other."""
-ABRUPT = 8
-"""Exponent with which a play's force comes to its limit. Of a spring that slips there at once, 1 leaves 0.8 to 1.4
-times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
+"""Number of values of a smooth curve: fewer cannot follow a magnet's pull and release, and each one has a price."""
+STEP_WIDTHS: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
+"""Width of a step, by the unit of its quantity: samples resolve no sharper step. It is the same for every recording, so
+that compiled equations can be reused."""
+STEP_WIDTH_SHARE = 0.01
+"""Width of a step at zero, as a share of the largest value of a quantity with another unit."""
+PLAY_EXPONENT = 8
+"""Exponent with which a play's force approaches its limit. Compared with a spring that slips there at once, 1 leaves
+0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
 Shapes = Iterator[Term]
 
 
@@ -33,12 +33,12 @@ def product(site: Site, kind: str, says: str, *parts: tuple[Variable, int]) -> T
 
 
 def constant(site: Site) -> Term:
-    """The same at all times."""
+    """A constant force."""
     return _single(site, "constant", "something constant", (), "1", [])
 
 
 def of_anything(site: Site, v: Variable) -> Shapes:
-    """What a rate may be of any state or input: powers, a root, a step, and a slope that begins at a place."""
+    """Shapes of a rate over any state or input: powers, a root, a step, and a slope that begins at some value."""
     spoken = v.spoken
     yield power(site, v, 1, "proportion", f"something in proportion to {spoken}")
     signed = f"{v.name} * ca.fabs({v.name})" if v.low < 0.0 < v.high else f"{v.name}**2"
@@ -50,18 +50,18 @@ def of_anything(site: Site, v: Variable) -> Shapes:
         yield _single(site, f"threshold {side}", says, (v,), f"{least}(0, {v.name} - place)", [(v, 1)], where,
                       scale=0.3 * v.span)  # fmt: skip
     if v.low < 0.0 < v.high:
-        narrow = float(f"{STEP_SHARE * v.size:.2g}")
+        narrow = float(f"{STEP_WIDTH_SHARE * v.size:.2g}")
         yield _single(site, "step", f"something that turns round with {spoken}", (v,),
                       f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
 
 
 def sought(v: Variable) -> Constant:
-    """A place that is looked for over all that was reached."""
+    """A position parameter that is searched over the whole range of the runs."""
     return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
 
 
 def stops(site: Site, v: Variable, places: int) -> Shapes:
-    """Springs k max(0, v - place) beyond places above the middle, k min(0, v - place) beyond those below."""
+    """Springs k max(0, v - place) beyond positions above the middle, k min(0, v - place) beyond those below."""
     for place in _between(v, places):
         where = {"place": _place(v, place, places)}
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
@@ -73,17 +73,17 @@ def stops(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
-    """Friction on one side of a place: in proportion to speed, and of constant size."""
+    """Friction on one side of a position: viscous, and dry."""
     for place in _between(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
             where = {"place": _place(v, place, places)}
-            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEEP[v.unit]:g})) / 2"
+            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
             yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
 
 
 def magnets(site: Site, v: Variable, places: int) -> Shapes:
-    """A pull k / (1 + u^2)^2 times u = (v - place) / width back to a place; a site may add what is across to it."""
+    """A pull k / (1 + u^2)^2 times u = (v - place) / width towards a position; a site may add the transverse part."""
     for place in np.linspace(v.low, v.high, places):
         width = v.span / places
         where = {
@@ -99,7 +99,7 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
-    """Dry friction k exp(-|v| / width), largest near standstill."""
+    """Dry friction k exp(-|v| / width), which is largest near standstill."""
     assert site.dry is not None
     for width in widths:
         where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 20.0 * width)}
@@ -111,7 +111,7 @@ def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
 
 
 def growing(site: Site, v: Variable, places: int) -> Shapes:
-    """A force k (exp(max(0, v - place) / width) - 1) to either side of places: a cable or hose that tightens."""
+    """A force k (exp(max(0, v - place) / width) - 1) to either side of a position: a cable or hose that tightens."""
     for place in _between(v, places):
         for back, away in (
             (site.resists, f"{v.name} - place"),
@@ -130,15 +130,18 @@ def growing(site: Site, v: Variable, places: int) -> Shapes:
 
 
 def play(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
-    """A force k z with z' = speed (1 - max(0, z sign(speed))^n) / travel, from -1 to 1, that knows the last turn.
+    """A hysteresis force k z with z' = speed (1 - max(0, z sign(speed))^n) / travel and z from -1 to 1.
 
-    It grows over the travel to its limit and stays there until the motion turns (Bouc's hysteresis, as Wen, J. Eng.
-    Mech. Div. 102, 1976, writes it); see `ABRUPT` for n.
+    The force grows over the travel to its limit and stays there until the motion reverses (Bouc's hysteresis, as Wen,
+    J. Eng.
+    Mech. Div. 102, 1976, writes it); see `PLAY_EXPONENT` for n.
     """
-    rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{ABRUPT}) / travel"
+    rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{PLAY_EXPONENT}) / travel"
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
-    start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # which way it turned before is not in the recording
+    start = Constant(
+        "1", 0.0, 1.0, -1.0, 1.0, scope="per_run"
+    )  # the recording does not contain the direction of the motion before
     for travel in travels:
         where = {"travel": Constant(position.unit, travel, travel / 2, 0.05 * travel, 20.0 * travel), "start": start}
         yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},
@@ -146,7 +149,7 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
 
 
 def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
-    """Sine and cosine over a period of v: cogging, an eccentric gear."""
+    """Sine and cosine over a period of v: cogging, or an eccentric gear."""
     for period in periods:
         where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
         turn = f"(2 * ca.pi * {v.name} / period)"
@@ -156,7 +159,7 @@ def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
 
 
 def warming(site: Site, v: Variable, time: Variable) -> Shapes:
-    """Friction that fades over time, as of grease that warms up."""
+    """Friction that decreases with time, as of grease that warms up."""
     width = time.span / 2
     where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
     fade = f"ca.exp(-{time.name} / warm_up)"
@@ -165,9 +168,9 @@ def warming(site: Site, v: Variable, time: Variable) -> Shapes:
 
 
 def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
-    """Friction times exp(c / width) of a recorded quantity c, up or down; in proportion to c where c comes near zero.
+    """Friction times exp(c / width) of a recorded quantity c, or in proportion to c where c comes near zero.
 
-    A temperature in K is far from zero: in proportion to it is constant, nearly.
+    A temperature in K is far from zero: friction in proportion to it would be nearly constant.
     """
     assert v.column is not None
     kind, says = f"friction by {v.spoken}", f"friction that depends on the {v.spoken}"
@@ -180,7 +183,7 @@ def recorded_frictions(site: Site, v: Variable, speed: Variable) -> Shapes:
 
 
 def recorded_torques(site: Site, v: Variable) -> Shapes:
-    """A torque k c or k c^2 of a recorded quantity c; k (c - place) where c is far from zero."""
+    """A torque k c or k c^2 of a recorded quantity c, or k (c - place) where c is far from zero."""
     kind, says = f"torque by {v.spoken}", f"a torque that depends on the {v.spoken}"
     if v.comes_near_zero:
         yield power(site, v, 1, kind, says)
@@ -191,7 +194,7 @@ def recorded_torques(site: Site, v: Variable) -> Shapes:
 
 
 def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
-    """A cubic spline with evenly spaced knots: any smooth dependence on v, of a force or of friction over a speed."""
+    """A cubic spline with evenly spaced knots: any smooth force over v, or friction over a speed times such a curve."""
     step = v.span / (CURVE_VALUES - 3)
     centres = v.low + step * (np.arange(CURVE_VALUES) - 1)
     lines = (
@@ -222,9 +225,9 @@ def _frictions(
     where: Mapping[str, Constant],
     *counted: tuple[Variable, int],
 ) -> Shapes:
-    """Friction in proportion to speed, and dry friction, each times a share that depends on the variable `by`.
+    """Viscous friction, and dry friction, each times a factor that depends on the quantity `by`.
 
-    A share that is no plain number has the unit of the powers `counted`.
+    A factor that is no plain number has the unit of the powers `counted`.
     """
     share_scale = float(np.prod([v.size**n for v, n in counted]))
     yield _single(
@@ -251,7 +254,7 @@ def _single(
     positive: bool = False,
     scale: float | None = None,
 ) -> Term:
-    """A term of one shape; `scale` is the size of the shape in the runs, that of the powers where it is not given."""
+    """A term of one shape; `scale` is the size of the shape in the runs, by default that of the powers."""
     of_powers = float(np.prod([v.size**n for v, n in powers]))
     units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
     typical = {size: site.typical / (of_powers if scale is None else scale)}
@@ -259,7 +262,7 @@ def _single(
 
 
 def _between(v: Variable, places: int) -> list[float]:
-    """Places inside the range, evenly spaced."""
+    """Evenly spaced positions inside the range."""
     return [float(x) for x in np.linspace(v.low, v.high, places + 2)[1:-1]]
 
 

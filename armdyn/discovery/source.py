@@ -1,4 +1,4 @@
-"""Terms written as a file of effects, the one that a person would have written, and read through the users' door."""
+"""Write terms as a file of effects, as a person would write it, and read it like any user's file."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,21 +10,21 @@ from armdyn.effects.effect import Effect
 from armdyn.effects.user import effects_of
 from armdyn.user_code import load_module
 
-HEAD = '''"""{title}"""
+FILE_HEAD = '''"""{title}"""
 
 import casadi as ca
 
 from armdyn import {names}
 '''
-WIDTH = 110
-SHORT = 3
-"""Summands that one line takes."""
-SYMBOLS = {"N": "F", "N m": "M", "m": "z"}
-"""Of what a term is, by its unit."""
+LINE_WIDTH = 110
+MAX_SUMMANDS_PER_LINE = 3
+"""Largest number of summands in one line."""
+SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
+"""Symbol of a term in a formula, by its unit."""
 
 
 def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
-    """The effects of terms, read from a file as a user's are; those of a joint on that joint."""
+    """Effects made of terms, read from a file like a user's effects; a joint's term acts on its joint."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "terms.py")
         path.write_text(file_text("Candidate terms.", terms))
@@ -33,16 +33,16 @@ def effects_of_terms(terms: Sequence[Term]) -> tuple[Effect, ...]:
 
 
 def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | None = None) -> str:
-    """The file.
+    """The text of a file of effects.
 
     Args:
-        title: its first sentence.
-        terms: each becomes an effect.
-        evidence: by name of a term, what its docstring holds besides the formula.
+        title: first sentence of the file.
+        terms: the terms; each becomes an effect.
+        evidence: by name of a term, the text of its docstring after the formula.
     """
     terms = list(terms)
     reads = any(v.column for term in terms for v in term.variables)
-    head = HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
+    head = FILE_HEAD.format(title=title, names="column, effect, quantity" if reads else "effect, quantity")
     return head + "".join(_effect_text(term, (evidence or {}).get(term.name, "")) for term in terms)
 
 
@@ -56,7 +56,7 @@ def _effect_text(term: Term, evidence: str) -> str:
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
     reads = [f"    {v.name} = {v.source}" for v in term.variables if v.column is None]
     reads += [f"    {line}" if line else "" for line in term.lines]
-    doc = f'    """{SYMBOLS.get(term.site.unit, "y")} = {term.formula}.'
+    doc = f'    """{SYMBOL_BY_UNIT.get(term.site.unit, "y")} = {term.formula}.'
     doc += f'\n\n{evidence}\n    """' if evidence else '"""'
     lines = [
         "", "",
@@ -77,8 +77,8 @@ def _effect_text(term: Term, evidence: str) -> str:
 
 
 def _returned(term: Term) -> list[str]:
-    """The changed stage; a sum of many is a value of its own, a line each."""
-    if len(term.shapes) <= SHORT:
+    """Lines that return the changed stage; a sum of many terms gets a variable and a line for each."""
+    if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
         return [f"    return {term.site.adds.format(term.force)}"]
     first, *others = term.summands
     total = ["    total = (", f"        {first}", *(f"        + {other}" for other in others), "    )"]
@@ -86,7 +86,7 @@ def _returned(term: Term) -> list[str]:
 
 
 def _argument(name: str, of: Constant, typical: float) -> str:
-    """``name=quantity(...)``: a size has no spread, a constant begins at its value."""
+    """``name=quantity(...)``: a size has no spread, a constant starts at its value."""
     parts = [f'"{of.unit}"', f"typical={_short(typical)}"]
     parts += [f"null={_short(of.value)}"] if of.value else []
     parts += [f"lower={_short(of.lower)}"] if of.lower > float("-inf") else []
@@ -97,10 +97,10 @@ def _argument(name: str, of: Constant, typical: float) -> str:
 
 
 def _short(value: float) -> str:
-    """A number that a person would write, as Python reads it."""
+    """A number as a person would write it, in Python's notation."""
     return repr(float(f"{value:.6g}"))
 
 
 def paragraph(text: str) -> str:
-    """A text of a docstring, broken into lines."""
-    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, WIDTH) or [""]))
+    """Break a docstring's text into lines."""
+    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))

@@ -1,4 +1,4 @@
-"""A candidate term: a shape of the missing force with units, written as an effect that a model can have."""
+"""A candidate term: a shape of the missing force with units, which can be written as an effect of a model."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -12,22 +12,22 @@ from armdyn.parameter import RecordedColumn, Scope
 from armdyn.recording.channels import FloatArray
 from armdyn.run import Run
 
-LONGEST_STEM = 50
-"""Characters with which the name of an effect begins; a number follows."""
-STILL = 1e-6
-"""Range over size of a recorded quantity that does not change: rounding."""
+MAX_STEM_LENGTH = 50
+"""Length of the beginning of an effect's name, in characters; a number follows."""
+CONSTANT_RANGE_RATIO = 1e-6
+"""Ratio of range to size below which a recorded quantity is constant, up to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """What a force may depend on.
+    """A quantity on which a force may depend.
 
     Attributes:
-        name: as formulas call it, ``"angle"``.
-        source: expression of the stage that it is, ``"string.angle"``.
-        unit: SI.
-        samples: (n,) its values in the runs, in any order; they say where places and widths are looked for.
-        column: of the recordings that it is, in place of an expression; None where there is none.
+        name: its name in formulas, such as ``"angle"``.
+        source: its expression in the stage, such as ``"string.angle"``.
+        unit: its SI unit.
+        samples: (n,) its values in the runs, in any order; they give the range for positions and widths.
+        column: the recorded column that it is, in place of an expression; None for an expression.
     """
 
     name: str
@@ -38,45 +38,45 @@ class Variable:
 
     @property
     def quantity(self) -> str:
-        """What it is called where it is measured: ``"angle"``, ``"extra.temperature"``."""
+        """Its name in recordings: ``"angle"``, ``"extra.temperature"``."""
         return self.name if self.column is None else self.column.name
 
     @property
     def spoken(self) -> str:
-        """For a sentence: ``"angle"``, ``"temperature"``."""
+        """Its name in a sentence: ``"angle"``, ``"temperature"``."""
         return self.quantity.rpartition(".")[2]
 
     @property
     def low(self) -> float:
-        """Smallest value in the runs, isolated ones apart."""
+        """Smallest value in the runs, without isolated samples."""
         return float(np.quantile(self.samples, 0.002))
 
     @property
     def high(self) -> float:
-        """Largest value in the runs, isolated ones apart."""
+        """Largest value in the runs, without isolated samples."""
         return float(np.quantile(self.samples, 0.998))
 
     @property
     def span(self) -> float:
-        """Range in the runs."""
+        """Range of its values in the runs."""
         return self.high - self.low
 
     @property
     def size(self) -> float:
-        """Largest distance from zero in the runs."""
+        """Largest absolute value in the runs."""
         return max(abs(self.low), abs(self.high))
 
     @property
     def comes_near_zero(self) -> bool:
-        """Whether it goes half of the way to zero: what is in proportion to it then differs from a constant."""
+        """Whether it comes nearer to zero than half its size: else a term in proportion to it is nearly constant."""
         return self.span > self.size / 2
 
 
 def check_same_units(runs: Iterable[Run]) -> None:
-    """Refuse a further quantity that is of another kind in another recording.
+    """Refuse a recorded quantity whose unit is of another kind in another recording.
 
     Raises:
-        InputError: names it and two of the recordings.
+        InputError: it names the quantity and two of the recordings.
     """
     first: dict[str, tuple[str, str]] = {}
     for run in runs:
@@ -87,31 +87,31 @@ def check_same_units(runs: Iterable[Run]) -> None:
 
 
 def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
-    """Further quantities that all of these runs hold and that change; each has one unit, see `check_same_units`."""
+    """Recorded quantities that all runs contain and that change; each has one unit, see `check_same_units`."""
     found = []
     for name, first in runs[0].extra.items():
         if all(name in run.extra for run in runs):
             samples = np.concatenate([run.extra[name].value for run in runs])
             column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
             variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
-            found += [variable] if variable.span > STILL * variable.size else []
+            found += [variable] if variable.span > CONSTANT_RANGE_RATIO * variable.size else []
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Where a term enters the equations.
+    """A place in the equations where a term can be added.
 
     Attributes:
-        stage: that the effect acts on.
-        unit: of what is added there.
-        adds: expression that returns the changed stage, with ``{}`` for what is added.
-        typical: size of what may be missing there.
-        resists: sign with which what is added takes energy or pulls back: ``"-"`` of a force on the load, nothing of
-            a drive's torque.
-        dry: where dry friction enters; its shapes are sizes, at least zero.
-        shown: how a formula writes what is added, with ``{}`` for it.
-        joint: the joint of an arm; empty for every other base.
+        stage: the stage on which the effect acts.
+        unit: unit of the added term.
+        adds: expression that returns the changed stage, with ``{}`` for the added term.
+        typical: typical size of a missing term.
+        resists: sign with which a term takes energy or pulls back: ``"-"`` for a force on the load, empty for a drive's
+            torque.
+        dry: expression that adds dry friction; its shapes are sizes, at least zero.
+        shown: form of the added term in a formula, with ``{}`` for the term.
+        joint: the joint of an arm; empty for other bases.
     """
 
     stage: str
@@ -126,17 +126,17 @@ class Site:
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of a term that is not its size: a place, a width, a period.
+    """A parameter of a term other than its size: a position, a width, a period.
 
     Attributes:
-        unit: SI.
-        value: from which a fit begins.
-        spread: standard deviation about it before the runs are asked: half the distance to the next one tried.
+        unit: its SI unit.
+        value: start value of a fit.
+        spread: prior standard deviation about the start value: half the distance to the next value tried.
         lower: smallest value.
         upper: largest value.
-        scale: by which an arm multiplies what the effect declares, to have the value of its joint.
-        scope: ``"shared"`` by all runs, or one value ``"per_run"``, as of where a state begins.
-        typical: by how much it may differ from the value, where it is looked for and has no spread.
+        scale: factor by which an arm multiplies the declared value, to get the value of its joint.
+        scope: ``"shared"`` by all runs, or ``"per_run"`` with one value for each run, such as a state's start.
+        typical: typical difference from the value, where it is searched and has no spread.
     """
 
     unit: str
@@ -149,27 +149,27 @@ class Constant:
     typical: float = 0.0
 
     def scaled(self, scale: float) -> "Constant":
-        """The same constant as an effect declares it that an arm multiplies by `scale`."""
+        """The constant as an effect declares it, for an arm that multiplies it by `scale`."""
         value, spread, lower, upper = (x / scale for x in (self.value, self.spread, self.lower, self.upper))
         return replace(self, value=value, spread=spread, lower=lower, upper=upper, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A sum of shapes at one site, each with a size that is fitted and a unit that follows from its variables.
+    """A sum of shapes at one site; each shape has a fitted size, whose unit follows from its quantities.
 
     Attributes:
-        kind: of the law in a word or two, ``"stop"``, ``"cubic drag"``.
+        kind: kind of the law in a word or two, ``"stop"``, ``"cubic drag"``.
         says: what the force does, for a sentence.
-        site: where it acts.
-        variables: by name, those that it depends on.
-        shapes: by name of its size, the CasADi expression that it multiplies.
-        units: of the sizes, by their names.
-        typical: of the sizes, by their names.
-        constants: by name; they are fitted as well.
+        site: place in the equations.
+        variables: quantities on which it depends, by name.
+        shapes: CasADi expression of each shape, by the name of its size.
+        units: units of the sizes, by their names.
+        typical: typical values of the sizes, by their names.
+        constants: further fitted parameters, by name.
         positive: whether sizes are at least zero: friction takes energy.
-        lines: of code before the force: a state of the effect's own, or a function that its shapes call.
-        name: of the effect that it is written as.
+        lines: lines of code before the force: a state of the effect, or a function that its shapes call.
+        name: name of the effect.
     """
 
     kind: str
@@ -186,17 +186,17 @@ class Term:
 
     @property
     def stem(self) -> str:
-        """With which the name of its effect begins."""
-        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:LONGEST_STEM]
+        """Beginning of the name of its effect."""
+        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:MAX_STEM_LENGTH]
 
     @property
     def is_curve(self) -> bool:
-        """Whether it is a smooth curve through values and no formula."""
+        """Whether it is a smooth curve through values instead of a formula."""
         return self.kind.startswith("curve")
 
     @property
     def summands(self) -> list[str]:
-        """CasADi expressions of variables, sizes and constants, whose sum is added at the site."""
+        """CasADi expressions of quantities, sizes and constants, whose sum is added at the site."""
         parts = (
             f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
             for size, shape in self.shapes.items()
@@ -205,12 +205,12 @@ class Term:
 
     @property
     def force(self) -> str:
-        """Their sum."""
+        """CasADi expression of the whole sum."""
         return " + ".join(self.summands).replace("+ -", "- ")
 
     @property
     def formula(self) -> str:
-        """The same for a reader: ``"stiffness * max(0, angle - place)"``."""
+        """The formula for a reader, such as ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth {self.kind} through {len(self.shapes)} values"
         text = (
@@ -222,11 +222,11 @@ class Term:
         return re.sub(r"\bca\.", "", text).replace("**", "^")
 
     def named(self, name: str) -> "Term":
-        """The same term as another effect."""
+        """The same term under another name."""
         return replace(self, name=name)
 
     def at(self, values: Mapping[str, float]) -> "Term":
-        """The same term whose constants begin at other values."""
+        """The same term with other start values of its constants."""
         moved = {
             n: replace(c, value=float(values[n] / c.scale) if n in values else c.value)
             for n, c in self.constants.items()
@@ -235,7 +235,7 @@ class Term:
 
 
 def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str, Term]:
-    """Terms by numbered names that are not `taken`: a joint's name may be too long for that of an effect."""
+    """Terms with unique numbered names that are not `taken`; a joint's name may be too long to be part of them."""
     found: dict[str, Term] = {}
     numbers = count()
     for term in terms:
@@ -245,7 +245,7 @@ def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str,
 
 
 def _factor(shape: str) -> str:
-    """A shape that can be multiplied: in brackets where it is a sum."""
+    """A shape as a factor: in brackets where it is a sum."""
     depth = 0
     for i, letter in enumerate(shape):
         depth += (letter in "([") - (letter in ")]")

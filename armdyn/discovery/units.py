@@ -1,4 +1,4 @@
-"""Units of sizes: that of a force over those of what it is multiplied by."""
+"""Units of sizes: the unit of a force over the units of its factors."""
 
 import re
 from collections import Counter
@@ -7,7 +7,7 @@ _PART = re.compile(r"(?P<symbol>[A-Za-z]+)(?:\^(?P<power>-?\d+))?")
 
 
 def over(unit: str, *others: tuple[str, int]) -> str:
-    """A unit over powers of others: ``over("N m", ("rad/s", 3))`` is ``"N m s^3/rad^3"``."""
+    """A unit divided by powers of others: ``over("N m", ("rad/s", 3))`` is ``"N m s^3/rad^3"``."""
     powers = _powers(unit)
     for other, power in others:
         for symbol, n in _powers(other).items():

@@ -1,6 +1,6 @@
-"""What a motion of an arm is wanted for, inside its limits of torque and of posture, and what a recording would tell.
+"""Design an arm's motion for a purpose, within limits of torque and posture, and predict its information.
 
-Distances to collisions are linearised about the last motion at the postures near them, again in every round.
+Distances to obstacles are linearised at the postures of the last motion that are near them, again in every round.
 """
 
 from collections.abc import Sequence
@@ -17,51 +17,51 @@ from armdyn.experiments.limits import MotionLimits, two_sided
 from armdyn.experiments.search import Evaluated, MotionProblem
 from armdyn.experiments.series import Basis, Series
 
-GRID = 8.0
-"""Instants per second at which information and torques are worked out: eight times the highest frequency."""
-FINER = 3
-"""Times as many for positions, speeds and accelerations, whose peaks cost little to look for."""
-STEPS = (20, 40, 40, 30, 20, 15)
-"""L-BFGS steps of the rounds."""
-STARTS = 3
-"""See `MotionProblem.starts`."""
-NEAR = 0.3
-"""Margin of a posture, see `Postures.margin`, from which its distance is watched."""
-DEEPEST = -0.4
-"""Margin below which a posture is too deep in what is forbidden to be led out of it."""
-NUDGE = 1e-4
-"""rad or m: of the finite differences of margins."""
-TOUCHING = 0.03
-"""Excess that counts for a posture that is forbidden: a random motion with one is made smaller by such steps."""
-CENTRAL = 0.7
-"""Of the range of positions from which the centre of a random motion is drawn."""
-TRIES = 200
-"""Centres that are drawn before there is taken to be none at which the arm can stand."""
+INSTANTS_PER_SECOND = 8.0
+"""Instants per second at which information and torques are computed: eight times the highest frequency."""
+KINEMATIC_REFINEMENT = 3
+"""Factor on that number for positions, speeds and accelerations, whose peaks cost little to find."""
+ARM_ROUND_STEPS = (20, 40, 40, 30, 20, 15)
+"""Numbers of L-BFGS steps of the rounds."""
+ARM_STARTS = 3
+"""Number of random motions from which the search starts; see `MotionProblem.starts`."""
+WATCHED_MARGIN = 0.3
+"""Margin of a posture below which its distance is constrained; see `Postures.margin`."""
+MIN_MARGIN = -0.4
+"""Margin below which a posture is too deep inside an obstacle to be led out of it."""
+MARGIN_DIFFERENCE = 1e-4
+"""Step of the finite differences of margins, rad or m."""
+COLLISION_EXCESS = 0.03
+"""Excess of a motion with a forbidden posture: a random motion with one is made smaller in such steps."""
+CENTRE_RANGE_SHARE = 0.7
+"""Share of the range of positions from which the centre of a random motion is drawn."""
+MAX_CENTRES = 200
+"""Number of centres that are drawn before the arm counts as unable to stand anywhere."""
 
 
 class Postures(Protocol):
-    """Which postures are free, of collisions for one."""
+    """Decides which postures are allowed, for example free of collisions."""
 
     def free(self, q: np.ndarray) -> bool:
-        """Whether the posture (nj,) is allowed, without any distance asked for; quick."""
+        """Whether the posture (nj,) is allowed, without any safety distance; fast."""
         ...
 
     def margin(self, q: np.ndarray) -> float:
-        """How far the posture (nj,) is from what is forbidden beyond what is asked for, about 1 for far."""
+        """Distance of the posture (nj,) from a forbidden one, less the required distance; about 1 far from any."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class ArmProblem(MotionProblem):
-    """A motion of an arm with less of a criterion.
+    """Find a motion of an arm that minimises a criterion.
 
     Attributes:
-        columns: what is wanted and what else is unknown.
-        criterion: of the information, to be made small.
-        series: of which motions are made.
-        limits: of joints and torques.
-        postures: which are free.
-        cuts: half-spaces normal . q >= bound in which postures must stay, one at every instant of the finer grid:
+        columns: the regressor of the wanted and all other unknowns.
+        criterion: function of the information that is minimised.
+        series: the series of which motions consist.
+        limits: limits of joints and torques.
+        postures: decides which postures are allowed.
+        cuts: half-spaces normal . q >= bound that contain the allowed postures, one at every instant of the finer grid:
             normals (n, nj), 0 where nothing is near, and bounds (n,), -infinity there; None where there are none.
     """
 
@@ -72,23 +72,23 @@ class ArmProblem(MotionProblem):
     postures: Postures
     cuts: tuple[np.ndarray, np.ndarray] | None = None
 
-    steps, starts = STEPS, STARTS
+    steps, starts = ARM_ROUND_STEPS, ARM_STARTS
 
     @cached_property
     def grid(self) -> Basis:
-        """The series at (n,) instants of one period, at which information and torques are worked out."""
-        count = max(ceil(GRID * self.series.period), 4 * self.series.harmonics)
+        """The series at (n,) instants of one period, at which information and torques are computed."""
+        count = max(ceil(INSTANTS_PER_SECOND * self.series.period), 4 * self.series.harmonics)
         return self.series.at(self.series.period * np.arange(count) / count)
 
     @cached_property
     def finer(self) -> Basis:
-        """The same at instants `FINER` times as dense."""
-        count = FINER * len(self.grid.time)
+        """The series at instants `KINEMATIC_REFINEMENT` times as dense as in `grid`."""
+        count = KINEMATIC_REFINEMENT * len(self.grid.time)
         return self.series.at(self.series.period * np.arange(count) / count)
 
     @property
     def weight(self) -> float:
-        """Samples of the recording per instant of the grid."""
+        """Number of samples of the recording per instant of the grid."""
         return self.columns.rate * self.series.seconds / len(self.grid.time)
 
     def information(self, x: np.ndarray) -> np.ndarray:
@@ -98,63 +98,71 @@ class ArmProblem(MotionProblem):
         return np.asarray(self.weight * X.T @ X)
 
     def cost(self, x: np.ndarray) -> float:
-        """The criterion."""
+        """Value of the criterion for a motion."""
         return self.criterion(self.information(x))[0]
 
     def grid_excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit of positions, speeds, accelerations or torques is exceeded."""
+        """Largest share by which a limit of position, speed, acceleration or torque is exceeded."""
         torque = self.columns.torque(self.grid.motion(x))
         return max(self.kinematic_excess(x), float(np.max(np.abs(torque) / self.limits.effort)) - 1.0)
 
     def excess(self, x: np.ndarray) -> float:
-        """The same; `TOUCHING` where all these hold and a posture is not free."""
+        """The excess of `grid_excess`, or `COLLISION_EXCESS` where only a posture is not allowed."""
         excess = self.grid_excess(x)
         if excess > 0.0:
             return excess
         q = self.grid.motion(x).q
-        # Postures far apart first: a motion that is too large mostly shows it at once.
+        # Postures far apart are tested first: a motion that is too large mostly fails there at once.
         order = np.argsort(np.arange(len(q)) * 0.6180339887 % 1.0)
-        return excess if all(self.postures.free(posture) for posture in q[order]) else TOUCHING
+        return excess if all(self.postures.free(posture) for posture in q[order]) else COLLISION_EXCESS
 
     def centre(self, rng: np.random.Generator) -> np.ndarray | None:
-        """A posture at which the arm is free and its torques suffice."""
+        """A posture that is allowed and that the joints' torques can hold."""
         still = np.zeros((len(self.limits.half), self.series.size))
-        for _ in range(TRIES):
-            centre = self.limits.middle + CENTRAL * self.limits.half * rng.uniform(-1.0, 1.0, len(self.limits.half))
+        for _ in range(MAX_CENTRES):
+            centre = self.limits.middle + CENTRE_RANGE_SHARE * self.limits.half * rng.uniform(
+                -1.0, 1.0, len(self.limits.half)
+            )
             still[:, 0] = centre
             if self.postures.free(centre) and self.grid_excess(still) <= 0.0:
                 return np.asarray(centre)
         return None
 
     def about(self, x: np.ndarray) -> "ArmProblem":
-        """With half-spaces about the postures of a motion that are near something forbidden."""
+        """The problem with half-spaces at the postures of a motion that are near an obstacle."""
         finer = self.finer.motion(x).q
         normal, bound = np.zeros(finer.shape), np.full(len(finer), -np.inf)
         for i, q in enumerate(self.grid.motion(x).q):
             margin = self.postures.margin(q)
-            if margin > NEAR:
+            if margin > WATCHED_MARGIN:
                 continue
-            slope = np.array([self.postures.margin(q + step) - margin for step in NUDGE * np.eye(len(q))]) / NUDGE
-            for k in range(FINER * i - FINER // 2, FINER * i + FINER // 2 + 1):
+            slope = (
+                np.array([self.postures.margin(q + step) - margin for step in MARGIN_DIFFERENCE * np.eye(len(q))])
+                / MARGIN_DIFFERENCE
+            )
+            for k in range(
+                KINEMATIC_REFINEMENT * i - KINEMATIC_REFINEMENT // 2,
+                KINEMATIC_REFINEMENT * i + KINEMATIC_REFINEMENT // 2 + 1,
+            ):
                 here = finer[k % len(finer)]
-                left = margin if k == FINER * i else self.postures.margin(here)
+                left = margin if k == KINEMATIC_REFINEMENT * i else self.postures.margin(here)
                 normal[k % len(finer)], bound[k % len(finer)] = slope, slope @ here - left
         return replace(self, cuts=(normal, bound))
 
     def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The motion after a round, or one between, so that no posture is deep in what is forbidden.
+        """The motion after a round, or a motion between, in which no posture is deep inside an obstacle.
 
-        Linearised about a deep posture, the way out may lead on through an obstacle.
+        The constraint linearised at a deep posture may lead further through the obstacle.
         """
         for share in (1.0, 0.5, 0.25, 0.1):
             x = before + share * (after - before)
-            touching = (q for q in self.grid.motion(x).q if not self.postures.free(q))  # quick, where distances are not
-            if all(self.postures.margin(q) > DEEPEST for q in touching):
+            touching = (q for q in self.grid.motion(x).q if not self.postures.free(q))  # fast; distances are not
+            if all(self.postures.margin(q) > MIN_MARGIN for q in touching):
                 return np.asarray(x)
         return before
 
     def effect(self, x: np.ndarray) -> Evaluated:
-        """Criterion, torques and postures with their gradient."""
+        """Criterion, torques and postures of a motion, with their gradient."""
         effort = self.limits.effort
         columns, torque, by_motion = self.columns.with_slopes(self.grid.motion(x))
         X = columns.reshape(-1, columns.shape[2])
@@ -174,5 +182,5 @@ class ArmProblem(MotionProblem):
         return Evaluated(value, beyond, gradient)
 
     def narrower(self, limit: str, joint: int, factor: float) -> "ArmProblem":
-        """The same with less room."""
+        """The problem with a narrower limit for one joint."""
         return replace(self, limits=self.limits.narrower(limit, joint, factor))

@@ -1,4 +1,4 @@
-"""What the torques of an arm tell about unknowns at every instant of a motion: derivatives by each of them."""
+"""The regressor of an arm's torques: their derivatives with respect to each unknown at every instant of a motion."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,15 +14,16 @@ from armdyn.arm.motion import Motion
 from armdyn.experiments.series import AxisMotion
 from armdyn.parameter import Parameter
 
-NOISE = 2e-3
-"""Of a joint's effort limit: standard deviation of a torque's sample where nothing is known. Recordings of Baxter have
-0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
-CREEP = 0.02
-"""Of a joint's speed limit: slower, its direction is hardly known, and its dry friction tells little."""
-WIDE = 10.0
-"""Times its typical size: standard deviation of an unknown before the recording, as in a repair's fits."""
-STEP = 1e-5
-"""rad, rad/s, rad/s^2: of finite differences."""
+TORQUE_NOISE_SHARE = 2e-3
+"""Standard deviation of a torque sample, as a share of the joint's effort limit, where it is not known. Recordings of
+Baxter have 0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
+SLOW_SPEED_SHARE = 0.02
+"""Share of a joint's speed limit below which its direction is uncertain, so that its dry friction gives little
+information."""
+REGRESSION_PRIOR_SIZE = 10.0
+"""Prior standard deviation of an unknown before the recording, in typical sizes, as in a repair's fits."""
+STATE_DIFFERENCE = 1e-5
+"""Step of finite differences, rad, rad/s, rad/s^2."""
 Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
@@ -31,8 +32,8 @@ class Columns:
     """The unknowns of an arm's model as columns of one linear regression per joint.
 
     Attributes:
-        model: with every effect that is wanted or may be there, where its parameters have derivatives; see `present`.
-        rate: samples per second that are recorded.
+        model: model with every effect that is wanted or may be present, at values with derivatives; see `present`.
+        rate: sampling rate of the recording, Hz.
     """
 
     model: ArmModel
@@ -40,45 +41,50 @@ class Columns:
 
     @property
     def arm(self) -> Arm:
-        """The arm as described."""
+        """The arm as described, without effects."""
         return self.model.arm
 
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """(P,) in the order of the columns."""
+        """(P,) unknowns in the order of the columns."""
         return tuple(self.model.parameters.values())
 
     @cached_property
     def typical(self) -> np.ndarray:
-        """(P,) sizes in the unknowns' units; columns are for changes of this size."""
+        """(P,) typical sizes in the unknowns' units; columns are for changes of this size."""
         return np.array([p.typical for p in self.unknowns])
 
     @cached_property
     def prior(self) -> np.ndarray:
-        """(P,) standard deviations before the recording, in typical sizes."""
-        return np.array([min(WIDE, p.prior.std / p.typical if p.prior else WIDE) for p in self.unknowns])
+        """(P,) prior standard deviations before the recording, in typical sizes."""
+        return np.array(
+            [
+                min(REGRESSION_PRIOR_SIZE, p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_SIZE)
+                for p in self.unknowns
+            ]
+        )
 
     @cached_property
     def noise(self) -> np.ndarray:
-        """(nj,) standard deviation of a torque's sample, N m or N."""
-        return NOISE * np.asarray(self.arm.robot.limits.effort)
+        """(nj,) standard deviation of a torque sample, N m or N."""
+        return TORQUE_NOISE_SHARE * np.asarray(self.arm.robot.limits.effort)
 
     def of(self, effect: str, joint: str | None = None) -> np.ndarray:
-        """Indices of an effect's unknowns, on one joint or on all."""
+        """Column indices of an effect's unknowns, on one joint or on all."""
         return np.array(
             [i for i, p in enumerate(self.unknowns) if p.effect == effect and joint in (None, p.joint)], dtype=int
         )
 
     def at(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj, P) changes of the torques, in units of their noise, by changes of typical size."""
+        """(n, nj, P) changes of the torques, in units of their noise, for changes of typical size."""
         return self._columns(self._states(motion))
 
     def torque(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj) what the motors give for the arm as described, N m or N; damping, rotors and springs counted in."""
+        """(n, nj) motor torques of the arm as described, N m or N, with damping, rotors and springs."""
         return self._torque(self._states(motion))
 
     def _states(self, motion: AxisMotion) -> MotionSamples:
-        slow = CREEP * np.asarray(self.arm.robot.limits.velocity)
+        slow = SLOW_SPEED_SHARE * np.asarray(self.arm.robot.limits.velocity)
         direction = erf(motion.v / (np.sqrt(2.0) * slow))
         apart = np.zeros(len(motion.q))  # no effect here depends on time
         return MotionSamples(self.arm.model, Motion(apart, motion.q, motion.v, motion.a, direction), apart)
@@ -93,14 +99,14 @@ class Columns:
         return states.described + drives + springs
 
     def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, Gradient]:
-        """Columns (n, nj, P) and torques (n, nj), and how a number follows from them by the chain rule.
+        """Columns (n, nj, P) and torques (n, nj), and a function for the gradient of any number that depends on them.
 
         Returns:
-            Columns, torques, and a function that takes a number's derivatives by the columns and by the torques to
-            those by positions, velocities and accelerations, (n, nj) each.
+            Columns, torques, and a function that turns the derivatives of a number with respect to columns and torques
+            into those with respect to positions, velocities and accelerations, (n, nj) each.
         """
         n, nj = motion.q.shape
-        shifts = np.vstack([np.zeros((1, 3 * nj)), STEP * np.eye(3 * nj)])
+        shifts = np.vstack([np.zeros((1, 3 * nj)), STATE_DIFFERENCE * np.eye(3 * nj)])
         parts = (motion.q, motion.v, motion.a)
         moved = ((part + shifts[:, None, k * nj : (k + 1) * nj]).reshape(-1, nj) for k, part in enumerate(parts))
         states = self._states(AxisMotion(*moved))
@@ -112,19 +118,19 @@ class Columns:
             whole -= np.einsum("njp,njp->n", columns[0], by_columns)
             whole += np.einsum("dnj,nj->dn", torque[1:], by_torque)
             whole -= np.einsum("nj,nj->n", torque[0], by_torque)
-            q, v, a = (whole / STEP).reshape(3, nj, n).transpose(0, 2, 1)
+            q, v, a = (whole / STATE_DIFFERENCE).reshape(3, nj, n).transpose(0, 2, 1)
             return q, v, a
 
         return columns[0], torque[0], gradient
 
 
 def present(model: ArmModel) -> ArmModel:
-    """The model where all its effects' parameters have derivatives.
+    """The model at values at which all parameters of its effects have derivatives.
 
-    Effects are at their null values, but one whose parameters act through another one, as a payload's place acts
-    through its mass, has that other one at its typical size.
+    Effects are at their null values, except where a parameter acts through another one, as a payload's place acts
+    through its mass: then the other one is at its typical size.
     """
-    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED))
+    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED_STATES))
     acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
@@ -137,12 +143,12 @@ def present(model: ArmModel) -> ArmModel:
     return model.with_values(changed) if changed else model
 
 
-PROBED = 50
-"""Random states at which an unknown that changes no torque is taken to act through another one."""
+PROBED_STATES = 50
+"""Number of random states; an unknown that changes no torque at any of them acts through another one."""
 
 
 def random_states(arm: Arm, count: int) -> AxisMotion:
-    """States all over the arm's limits, (count, nj), always the same."""
+    """Random states, (count, nj), all over the arm's limits, from a fixed seed."""
     rng, limits = np.random.default_rng(0), arm.robot.limits
     shape = (count, len(arm.joints))
     lower, upper = (np.clip(bound, -2.0 * np.pi, 2.0 * np.pi) for bound in (limits.lower, limits.upper))

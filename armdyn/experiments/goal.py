@@ -1,4 +1,4 @@
-"""What a motion is wanted for: unknowns to be determined, or rivals to be told apart."""
+"""The goal of a motion: unknowns to determine, or rival effects to distinguish."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,24 +14,24 @@ from armdyn.experiments.criteria import Conditioned, Criterion, DOptimality, Riv
 from armdyn.experiments.structure import Structure
 from armdyn.threads import one_thread
 
-USUAL = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
-"""Effects that every arm may have: unknown beside what is wanted, or wanted themselves where nothing is named."""
+USUAL_EFFECTS = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
+"""Effects that every arm may have: nuisance beside the wanted ones, or wanted themselves where none is named."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What is wanted of a motion.
+    """The goal of a motion.
 
     Attributes:
-        columns: of everything that is unknown.
-        criterion: to be made small.
-        wanted: indices of the unknowns to be determined; with rivals, of theirs.
-        hopeless: those of them that no motion determines, as others make the same torques.
-        beside: names of the effects that are unknown beside.
-        left_out: names of usual effects that are taken as known, with the reason.
-        rivals: names of two effects to be told apart; empty where unknowns are to be determined.
-        hidden: with rivals, what may be the truth.
-        inseparable: sentences on what no motion can tell.
+        columns: regressor of all unknowns.
+        criterion: function to minimise.
+        wanted: indices of the unknowns to determine; with rivals, those of the rivals.
+        hopeless: indices of wanted unknowns that no motion identifies, because others make the same torques.
+        beside: names of the nuisance effects.
+        left_out: names of usual effects that are treated as known, with the reason.
+        rivals: names of two effects to distinguish; empty where unknowns are to be determined.
+        hidden: with rivals, the effects that may be the true one.
+        inseparable: sentences on what no motion can distinguish.
     """
 
     columns: Columns
@@ -47,30 +47,30 @@ class Goal:
 
     @property
     def conditioned(self) -> Criterion:
-        """The usual criterion on the same unknowns."""
+        """The common criterion (condition number) for the same unknowns."""
         return Conditioned(self.structure.independent(), self.columns.typical)
 
 
 @one_thread
 def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
-    """The goal to determine the unknowns of effects; those of `USUAL` where none is given.
+    """Build the goal to determine the unknowns of effects; those of `USUAL_EFFECTS` where none is given.
 
     Args:
-        model: the arm as described.
-        wanted: effects, on some joints or on all that they can act on.
-        rate: samples per second that are recorded.
+        model: the arm as described, without effects.
+        wanted: effects, on some joints or on all on which they can act.
+        rate: sampling rate of the recording, Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
-    effects = list(wanted) or [find(name) for name in USUAL if model.reachable(find(name))]
-    columns = _columns(model, effects, USUAL, rate)
+    effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.reachable(find(name))]
+    columns = _columns(model, effects, USUAL_EFFECTS, rate)
     own = _indices(columns, effects)
     structure = Structure.of(columns)
     alone = structure.hopeless(own, np.zeros(0, dtype=int))
     beside: list[str] = []
     left_out: dict[str, str] = {}
-    for name in USUAL:
+    for name in USUAL_EFFECTS:
         others = np.setdiff1d(np.concatenate([columns.of(e) for e in (*beside, name)]), own)
         if not len(np.setdiff1d(columns.of(name), own)):
             continue
@@ -89,27 +89,27 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
 
 @one_thread
 def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
-    """The goal to tell two effects apart, whichever of both is there.
+    """Build the goal to distinguish two effects, whichever of them is present.
 
     Args:
-        model: the arm as described.
-        first: an effect, on some joints or on all that it can act on.
-        second: another one.
-        rate: samples per second that are recorded.
+        model: the arm as described, without effects.
+        first: an effect, on some joints or on all on which it can act.
+        second: the other effect.
+        rate: sampling rate of the recording, Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
-        TaskFailedError: no motion can tell them apart.
+        TaskFailedError: no motion can distinguish them.
     """
     if first.name == second.name:
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair = (first, second)
-    columns = _columns(model, pair, USUAL, rate)
+    columns = _columns(model, pair, USUAL_EFFECTS, rate)
     structure = Structure.of(columns)
     beside: list[str] = []
     left_out: dict[str, str] = {}
     cases = _cases(columns, structure, pair, [])
-    for name in USUAL:
+    for name in USUAL_EFFECTS:
         if name in (first.name, second.name) or not len(columns.of(name)):
             continue
         narrowed = _cases(columns, structure, pair, [*beside, name])
@@ -135,7 +135,7 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
 
 
 def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
-    """Of effects where they are wanted, and of others on all joints that they can act on."""
+    """Regressor of wanted effects, and of nuisance effects on all joints on which they can act."""
     for effect in effects:
         model = model.with_effect(effect)
     for effect in map(find, beside):
@@ -145,7 +145,7 @@ def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], 
 
 
 def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
-    """Of the unknowns of these effects, on the joints for which they are meant."""
+    """Column indices of the unknowns of these effects, on their joints."""
     found = [columns.of(e.name, joint) for e in effects for joint in e.joints or columns.model.joints_with(e.name)]
     return np.unique(np.concatenate(found))
 
@@ -153,7 +153,7 @@ def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
 def _cases(
     columns: Columns, structure: Structure, pair: tuple[Effect, Effect], beside: Sequence[str]
 ) -> tuple[RivalSeparation, ...]:
-    """Each effect on each of its joints, against the other on all of its own."""
+    """Each effect on each of its joints, against the other effect on all of its joints."""
     found = []
     for truth, rival in (pair, pair[::-1]):
         nuisance = [columns.of(name) for name in beside]

@@ -1,7 +1,7 @@
-r"""The motion of the gripper that tells rivals apart best.
+r"""Design the motion of the gripper that distinguishes rival hypotheses best.
 
-Maximised is the smallest separation, over every ordered pair of hypotheses, of what one predicts from what the other
-can be refitted to, within the limits of gripper and swing. At the minimum over the rival's unknowns its derivatives
+The smallest separation is maximised, over every ordered pair of hypotheses, between the prediction of one and the best
+refit of the other, within the limits of gripper and swing. At the minimum over the rival's unknowns the derivatives
 with respect to them vanish, so that (envelope theorem; Milgrom & Segal, Econometrica 70, 2002)
 
     d lambda / dc = 2 r' (dy_H/dc - dy_R/dc),      r = y_H - y_R at the refit,
@@ -22,72 +22,73 @@ from armdyn.experiments.separation import Rival, linear_separation
 from armdyn.experiments.series import Basis, Series
 from armdyn.pendulum.path import GripperPath
 
-BAND = 2.5
-"""Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and hardly swings the load."""
-LONGEST_PERIOD = 9.6
-"""s: 24 harmonics; a longer motion repeats one of at most this length."""
-SHORTEST = 3.0
-"""s; a shorter motion holds no swing of a load on a usual string."""
-LONGEST = 120.0
-"""s."""
-STEP = 0.01
-"""s between the nodes of a motion."""
-COARSE = 0.02
-"""s between the nodes while it is searched for; the outcome is computed with `STEP`."""
-TRIED = 24
-"""Random motions, of which the best are carried on."""
-STEPS = (10, 16, 16)
-"""L-BFGS steps of the rounds with two hypotheses; more hypotheses share these numbers."""
-STARTS = 2
-"""See `MotionProblem.starts`."""
-FEWEST_STEPS = 10
-"""Of a round."""
-SHARPNESS = 4.0
-"""Of the smooth minimum over pairs of the logarithm of the separation."""
+GRIPPER_BAND_HZ = 2.5
+"""Highest frequency of a motion, Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and hardly swings the
+load."""
+GRIPPER_MAX_PERIOD = 9.6
+"""Longest period, s: 24 harmonics; a longer motion repeats a period of at most this length."""
+MIN_MOTION_SECONDS = 3.0
+"""Shortest motion, s; a shorter one contains no swing of a load on a usual string."""
+MAX_MOTION_SECONDS = 120.0
+"""Longest motion, s."""
+NODE_SECONDS = 0.01
+"""Time between the nodes of a motion, s."""
+COARSE_NODE_SECONDS = 0.02
+"""Time between the nodes during the search, s; the result is computed with `NODE_SECONDS`."""
+RANDOM_MOTIONS = 24
+"""Number of random motions, the best of which are optimised."""
+GRIPPER_ROUND_STEPS = (10, 16, 16)
+"""Numbers of L-BFGS steps of the rounds with two hypotheses; more hypotheses share these numbers."""
+GRIPPER_STARTS = 2
+"""Number of random motions from which the search starts; see `MotionProblem.starts`."""
+MIN_ROUND_STEPS = 10
+"""Least number of steps of a round."""
+MINIMUM_SHARPNESS = 4.0
+"""Sharpness of the smooth minimum, over pairs, of the logarithm of the separation."""
 REFIT_STEPS = 2
-"""Of a rival at every motion: it starts where it was at the one before."""
-HARDEST = 4
-"""Pairs that a round is made for, of those that its start separates least."""
-BLIND = 0.05
-"""Rise of chi2 that the best of the random motions reaches of a pair that no motion separates: design gains a factor of
-10 to 1000, the pairs that can be separated start at 0.3."""
-LEAST = 1e-6
-"""Added to a rise of chi2: pairs that no motion separates have a logarithm."""
-NEGLIGIBLE = 5e-4
-"""Share in the smooth minimum below which a pair's slope is left out: it takes a reverse pass."""
-SLACK = 0.05
-"""Excess that counts for a string that goes slack: the motion is made smaller by such steps."""
+"""Steps of a rival's refit at every motion; it starts from the refit at the motion before."""
+PAIRS_PER_ROUND = 4
+"""Number of pairs that a round optimises: those that its start separates least."""
+BLIND_RISE = 0.05
+"""Rise of chi2 that even the best random motion does not exceed for a pair that no motion separates: the design gains a
+factor of 10 to 1000, and pairs that can be separated start at 0.3."""
+ADDED_RISE = 1e-6
+"""Added to a rise of chi2, so that pairs that no motion separates have a logarithm."""
+NEGLIGIBLE_PAIR_SHARE = 5e-4
+"""Share in the smooth minimum below which the gradient of a pair is left out: it costs a reverse pass."""
+SLACK_EXCESS = 0.05
+"""Excess of a motion along which the string goes slack: the motion is made smaller in such steps."""
 
 Pair = tuple[int, int]
 """Indices of the hypothesis that is true and of the rival that is refitted."""
 
 
 def motion_series(seconds: float) -> Series:
-    """The series of which a gripper's motion is made.
+    """The series of which a gripper's motion consists.
 
     Raises:
         InputError: no motion can have this duration.
     """
-    if not SHORTEST <= seconds <= LONGEST:
-        raise InputError(f"a motion of {seconds:g} s: give {SHORTEST:g} to {LONGEST:g} s")
-    return Series(STEP * round(seconds / STEP), BAND, LONGEST_PERIOD, from_start=True)
+    if not MIN_MOTION_SECONDS <= seconds <= MAX_MOTION_SECONDS:
+        raise InputError(f"a motion of {seconds:g} s: give {MIN_MOTION_SECONDS:g} to {MAX_MOTION_SECONDS:g} s")
+    return Series(NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True)
 
 
 class GripperProblem(MotionProblem):
-    """A motion of the gripper that separates hypotheses.
+    """Find a motion of the gripper that separates hypotheses.
 
     Args:
-        hypotheses: two or more.
-        experiment: what is measured; its motion is replaced.
-        series: of which motions are made.
-        limits: of gripper and swing.
-        step: s between the nodes.
+        hypotheses: two or more hypotheses.
+        experiment: the experiment; its motion is replaced.
+        series: the series of which motions consist.
+        limits: limits of gripper and swing.
+        step: time between the nodes, s.
 
     Attributes:
-        pairs: that are to be separated; all ordered ones at first.
+        pairs: pairs to separate; at first all ordered pairs.
     """
 
-    starts = STARTS
+    starts = GRIPPER_STARTS
 
     def __init__(
         self,
@@ -95,7 +96,7 @@ class GripperProblem(MotionProblem):
         experiment: Experiment,
         series: Series,
         limits: GripperLimits,
-        step: float = COARSE,
+        step: float = COARSE_NODE_SECONDS,
     ) -> None:
         self.series, self.limits, self.swing = series, limits.along, limits.swing
         self._basis = series.at(np.linspace(0.0, series.seconds, round(series.seconds / step) + 1))
@@ -107,22 +108,22 @@ class GripperProblem(MotionProblem):
 
     @property
     def finer(self) -> Basis:
-        """The nodes themselves."""
+        """The nodes themselves, at which positions, velocities and accelerations are limited."""
         return self._basis
 
     @property
     def steps(self) -> tuple[int, ...]:
-        """Of the rounds, fewer for more pairs."""
-        share = 2.0 / min(len(self.pairs), HARDEST)
-        return tuple(max(round(share * count), FEWEST_STEPS) for count in STEPS)
+        """Numbers of L-BFGS steps of the rounds, fewer for more pairs."""
+        share = 2.0 / min(len(self.pairs), PAIRS_PER_ROUND)
+        return tuple(max(round(share * count), MIN_ROUND_STEPS) for count in GRIPPER_ROUND_STEPS)
 
     def motion(self, x: np.ndarray) -> GripperPath:
-        """The motion of (1, size) coefficients."""
+        """The gripper's motion for (1, size) coefficients."""
         moved, time = self._basis.motion(x), self._basis.time
         return GripperPath(0.0, float(time[1]), moved.q[:, 0], moved.v[:, 0], moved.a[:, 0])
 
     def along(self, x: np.ndarray) -> list[PredictedExperiment]:
-        """What every hypothesis predicts along the motion of (1, size) coefficients."""
+        """Prediction of every hypothesis along the motion of (1, size) coefficients."""
         motion = self.motion(x)
         return [predicted.along(motion) for predicted in self._predicted]
 
@@ -132,11 +133,11 @@ class GripperProblem(MotionProblem):
         return np.array([linear_separation(here[i], here[j]) for i, j in self.pairs])
 
     def cost(self, x: np.ndarray) -> float:
-        """Less the logarithm of the smallest separation, by linearisation."""
-        return -float(np.log(max(self.separations(x).min(), 0.0) + LEAST))
+        """Negative logarithm of the smallest separation, by linearisation."""
+        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_RISE))
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit of gripper or swing is exceeded; `SLACK` where a string goes slack."""
+        """Largest share by which a limit of gripper or swing is exceeded; `SLACK_EXCESS` where a string goes slack."""
         excess = self.kinematic_excess(x)
         if excess > 0.0:
             return excess
@@ -145,30 +146,30 @@ class GripperProblem(MotionProblem):
         if not widest <= 0.0:
             return widest
         taut = all(float(p.tension(p.start).min()) > 0.0 for p in here)
-        return max(excess, widest) if taut else SLACK
+        return max(excess, widest) if taut else SLACK_EXCESS
 
     def centre(self, rng: np.random.Generator) -> np.ndarray:
-        """Where the motion starts."""
+        """Position at which the motion starts."""
         del rng
         return np.zeros(1)
 
     def about(self, x: np.ndarray) -> "GripperProblem":
-        """For the pairs that the motion separates least; their rivals are refitted to the end, as none is later on."""
+        """The problem for the pairs that the motion separates least, with their rivals refitted to convergence."""
         here = self.along(x)
-        hardest = self.only(tuple(self.pairs[k] for k in np.argsort(self.separations(x))[:HARDEST]))
+        hardest = self.only(tuple(self.pairs[k] for k in np.argsort(self.separations(x))[:PAIRS_PER_ROUND]))
         hardest._values = {
             (i, j): Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[1] for i, j in hardest.pairs
         }
         return hardest
 
     def only(self, pairs: tuple[Pair, ...]) -> "GripperProblem":
-        """The same for these pairs alone."""
+        """The problem for some pairs only."""
         other = copy(self)
         other.pairs = pairs
         return other
 
     def effect(self, x: np.ndarray) -> Evaluated:
-        """Less the smooth minimum of the logarithm of the separations, and the swings, with their gradient."""
+        """Negative smooth minimum of the logarithm of the separations, and the swings, with their gradient."""
         here = self.along(x)
         truths = [p.predict(p.start)[0] for p in here]
         rises, rests = np.empty(len(self.pairs)), []
@@ -176,11 +177,11 @@ class GripperProblem(MotionProblem):
             rises[k], values = Rival(here[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
             self._values[i, j] = values
             rests.append(truths[i] - here[j].predict(values)[0])
-        logs = np.log(rises + LEAST)
-        shares = np.exp(-SHARPNESS * (logs - logs.min()))
-        smallest = float(logs.min() - np.log(shares.sum()) / SHARPNESS)
+        logs = np.log(rises + ADDED_RISE)
+        shares = np.exp(-MINIMUM_SHARPNESS * (logs - logs.min()))
+        smallest = float(logs.min() - np.log(shares.sum()) / MINIMUM_SHARPNESS)
         shares /= shares.sum()
-        by_rise = shares * 2.0 / (rises + LEAST)
+        by_rise = shares * 2.0 / (rises + ADDED_RISE)
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
             total = np.zeros(x.size)
@@ -193,7 +194,7 @@ class GripperProblem(MotionProblem):
                 if rest.any() or push.any():
                     total += predicted.by_coefficients(predicted.start, self._basis, rest, push)
             for share, weight, left, (i, j) in zip(shares, by_rise, rests, self.pairs, strict=True):
-                if share > NEGLIGIBLE:
+                if share > NEGLIGIBLE_PAIR_SHARE:
                     total += here[j].by_coefficients(self._values[i, j], self._basis, weight * left)
             return total[None]
 
@@ -208,36 +209,36 @@ def design_motion(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> tuple[GripperPath, float]:
-    """Find the motion that makes the smallest separation of any two hypotheses largest.
+    """Find the motion that maximises the smallest separation between any two hypotheses.
 
     Args:
-        hypotheses: two or more.
-        experiment: what is measured; its motion is replaced.
-        seconds: duration of the motion.
-        limits: of gripper and swing.
-        seed: of the random motions.
-        say: told how far it is.
+        hypotheses: two or more hypotheses.
+        experiment: the experiment; its motion is replaced.
+        seconds: duration of the motion, s.
+        limits: limits of gripper and swing.
+        seed: seed of the random motions.
+        say: called with a text on the progress.
 
     Returns:
-        The motion, within the limits, and the smallest rise of chi2 over all ordered pairs, by linearisation, for the
+        The motion, within the limits, and the smallest rise of chi2 over all ordered pairs, by linearisation, of the
         median of the random motions.
 
     Raises:
         InputError: no motion can have this duration.
-        TaskFailedError: no load keeps its string taut and within the limit of the swing, however small the motion.
+        TaskFailedError: every motion, however small, makes a string slack or exceeds the limit of the swing.
     """
     series, limits = motion_series(seconds), limits or GripperLimits()
     problem = GripperProblem(hypotheses, experiment, series, limits)
-    starts = random_motions(problem, TRIED, np.random.default_rng(seed), say)
+    starts = random_motions(problem, RANDOM_MOTIONS, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError("however little the gripper moves, the load swings too far: allow it a wider --swing")
     rises = np.array([problem.separations(x) for x in starts])
-    # A pair that none of them separates is left to other experiments, unless there is no other pair.
+    # A pair that no random motion separates is left to other experiments, unless it is the only one.
     widest = dict(zip(problem.pairs, rises.max(axis=0), strict=True))
-    wanted = [k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > BLIND]
+    wanted = [k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > BLIND_RISE]
     if wanted:
         problem, rises = problem.only(tuple(problem.pairs[k] for k in wanted)), rises[:, wanted]
     found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
-    fine = GripperProblem(hypotheses, experiment, series, limits, STEP)
+    fine = GripperProblem(hypotheses, experiment, series, limits, NODE_SECONDS)
     inside = shrink(fine, found)
     return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

@@ -1,4 +1,4 @@
-"""What may be true, each rival as it was fitted, and what an experiment would make of it."""
+"""Hypotheses on the true model, each as fitted to the runs, and their predictions for an experiment."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -19,19 +19,19 @@ from armdyn.run import Run
 
 CHANNELS = ("load_force", "swing_angle")
 START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
-"""rad, rad/s: how far from rest a load hangs that is said to hang at rest."""
+"""Standard deviation of the start of a load that is said to hang at rest, rad and rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One possible truth.
+    """One hypothesis on the true model.
 
     Attributes:
-        name: of the effects that it adds.
-        model: with the values of its fit.
+        name: name of the effects that it adds.
+        model: model with the fitted values.
         free: parameters that a fit may change and that all runs share.
-        information: (k, k) what runs and priors say about `free`, in the inverse squares of their units.
-        misfit: by how much it fits worse than the best one so far, on the scale of chi2.
+        information: (k, k) information of runs and priors on `free`, in the inverse squares of their units.
+        misfit: chi2 less that of the best hypothesis so far.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Hypothesis:
 
     @cached_property
     def rest_angle(self) -> float:
-        """At which its load hangs, rad."""
+        """Angle at which its load hangs at rest, rad."""
         return self.model.rest_angle()
 
 
@@ -52,13 +52,14 @@ class Experiment:
 
     Attributes:
         kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest.
-        what: to do, for a person.
-        motion: of the gripper from rest to rest, its time from 0; None where nothing is recorded.
-        noise: by channel, of one sample of as many as are independent, in the channel's unit.
-        changed: parameters that have another value in this run alone, with that value and its standard deviation.
-        measured: parameters that are measured by hand, with the standard deviation.
-        turned: parameters that count with the opposite sign in this run.
-        rate: samples of each channel, Hz.
+        what: what to do, for a reader.
+        motion: motion of the gripper from rest to rest, its time from 0; None where nothing is recorded.
+        noise: by channel, standard deviation of one sample, increased for the samples' correlation, in the channel's
+            unit.
+        changed: parameters with another value in this run only, with that value and its standard deviation.
+        measured: parameters that are measured by hand, with the standard deviation of the measurement.
+        turned: parameters whose sign is opposite in this run.
+        rate: sampling rate of each channel, Hz.
     """
 
     kind: str
@@ -71,12 +72,12 @@ class Experiment:
     rate: float = 100.0
 
     def along(self, motion: GripperPath) -> "Experiment":
-        """The same with another motion."""
+        """The same experiment with another motion."""
         return replace(self, motion=motion)
 
     @cached_property
     def run(self) -> Run | None:
-        """A recording of it, whose measured values do not matter."""
+        """A recording of the experiment, whose measured values do not matter."""
         if self.motion is None:
             return None
         time, units = self.motion.time, ("m", "m/s", "m/s^2")
@@ -90,13 +91,13 @@ class Experiment:
 
 
 class PredictedExperiment:
-    """A hypothesis in an experiment: predictions over the noise, and what is known of its unknowns beforehand.
+    """Prediction of a hypothesis for an experiment, over the noise, with the prior knowledge of its unknowns.
 
     Attributes:
-        names: unknowns: those that all runs share, then those of this experiment.
-        prior: (m, m) information about them before it.
-        spread: (m, m) square root of the covariance of the truth, if the hypothesis holds.
-        start: (m,) their values.
+        names: names of the unknowns: those that all runs share, then those of this experiment.
+        prior: (m, m) information on them before the experiment.
+        spread: (m, m) square root of the covariance of the true values, if the hypothesis is true.
+        start: (m,) values of the unknowns before the experiment.
     """
 
     def __init__(self, hypothesis: Hypothesis, experiment: Experiment) -> None:
@@ -124,26 +125,26 @@ class PredictedExperiment:
         self.upper = np.array([p.upper for p in bounded])
         self.typical = np.array([p.typical for p in bounded])
         self._sign = np.array([-1.0 if name in experiment.turned else 1.0 for name in model.names])
-        # Of a name that stands twice the last one counts: the value in this run.
+        # Where a name occurs twice, the last one counts: the value in this run.
         self._place = {name: i for i, name in enumerate(self.names)}
         self._known: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
         self._rolled: tuple[bytes, Rollout] | None = None
 
     def along(self, motion: GripperPath) -> "PredictedExperiment":
-        """The same with another motion."""
+        """The same prediction for another motion."""
         other = copy(self)
         other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
         other.__dict__.pop("weights", None)
         return other
 
     def theta(self, values: np.ndarray) -> np.ndarray:
-        """(p,) the model's parameter vector in this experiment at (m,) values of the unknowns."""
+        """(p,) parameter vector of the model in this experiment, at (m,) values of the unknowns."""
         model = self.hypothesis.model
         given = [values[self._place[name]] if name in self._place else model.value(name) for name in model.names]
         return np.array(given) * self._sign
 
     def predict(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; last what is measured by hand."""
+        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; values measured by hand come last."""
         key = values.tobytes()
         if self._known is None or self._known[0] != key:
             self._known = key, self._predicted(values)
@@ -163,7 +164,7 @@ class PredictedExperiment:
                 readings.append(found.values[here] * weight)
                 slopes.append(found.sensitivities[here][:, columns] * (self._sign[columns] * weight))
             for name in e.changed:
-                if name in self.hypothesis.free:  # the value of the other runs plays no part in this one
+                if name in self.hypothesis.free:  # the value of the other runs does not act in this one
                     for part in slopes:
                         part[:, self.hypothesis.free.index(name)] = 0.0
         for name, std in e.measured.items():
@@ -183,7 +184,7 @@ class PredictedExperiment:
         return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
 
     def rollout(self, values: np.ndarray) -> Rollout:
-        """Both channels along the motion; the last one is remembered."""
+        """Both channels along the motion; the last result is cached."""
         key = values.tobytes()
         if self._rolled is None or self._rolled[0] != key:
             assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
@@ -195,7 +196,7 @@ class PredictedExperiment:
         return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("swing_angle")])
 
     def tension(self, values: np.ndarray) -> np.ndarray:
-        """(K,) pull of the string along the motion, N."""
+        """(K,) tension of the string along the motion, N."""
         return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("load_force")])
 
     def by_coefficients(
@@ -204,10 +205,10 @@ class PredictedExperiment:
         """(size,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
 
         Args:
-            values: (m,) of the unknowns.
-            basis: of which the motion is made, at its nodes.
+            values: (m,) values of the unknowns.
+            basis: functions of which the motion consists, at its nodes.
             readings: (n,) weights of the readings over their noise.
-            swing: (K,) weights of the load's angle, beside the readings.
+            swing: (K,) weights of the load's angle, besides the readings.
         """
         model, motion = self.hypothesis.model, self.experiment.motion
         assert motion is not None, "an experiment without a motion has no coefficients"
@@ -239,9 +240,9 @@ def _adjoint(system: System, name: str) -> Adjoint:
 
 @lru_cache(maxsize=8)
 def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Position, velocity, acceleration and jerk of the string's upper end for each coefficient, one below the other.
+    """Position, velocity, acceleration and jerk of the string's upper end for each coefficient, stacked.
 
-    (4 K, size) at the nodes and (4 (K - 1), size) halfway between.
+    The shapes are (4 K, size) at the nodes and (4 (K - 1), size) halfway between.
     """
     _, count, size = basis.functions.shape
     rows, step = basis.functions, float(basis.time[1] - basis.time[0])
@@ -253,7 +254,7 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _root_of_inverse(information: np.ndarray) -> np.ndarray:
-    """(k, k) A with A A' the inverse; directions of which nothing is known count as known, for no error to be drawn."""
+    """(k, k) A with A A' the inverse; directions without information get no error."""
     if not len(information):
         return information.copy()
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))

@@ -1,4 +1,4 @@
-"""How far, how fast and how strongly joints or a gripper may move."""
+"""Limits of position, speed, acceleration and effort of joints or of a gripper."""
 
 from dataclasses import dataclass, replace
 
@@ -8,28 +8,28 @@ import urdf
 from armdyn.errors import InputError
 from armdyn.experiments.series import AxisMotion
 
-TURN = 2.0 * np.pi
-"""rad; a joint that turns further from its zero comes to the same postures again."""
-KINEMATIC, STRENGTH = 0.97, 0.93
+FULL_TURN = 2.0 * np.pi
+"""A full turn, rad; a joint that turns further from its zero comes to the same postures again."""
+KINEMATIC_LIMIT_SHARE, TORQUE_LIMIT_SHARE = 0.97, 0.93
 """Shares of the limits of position, speed and acceleration, and of torque, that an arm's motion uses: an arm does not
-follow exactly, and its torques are not those of its description."""
+follow its command exactly, and its torques are not exactly those of its description."""
 
 
 def two_sided(share: np.ndarray) -> np.ndarray:
-    """(2, ...) by how much shares of a limit are beyond 1, and beyond -1; negative inside."""
+    """(2, ...) excess of signed shares of a limit beyond 1, and beyond -1; negative inside."""
     return np.stack([share - 1.0, -share - 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of every axis of a motion; all (axes,).
+    """Limits of every axis of a motion; all arrays are (axes,).
 
     Attributes:
-        lower: rad or m.
-        upper: rad or m.
-        velocity: per s.
-        acceleration: per s^2.
-        effort: N m or N; infinite where no effort is watched.
+        lower: lowest position, rad or m.
+        upper: highest position, rad or m.
+        velocity: largest speed, rad/s or m/s.
+        acceleration: largest acceleration, rad/s^2 or m/s^2.
+        effort: largest torque or force, N m or N; infinite where it is not limited.
     """
 
     lower: np.ndarray
@@ -42,19 +42,19 @@ class MotionLimits:
     def of(cls, robot: urdf.Robot) -> "MotionLimits":
         """The shares of a robot's limits that a motion uses."""
         limits = robot.limits
-        lower, upper = np.maximum(limits.lower, -TURN), np.minimum(limits.upper, TURN)
+        lower, upper = np.maximum(limits.lower, -FULL_TURN), np.minimum(limits.upper, FULL_TURN)
         middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
         return cls(
-            middle - KINEMATIC * half,
-            middle + KINEMATIC * half,
-            KINEMATIC * np.asarray(limits.velocity),
-            KINEMATIC * np.asarray(limits.acceleration),
-            STRENGTH * np.asarray(limits.effort),
+            middle - KINEMATIC_LIMIT_SHARE * half,
+            middle + KINEMATIC_LIMIT_SHARE * half,
+            KINEMATIC_LIMIT_SHARE * np.asarray(limits.velocity),
+            KINEMATIC_LIMIT_SHARE * np.asarray(limits.acceleration),
+            TORQUE_LIMIT_SHARE * np.asarray(limits.effort),
         )
 
     @property
     def middle(self) -> np.ndarray:
-        """Of the positions, rad or m."""
+        """Middle of the range of positions, rad or m."""
         return np.asarray((self.lower + self.upper) / 2.0)
 
     @property
@@ -64,16 +64,16 @@ class MotionLimits:
 
     @property
     def sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(axes,) position from the middle, velocity and acceleration that count as 1."""
+        """(axes,) distance from the middle, velocity and acceleration that correspond to a share of 1."""
         return self.half, self.velocity, self.acceleration
 
     def beyond(self, motion: AxisMotion) -> list[np.ndarray]:
-        """(2, n, axes) by which share position, velocity and acceleration are beyond their limits; negative inside."""
+        """(2, n, axes) excess of position, velocity and acceleration over their limits, as shares; negative inside."""
         away = (motion.q - self.middle, motion.v, motion.a)
         return [two_sided(part / size) for part, size in zip(away, self.sizes, strict=True)]
 
     def narrower(self, limit: str, joint: int, factor: float) -> "MotionLimits":
-        """Less room for one joint in one respect, counted from the middle."""
+        """Reduce one limit of one joint by a factor; positions are reduced towards the middle."""
         if limit == "position":
             half = self.half.copy()
             half[joint] *= factor
@@ -86,16 +86,16 @@ class MotionLimits:
 
 @dataclass(frozen=True)
 class GripperLimits:
-    """What a motion of a gripper with a load on a string may need.
+    """Limits of a gripper's motion with a load on a string.
 
     Attributes:
         travel: largest distance of the gripper from its start, m.
-        speed: of the gripper, m/s.
-        acceleration: of the gripper, m/s^2.
+        speed: largest speed of the gripper, m/s.
+        acceleration: largest acceleration of the gripper, m/s^2.
         swing: largest angle of the load, rad.
 
     Raises:
-        InputError: one is not positive.
+        InputError: a limit is not positive.
     """
 
     travel: float = 0.15
@@ -110,6 +110,6 @@ class GripperLimits:
 
     @property
     def along(self) -> MotionLimits:
-        """Those of the one axis along the line."""
+        """The limits of the one axis along the line."""
         travel, speed, acceleration = (np.array([x]) for x in (self.travel, self.speed, self.acceleration))
         return MotionLimits(-travel, travel, speed, acceleration, np.array([np.inf]))

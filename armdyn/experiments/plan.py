@@ -1,6 +1,6 @@
-"""The plan: every kind of experiment that a laboratory can do, with what it promises, best first.
+"""The plan: every kind of experiment that a laboratory can do, with its expected result, the best first.
 
-Pairs that no motion of the gripper tells apart are named, and why, as far as the equations say it.
+Pairs that no motion of the gripper separates are named, with the reason, as far as the equations give one.
 """
 
 from collections.abc import Sequence
@@ -19,23 +19,23 @@ from armdyn.pendulum.path import GripperPath
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
-INSEPARABLE = 1.0
-"""Rise of chi2, after design for it, below which a pair counts as inseparable by motion: far below any margin."""
-ALIKE = 0.02
-"""Share by which two angles may differ and still count as the same."""
-TURNED = 1e-3
-"""rad; a smaller turn is not worth telling."""
-NOTICED = 0.02
-"""Change of an unknown, in typical sizes, that a reader is told."""
+INSEPARABLE_RISE = 1.0
+"""Rise of chi2 by a motion designed for a pair, below which motion cannot separate the pair: far below any margin."""
+SAME_ANGLE_SHARE = 0.02
+"""Relative difference up to which two angles are the same."""
+MIN_REPORTED_TURN = 1e-3
+"""Smallest turn that is reported, rad."""
+MIN_REPORTED_CHANGE = 0.02
+"""Smallest change of an unknown that is reported, in typical sizes."""
 
 
 @dataclass(frozen=True)
 class Inseparable:
-    """A pair that a designed motion does not tell apart.
+    """A pair of effects that a designed motion does not separate.
 
     Attributes:
-        effects: names of the two.
-        why: a sentence.
+        effects: names of the two effects.
+        why: the reason, a sentence.
     """
 
     effects: tuple[str, str]
@@ -45,18 +45,18 @@ class Inseparable:
 def inseparable(
     hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: Experiment
 ) -> tuple[Inseparable, ...]:
-    """All pairs of which neither can be told from the other along the motion that was designed for that."""
+    """All pairs that the motion designed for them does not separate in either direction."""
     found = []
     for i, first in enumerate(hypotheses):
         for j in range(i + 1, len(hypotheses)):
             second = hypotheses[j]
-            if max(outlook.chi2_increase[i, j], outlook.chi2_increase[j, i]) < INSEPARABLE:
+            if max(outlook.chi2_increase[i, j], outlook.chi2_increase[j, i]) < INSEPARABLE_RISE:
                 found.append(Inseparable((first.name, second.name), _why(first, second, experiment)))
     return tuple(found)
 
 
 def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
-    """What the second has to change so that it predicts what the first does."""
+    """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     rise, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
     whole = float(np.sqrt(rise / max(len(truth.predict(truth.start)[0]), 1)))
@@ -67,7 +67,7 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     values = {name: float(value) for name, value in zip(rival.names, best, strict=True)}
     own = second.model.start_names
     hangs = second.model.with_values({n: v for n, v in values.items() if n not in own}).rest_angle()
-    if abs(hangs) > TURNED and abs(hangs - first.rest_angle) < ALIKE * abs(hangs):
+    if abs(hangs) > MIN_REPORTED_TURN and abs(hangs - first.rest_angle) < SAME_ANGLE_SHARE * abs(hangs):
         said += (
             f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: "
             "a rotation of the frame"
@@ -85,39 +85,39 @@ def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) ->
         elif name in first.model.names:
             given = first.model.value(name) if name not in rival.hypothesis.model.start_names else None
             base = first.rest_angle if name == "initial_angle" else 0.0 if given is None else given
-            if abs(best[i] - base) > NOTICED * p.typical:
+            if abs(best[i] - base) > MIN_REPORTED_CHANGE * p.typical:
                 parts.append(f"{name} off by {best[i] - base:.3g} {p.unit}")
     return " and ".join(parts) or "the same values"
 
 
 ANGLE_NOISE = 5e-3
-"""rad; of an angle sensor that could be added, an encoder or a camera."""
-WEIGHED = 5e-3
-"""Share to which a load is weighed."""
-MEASURED = 1e-3
-"""m to which a string is measured with a ruler."""
-OTHER_MASS = 2.0
-"""The other load over this one: the same shape, filled."""
-OTHER_LENGTH = 0.7
-"""The other string over this one."""
-REST = 60.0
-"""s at rest."""
-REST_STEP = 0.02
-"""s between the nodes of a simulation at rest."""
-HOPELESS = 0.05
+"""Noise of an angle sensor that could be added, an encoder or a camera, rad."""
+WEIGHING_ERROR_SHARE = 5e-3
+"""Relative accuracy with which a load is weighed."""
+RULER_ERROR = 1e-3
+"""Accuracy with which a string is measured with a ruler, m."""
+OTHER_MASS_RATIO = 2.0
+"""Ratio of the other load's mass to the present one: the same shape, filled."""
+OTHER_LENGTH_RATIO = 0.7
+"""Ratio of the other string's length to the present one."""
+REST_SECONDS = 60.0
+"""Duration of a recording at rest, s."""
+REST_NODE_SECONDS = 0.02
+"""Time between the nodes of a simulation at rest, s."""
+MIN_RIGHT_PROBABILITY = 0.05
 """Probability of a right verdict up to which an experiment is not worth doing."""
-OF_THE_ROOM = ("wind",)
-"""Effects whose direction belongs to the room: when the robot is turned round, they change sign along its line."""
+ROOM_FIXED_EFFECTS = ("wind",)
+"""Effects whose direction is fixed to the room: when the robot is turned round, they change sign along its line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """An experiment with what it promises.
+    """An experiment with its expected result.
 
     Attributes:
-        experiment: what to do.
-        outlook: what is expected of it.
-        random: smallest rise of chi2 of the median of random motions; None where no motion was designed.
+        experiment: the experiment.
+        outlook: its expected result.
+        random: smallest rise of chi2 for the median of random motions; None where no motion was designed.
     """
 
     experiment: Experiment
@@ -126,18 +126,18 @@ class Proposal:
 
     @property
     def rank(self) -> tuple[float, bool, float]:
-        """Smaller is better: the probability of a right verdict to a hundredth, no work by hand, the separation."""
+        """Sort key, smaller first: the probability of a right verdict to a hundredth, manual work, the separation."""
         return -round(self.outlook.probability, 2), self.experiment.kind != "motion", -self.outlook.separation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Displayable):
-    """What to do next.
+    """Result of planning: which experiment to do next.
 
     Attributes:
-        rivals: what is to be told apart.
-        proposals: best first.
-        inseparable: pairs that no motion of the gripper tells apart, with the reason.
+        rivals: the hypotheses to distinguish.
+        proposals: experiments, the best first.
+        inseparable: pairs that no motion of the gripper separates, with the reason.
     """
 
     rivals: Rivals
@@ -150,7 +150,7 @@ class Plan(Displayable):
     __repr__ = __str__
 
     def document(self) -> Document:
-        """Every experiment with what it promises, what is believed so far, the designed motion over time."""
+        """Build the tables: every experiment with its expected result, present beliefs, and the designed motion."""
         chances = [p.outlook.probability for p in self.proposals]
         experiments = [
             Column("experiment", [p.experiment.kind for p in self.proposals]),
@@ -177,17 +177,17 @@ class Plan(Displayable):
         return Document("Next experiment", self.sentence, [section], curves=self._curves if moves else None)
 
     def _curves(self) -> list[Curve]:
-        """The designed motion over time."""
+        """The designed motion over time, as curves."""
         run = None if self.motion is None else self.motion.experiment.run
         drawn = None if run is None else run.document().curves
         return [] if drawn is None else [curve for curve in drawn() if curve.row.startswith("gripper")]
 
     @property
     def sentence(self) -> str:
-        """What is to be told apart, and by what, for a person."""
+        """Which hypotheses to distinguish, and by which experiment, for a reader."""
         names = [h.name for h in self.rivals.hypotheses]
         said = f"To tell {' from '.join(names) if len(names) == 2 else ', '.join(names) + ' apart'}"
-        best = next((p for p in self.proposals if p.outlook.probability > HOPELESS), None)
+        best = next((p for p in self.proposals if p.outlook.probability > MIN_RIGHT_PROBABILITY), None)
         if best is None:
             return f"{said}: none of these experiments does."
         text = (
@@ -205,12 +205,12 @@ class Plan(Displayable):
 
     @property
     def belief(self) -> list[float]:
-        """Probability of each rival from the runs so far."""
+        """Probability of each rival, given the runs so far."""
         return [float(b) for b in beliefs(self.rivals.hypotheses)]
 
     @property
     def motion(self) -> Proposal | None:
-        """The designed motion; None where none is offered."""
+        """The designed motion; None where none is proposed."""
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
 
 
@@ -218,14 +218,14 @@ class Plan(Displayable):
 def plan(
     rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Plan:
-    """Design a motion and hold every other kind of experiment against it.
+    """Design a motion and compare it with every other kind of experiment.
 
     Args:
-        rivals: what is to be told apart.
-        seconds: duration of the motion.
-        limits: of gripper and swing.
-        seed: of everything random.
-        say: told how far it is.
+        rivals: the hypotheses to distinguish.
+        seconds: duration of the motion, s.
+        limits: limits of gripper and swing.
+        seed: seed of everything random.
+        say: called with a text on the progress.
     """
     moving = designed_motion(rivals, seconds, limits, seed, say)
     pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
@@ -239,9 +239,9 @@ def plan(
 
 
 def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
-    """Whether an experiment keeps its string taut and its load within a limit of the swing, rad, under every rival.
+    """Whether every rival predicts a taut string and a swing within `swing`, rad, for an experiment.
 
-    The last run itself, which was made, may have been wider.
+    The last run itself, which was made, may exceed that limit.
     """
     if experiment.motion is None:
         return True
@@ -258,7 +258,7 @@ def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
 def designed_motion(
     rivals: Rivals, seconds: float, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Proposal:
-    """The motion that tells the rivals apart best; pairs that no motion separates do not count in it."""
+    """The motion that separates the rivals best; pairs that no motion separates are not counted."""
     experiment = Experiment("motion", "swing along the designed motion", noise=rivals.noise)
     motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
     experiment = experiment.along(motion)
@@ -266,22 +266,22 @@ def designed_motion(
 
 
 def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
-    """Everything else that could be done, along the last run's motion, and not what was done already."""
+    """All other experiments that could be done, along the last run's motion, except those already done."""
     last, best = rivals.last, rivals.hypotheses[0].model
     again, noise = last_motion(last, seconds), rivals.noise
     mass, length = best.value("mass"), best.value("length")
-    other_mass, other_length = OTHER_MASS * mass, OTHER_LENGTH * length
+    other_mass, other_length = OTHER_MASS_RATIO * mass, OTHER_LENGTH_RATIO * length
     found = [
         Experiment(
             "mass",
             f"the last motion again, with a load of the same shape that weighs {1e3 * other_mass:.0f} g "
-            f"+/- {1e3 * WEIGHED * other_mass:.1f} g",
-            again, noise, changed={"mass": (other_mass, WEIGHED * other_mass)},
+            f"+/- {1e3 * WEIGHING_ERROR_SHARE * other_mass:.1f} g",
+            again, noise, changed={"mass": (other_mass, WEIGHING_ERROR_SHARE * other_mass)},
         ),
         Experiment(
             "length",
-            f"the last motion again, on a string of {other_length:.3f} m +/- {1e3 * MEASURED:g} mm",
-            again, noise, changed={"length": (other_length, MEASURED)},
+            f"the last motion again, on a string of {other_length:.3f} m +/- {1e3 * RULER_ERROR:g} mm",
+            again, noise, changed={"length": (other_length, RULER_ERROR)},
         ),
     ]  # fmt: skip
     if "swing_angle" not in noise and "swing_rate" not in noise:
@@ -292,16 +292,18 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
                 again, {**noise, "swing_angle": ANGLE_NOISE},
             )
         )  # fmt: skip
-    weighing = f'weigh the load and state it: mass = "... g +/- {1e3 * WEIGHED * mass:.1f} g"'
-    measuring = f'measure the string and state it: length = "... m +/- {1e3 * MEASURED:g} mm"'
+    weighing = f'weigh the load and state it: mass = "... g +/- {1e3 * WEIGHING_ERROR_SHARE * mass:.1f} g"'
+    measuring = f'measure the string and state it: length = "... m +/- {1e3 * RULER_ERROR:g} mm"'
     for kind, name, std, what in (
-        ("weigh", "mass", WEIGHED * mass, weighing),
-        ("measure", "length", MEASURED, measuring),
+        ("weigh", "mass", WEIGHING_ERROR_SHARE * mass, weighing),
+        ("measure", "length", RULER_ERROR, measuring),
     ):
         known = last.known.get(name)
         if known is None or (known.std or 0.0) > 2.0 * std:
             found.append(Experiment(kind, what, measured={name: std}))
-    turned = tuple(n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in OF_THE_ROOM)
+    turned = tuple(
+        n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in ROOM_FIXED_EFFECTS
+    )
     if turned:
         found.append(
             Experiment(
@@ -312,12 +314,14 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
             )
         )  # fmt: skip
     if "load_force" in noise:
-        still = GripperPath(0.0, REST_STEP, *np.zeros((3, round(REST / REST_STEP) + 1)))
-        found.append(Experiment("rest", f"record the load cell for {REST:g} s while all hangs at rest", still, noise))
+        still = GripperPath(0.0, REST_NODE_SECONDS, *np.zeros((3, round(REST_SECONDS / REST_NODE_SECONDS) + 1)))
+        found.append(
+            Experiment("rest", f"record the load cell for {REST_SECONDS:g} s while all hangs at rest", still, noise)
+        )
     return found
 
 
 def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str) -> Proposal:
-    """The proposal along another motion, such as the one that an arm can follow, and what that promises."""
+    """The proposal along another motion, such as one that an arm can follow, with its expected result."""
     experiment = replace(proposal.experiment.along(motion), what=what)
     return replace(proposal, experiment=experiment, outlook=outlook(hypotheses, experiment))

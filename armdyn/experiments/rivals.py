@@ -1,4 +1,4 @@
-"""Which hypotheses a diagnosis leaves, each fitted to the runs, with what the runs and the priors say of its values."""
+"""Rival hypotheses that a diagnosis leaves, each fitted to the runs, with the information on its values."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,13 +7,13 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
-from armdyn.experiments.separation import MARGIN
+from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, converged
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.problem import by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.set_score import SURE
+from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel
@@ -21,24 +21,24 @@ from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-LIKELY = 2.0
-"""Standard deviations: the size that an effect may well have which the runs do not see."""
-MOST = 5
-"""Rivals that are planned for; the most plausible ones."""
-WELL_KNOWN = 0.05
-"""Standard deviation over typical size up to which a value counts as known well."""
-NOTHING = "nothing"
-"""Name of the hypothesis that adds no effect."""
+LIKELY_DEVIATES = 2.0
+"""Size that an unseen effect may well have, in standard deviations."""
+MAX_RIVALS = 5
+"""Largest number of rivals in a plan; the most plausible ones are used."""
+WELL_KNOWN_STD_SIZES = 0.05
+"""Ratio of standard deviation to typical size up to which a value is well known."""
+NO_EFFECT = "nothing"
+"""Name of the hypothesis without an added effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """What may be true, and what noise there is.
+    """Rival hypotheses, and the noise of the channels.
 
     Attributes:
-        hypotheses: the best one so far first.
-        noise: by channel, standard deviation of one sample of as many as are independent.
-        last: the run whose experiment could be repeated in another way.
+        hypotheses: the hypotheses, the best one so far first.
+        noise: by channel, standard deviation of one sample, increased for the samples' correlation.
+        last: the last run, whose experiment could be repeated in another way.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -47,10 +47,10 @@ class Rivals:
 
 
 def require_gripper(study: Study) -> None:
-    """Refuse what no motion of a gripper can be designed for.
+    """Refuse a study for which no gripper motion can be designed.
 
     Raises:
-        InputError: the model is no pendulum, or the runs hold no gripper or nothing that can be predicted.
+        InputError: the model is no pendulum, or the runs contain no gripper position or no channel that is predicted.
     """
     if not isinstance(study.model, PendulumModel):
         raise InputError(
@@ -68,16 +68,16 @@ def require_gripper(study: Study) -> None:
 def undecided(
     study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[str, str, Rivals | None]:
-    """Verdict and sentence of the diagnosis, and what is to be told apart; None where nothing is.
+    """Verdict and sentence of the diagnosis, and the rivals to distinguish; None where there are none.
 
     Args:
-        study: of all runs.
-        names: of the effects to tell apart; those that the diagnosis leaves where it is None.
-        say: told how far it is.
+        study: study of all runs.
+        names: names of the effects to distinguish; None means those that the diagnosis leaves.
+        say: called with a text on the progress.
 
     Raises:
         InputError: see `require_gripper` and `named`.
-        TaskFailedError: the fit is lost.
+        TaskFailedError: the fit has failed.
     """
     require_gripper(study)
     if names is not None:
@@ -95,7 +95,7 @@ def undecided(
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
-    """Sets of effects, beside those of the model as given, that the runs cannot tell apart, the best one first."""
+    """Sets of effects, beside those of the model as given, that the runs cannot distinguish, the best one first."""
     last, given = found.search.last, found.search.steps[0].effects
     added = group_by_effect([c for c in last.effects if c not in given])
     sets = [tuple(added)]
@@ -115,15 +115,15 @@ def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
-    """What a diagnosis names first, and other effects that are not surely worse; None where all are.
+    """The effect that a diagnosis names first, and others that are not certainly worse; None where all are.
 
-    An effect is believed where it is surely better than none. Against one that is alike the same is asked here: the
-    encoders' noise, differentiated twice, is an error of the model as well, and decided such pairs wrongly by 11.
+    An effect is believed where it is certainly better than none. Here the same certainty is required against similar
+    effects: the encoders' noise, differentiated twice, is a model error as well, and decided such pairs wrongly by 11.
 
     Args:
-        study: of all runs.
-        found: its diagnosis.
-        designed: whether a run was designed to tell them apart; then the margin counts with which it was.
+        study: study of all runs.
+        found: the diagnosis of the study.
+        designed: whether a run was designed to distinguish them; then the margin of that design is used.
     """
     steps = found.search.steps
     if len(steps) < 2:
@@ -133,19 +133,19 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     rest = tuple(c for c in added if c.effect not in leading)
     by_name = {c.effect: c for c in study.candidates}
     others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
-    sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MOST - 1])]
+    sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
-    # Else one effect among all of the catalogue is believed by the same fall of chi2 as in a diagnosis.
-    margin = MARGIN if designed else 2.0 * (SURE + float(np.log(len(study.candidates))))
+    # Otherwise the fall of chi2 that a diagnosis requires of one effect among the catalogue is required.
+    margin = TIE_CHI2 if designed else 2.0 * (BELIEF_NATS + float(np.log(len(study.candidates))))
     close = tuple(h for h in all_of_them.hypotheses if h.misfit <= margin)
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
 
 def named(study: Study, names: Sequence[str]) -> Rivals:
-    """Rivals that a person names: each alone beside the model as given; one name stands against no effect at all.
+    """Rivals that a user names: each alone, added to the model as given; a single name is compared with no effect.
 
     Raises:
-        UnknownNameError: the catalogue lacks one, or the model has it.
+        UnknownNameError: the catalogue has no such effect, or the model has it already.
     """
     sets: list[tuple[Candidate, ...]] = []
     by_name = {c.effect: c for c in study.candidates}
@@ -161,16 +161,16 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
 
 
 def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
-    """The same rivals, by the names of their effects, held against the runs of another study."""
+    """The same rivals, by the names of their effects, fitted to the runs of another study."""
     by_name = {c.effect: c for c in study.candidates}
     return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
 def weakest(study: Study, found: Diagnosis) -> Rivals | None:
-    """The value that the runs determine worst, against another one that they allow; None where all are known well.
+    """The value that the runs determine worst and a second possible value of it; None where all are well known.
 
-    Two values of one parameter are rivals like any others: their separation is the information on it with all other
-    unknowns as nuisance, times the squared distance of the two.
+    Two values of one parameter are rivals like others: their separation is the information on the parameter, with all
+    other unknowns as nuisance, times the squared difference of the values.
     """
     if found.unknown is not None and found.search.last.tests.fails:
         return None
@@ -181,12 +181,12 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     stds = np.sqrt(np.diag(covariance))
     shares = np.array([std / p.typical for std, p in zip(stds, parameters, strict=True)])
     worst = int(np.argmax(shares))
-    if shares[worst] < WELL_KNOWN:
+    if shares[worst] < WELL_KNOWN_STD_SIZES:
         return None
     p, std = parameters[worst], float(stds[worst])
-    away = LIKELY * std if p.value + LIKELY * std <= p.upper else -LIKELY * std
+    away = LIKELY_DEVIATES * std if p.value + LIKELY_DEVIATES * std <= p.upper else -LIKELY_DEVIATES * std
     rest = [i for i in range(len(best.free)) if i != worst]
-    # With the parameter held elsewhere, the others move along with it as the runs have tied them together.
+    # With the parameter at the other value, the others change with it, as the runs correlate them.
     moved = {best.free[i]: parameters[i].value + covariance[i, worst] / std**2 * away for i in rest}
     bounds = {n: best.model.parameters[n] for n in moved}
     values = {n: float(np.clip(v, bounds[n].lower, bounds[n].upper)) for n, v in moved.items()}
@@ -195,13 +195,13 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
         model=best.model.with_values({**values, p.name: p.value + away}),
         free=tuple(best.free[i] for i in rest),
         information=best.information[np.ix_(rest, rest)],
-        misfit=LIKELY**2,
+        misfit=LIKELY_DEVIATES**2,
     )
     first = replace(best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information)
     return Rivals((first, other), noise, study.runs[-1])
 
 
-def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MOST) -> Rivals:
+def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
     fits = [converged(study.fit_with((*study.present, *s), first)) for s in sets]
     best = min(fits, key=lambda one: one.cost)
     noise = _effective_noise(best)
@@ -216,7 +216,7 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
 
 
 def _effective_noise(best: Fit) -> dict[str, float]:
-    """By channel, what the best model leaves, at least the noise; of one sample of as many as are independent."""
+    """By channel, the residual of the best model, at least the noise, increased for the samples' correlation."""
     noise = {}
     left = best.rmse()
     for channel, blocks in by_channel(best.blocks).items():
@@ -227,7 +227,7 @@ def _effective_noise(best: Fit) -> dict[str, float]:
 
 
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
-    """A fit as a hypothesis: values, and information from all runs with everything that belongs to one run unknown."""
+    """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
     problem, model = lean.problem, lean.problem.model
     assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
@@ -253,7 +253,7 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     for i in mine:
         values[names[i]] = _sizeable(model, names[i], values[names[i]], float(kept[i, i]))
     return Hypothesis(
-        name=" + ".join(c.spoken for c in own) or NOTHING,
+        name=" + ".join(c.spoken for c in own) or NO_EFFECT,
         model=model.with_values(values),
         free=names,
         information=kept,
@@ -262,13 +262,13 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
 
 
 def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:
-    """A value of an effect that is worth looking for: where the fit says none, as much as the runs allow."""
+    """A value of an effect that is worth testing: the fitted one, or where it is zero as much as the runs allow."""
     p = model.parameters[name]
     std = information**-0.5 if information > 0.0 else np.inf
     if abs(value - p.null) >= std:
         return value
     side = -1.0 if value < p.null or p.upper <= p.null else 1.0
-    return float(np.clip(p.null + side * min(p.typical, LIKELY * std), p.lower, p.upper))
+    return float(np.clip(p.null + side * min(p.typical, LIKELY_DEVIATES * std), p.lower, p.upper))
 
 
 def last_motion(run: Run, seconds: float) -> GripperPath:

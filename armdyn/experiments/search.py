@@ -1,10 +1,10 @@
-r"""The motion of least cost inside its limits: random motions, and from the best of them an augmented Lagrangian.
+r"""Find the motion of least cost within limits: random motions, then an augmented Lagrangian from the best of them.
 
     min f(x)   subject to   c_i(x) <= 0
 
 over the coefficients x of a Fourier series, by the multiplier method of Powell, Hestenes and Rockafellar (Nocedal &
-Wright, Numerical Optimization, 2006, §17.3), each round by L-BFGS. Limits hold on a grid of times. What a motion is
-wanted for, a gripper's or an arm's, says `MotionProblem`.
+Wright, Numerical Optimization, 2006, §17.3), each round by L-BFGS. Limits are evaluated on a grid of times.
+`MotionProblem` defines the cost f, for a gripper or an arm.
 """
 
 from abc import ABC, abstractmethod
@@ -15,34 +15,34 @@ import numpy as np
 from scipy.optimize import minimize
 
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.series import FEWEST_HARMONICS, Basis, Series
+from armdyn.experiments.series import MIN_HARMONICS, Basis, Series
 
-STIFFNESS = 0.5
-"""Of the first round's penalty: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""
-HARDER = 3.0
+FIRST_PENALTY = 0.5
+"""Penalty of the first round: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""
+PENALTY_GROWTH = 3.0
 """Growth of the penalty from round to round."""
-NEARLY = 0.02
-"""Share by which a motion may exceed its limits while others are compared with it."""
-LOST = 1e6
-"""Cost of a motion along which a model cannot be integrated: beyond any that can be."""
-SHRINK = 0.98
-"""Factor by which a motion beyond its limits is made smaller at least, again and again."""
-ROUNDING = 1e-9
-"""Share by which a random motion stays below the limit that it is made to reach."""
-SMALLEST = 1.0 / 64.0
-"""Of its size: a motion that must be made smaller than that is given up."""
+COMPARED_EXCESS = 0.02
+"""Share by which a motion may exceed its limits while it is compared with others."""
+DIVERGED_COST = 1e6
+"""Cost of a motion along which a model cannot be integrated, larger than any finite one."""
+MAX_SHRINK_FACTOR = 0.98
+"""Largest factor by which a motion beyond its limits is made smaller, repeatedly."""
+LIMIT_CLEARANCE_SHARE = 1e-9
+"""Share by which a random motion stays below the limit that it should reach."""
+MIN_MOTION_SCALE = 1.0 / 64.0
+"""Smallest factor on a motion; one that must be made smaller is given up."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """Cost and limits at a motion.
+    """Cost and limits of a motion.
 
     Attributes:
-        cost: f.
-        beyond: c by kind of limit, arrays of any shape; positive beyond the limit.
-        gradient: (axes, size) derivatives by the coefficients of f + sum_k w_k . c_k, for weights w of the shapes of c.
+        cost: cost f.
+        beyond: constraints c by kind of limit, arrays of any shape; positive where a limit is exceeded.
+        gradient: derivatives (axes, size) of f + sum_k w_k . c_k by the coefficients, for weights w of the shapes of c.
     """
 
     cost: float
@@ -51,13 +51,13 @@ class Evaluated:
 
 
 class MotionProblem(ABC):
-    """What a motion is wanted for. Coefficients are (axes, size) of `series`, in rad or m.
+    """Purpose and limits of a motion. Its coefficients x are (axes, size) of `series`, in rad or m.
 
     Attributes:
-        series: of which motions are made.
-        limits: of every axis.
-        finer: the series at the instants at which positions, velocities and accelerations are held against the limits.
-        starts: random motions, the best of all, from which a search starts; the best after its first round goes on.
+        series: the series of which motions consist.
+        limits: limits of every axis.
+        finer: the series at the instants at which positions, velocities and accelerations are limited.
+        starts: number of random motions, the best of all, from which a search starts; the best after one round goes on.
     """
 
     series: Series
@@ -67,36 +67,36 @@ class MotionProblem(ABC):
     @property
     @abstractmethod
     def steps(self) -> tuple[int, ...]:
-        """L-BFGS steps of the rounds; limits are worked in a little more sharply in each."""
+        """Numbers of L-BFGS steps of the rounds; the penalty of the limits grows from round to round."""
 
     @property
     @abstractmethod
     def finer(self) -> Basis:
-        """See above."""
+        """The series at the instants at which positions, velocities and accelerations are limited."""
 
     @abstractmethod
     def cost(self, x: np.ndarray) -> float:
-        """What the search makes small, exactly, for comparing motions."""
+        """Exact cost of a motion, for comparing motions."""
 
     @abstractmethod
     def effect(self, x: np.ndarray) -> Evaluated:
-        """Cost with its gradient, and all limits but those of `limits` on positions and their derivatives."""
+        """Cost of a motion, and its limits except the kinematic ones, with their gradient."""
 
     @abstractmethod
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which any limit is exceeded; negative inside all."""
+        """Largest share by which any limit is exceeded; negative inside all limits."""
 
     @abstractmethod
     def centre(self, rng: np.random.Generator) -> np.ndarray | None:
-        """(axes,) about which a random motion may be made; None where none was found."""
+        """(axes,) centre of a random motion; None where none was found."""
 
     def about(self, x: np.ndarray) -> "MotionProblem":
-        """The problem of one round, with what is linearised or chosen at the motion with which it begins."""
+        """The problem of one round, with everything that is linearised or chosen at the motion `x` of its start."""
         del x
         return self
 
     def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The motion after a round, or one between; for limits that are linearised."""
+        """The motion after a round, or a motion between, for limits that are linearised."""
         del before
         return after
 
@@ -107,7 +107,7 @@ class MotionProblem(ABC):
         return np.minimum(self.limits.half, reach)
 
     def evaluate(self, x: np.ndarray) -> Evaluated:
-        """Cost, and all limits."""
+        """Cost and all limits of a motion, with their gradient."""
         inner, beyond = self.effect(x), self.limits.beyond(self.finer.motion(x))
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
@@ -122,26 +122,26 @@ class MotionProblem(ABC):
 
 
 def scale(x: np.ndarray, size: float) -> np.ndarray:
-    """The motion made smaller about its centre."""
+    """Scale a motion about its centre."""
     smaller = size * x
     smaller[:, 0] = x[:, 0]
     return smaller
 
 
 def shrink(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.ndarray | None:
-    """The motion made smaller until its limits hold on the grid; None where almost nothing would be left of it."""
+    """Make a motion smaller until its limits hold on the grid; None where almost nothing would remain."""
     size = 1.0
-    while size >= SMALLEST:
+    while size >= MIN_MOTION_SCALE:
         smaller = scale(x, size)
         excess = problem.excess(smaller)
         if excess <= tolerance:
             return smaller
-        size *= float(np.clip(1.0 / (1.0 + excess), 0.5, SHRINK)) if np.isfinite(excess) else 0.5
+        size *= float(np.clip(1.0 / (1.0 + excess), 0.5, MAX_SHRINK_FACTOR)) if np.isfinite(excess) else 0.5
     return None
 
 
 def random_motions(problem: MotionProblem, count: int, rng: np.random.Generator, say: Say) -> list[np.ndarray]:
-    """Random motions inside the limits, as large as these allow; fewer than `count` where not all could be made."""
+    """Random motions inside the limits, as large as these allow; fewer than `count` where some could not be made."""
     found = []
     for k in range(count):
         x = random_motion(problem, rng)
@@ -162,32 +162,34 @@ def random_motion(problem: MotionProblem, rng: np.random.Generator) -> np.ndarra
     if centre is None:
         return None
     x = rng.standard_normal((len(centre), series.size)) @ series.low(
-        int(rng.integers(FEWEST_HARMONICS, series.harmonics + 1))
+        int(rng.integers(MIN_HARMONICS, series.harmonics + 1))
     )
     x[:, 0] = 0.0
     motion = problem.finer.motion(x)
     apart = np.minimum(limits.upper - centre, centre - limits.lower)
     peaks = [np.abs(part).max(axis=0) for part in (motion.q, motion.v, motion.a)]
     allowed = (apart, limits.velocity, limits.acceleration)
-    x *= (1.0 - ROUNDING) * np.min([size / peak for size, peak in zip(allowed, peaks, strict=True)], axis=0)[:, None]
+    x *= (1.0 - LIMIT_CLEARANCE_SHARE) * np.min(
+        [size / peak for size, peak in zip(allowed, peaks, strict=True)], axis=0
+    )[:, None]
     x[:, 0] = centre
     return shrink(problem, x)
 
 
 def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence[float], say: Say) -> np.ndarray:
-    """(axes, size) coefficients of the best motion found from the best of the starts, nearly inside the limits.
+    """(axes, size) coefficients of the best motion found from the best starts, nearly inside the limits.
 
     Args:
-        problem: what the motion is wanted for.
+        problem: purpose and limits of the motion.
         starts: motions inside the limits, (axes, size) each.
-        costs: of each, in the order of `MotionProblem.cost`.
-        say: told how far it is.
+        costs: cost of each start, by `MotionProblem.cost`.
+        say: called with a text on the progress.
     """
     rounds = len(problem.steps) + min(problem.starts, len(starts)) - 1
     tried = []
     for k, i in enumerate(np.argsort(costs)[: problem.starts]):
         x = improve(problem, starts[i], last=1)
-        inside = shrink(problem, x, NEARLY)
+        inside = shrink(problem, x, COMPARED_EXCESS)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
         say(f"{k + 1} of {rounds} rounds of the design done")
     done = len(tried)
@@ -207,19 +209,19 @@ def improve(
     last: int | None = None,
     done: Callable[[int], None] = lambda _: None,
 ) -> np.ndarray:
-    """(axes, size) coefficients of a motion of less cost, nearly inside the limits.
+    """(axes, size) coefficients of a motion with a lower cost, nearly inside the limits.
 
     Args:
-        problem: what the motion is wanted for.
-        start: (axes, size).
-        first: the round of the multiplier method to begin with.
-        last: the round to end before; all where it is not given.
-        done: told the number of each round that is done.
+        problem: purpose and limits of the motion.
+        start: (axes, size) coefficients of the start.
+        first: first round of the multiplier method.
+        last: round before which to stop; None means all rounds.
+        done: called with the number of each finished round.
     """
     multipliers: list[np.ndarray] | None = None
     unit, x = problem.unit[:, None], start
     for k in range(first, len(problem.steps) if last is None else last):
-        lagrangian = Lagrangian(problem.about(x), STIFFNESS * HARDER**k, multipliers)
+        lagrangian = Lagrangian(problem.about(x), FIRST_PENALTY * PENALTY_GROWTH**k, multipliers)
         found = minimize(
             lambda point, cost=lagrangian: cost(point.reshape(start.shape)), (x / unit).ravel(), jac=True,
             method="L-BFGS-B", options={"maxiter": problem.steps[k], "maxcor": 20},
@@ -232,12 +234,12 @@ def improve(
 
 @dataclass(frozen=True, eq=False)
 class Lagrangian:
-    """f + (rho/2) sum max(0, c + lambda/rho)^2, over coefficients in units of `MotionProblem.unit`.
+    """The augmented Lagrangian f + (rho/2) sum max(0, c + lambda/rho)^2, in units of `MotionProblem.unit`.
 
     Attributes:
-        problem: of f and c.
-        penalty: rho.
-        multipliers: lambda, of the shapes of c; None for zero.
+        problem: problem with the cost f and the limits c.
+        penalty: penalty rho.
+        multipliers: multipliers lambda, of the shapes of c; None for zero.
     """
 
     problem: MotionProblem
@@ -245,18 +247,18 @@ class Lagrangian:
     multipliers: Sequence[np.ndarray] | None = None
 
     def __call__(self, point: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value at (axes, size), and its flat gradient."""
+        """Value at (axes, size) coefficients, and its flat gradient."""
         unit = self.problem.unit[:, None]
         found = self.problem.evaluate(point * unit)
         active = [np.maximum(c + m / self.penalty, 0.0) for c, m in self._pairs(found.beyond)]
         value = found.cost + 0.5 * self.penalty * sum(float(np.sum(part**2)) for part in active)
         gradient = found.gradient([self.penalty * part for part in active]) * unit
         if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
-            return LOST, np.zeros(point.size)
+            return DIVERGED_COST, np.zeros(point.size)
         return value, gradient.ravel()
 
     def updated(self, x: np.ndarray) -> list[np.ndarray]:
-        """The multipliers after a round that ended at (axes, size) coefficients."""
+        """Multipliers after a round that ended at (axes, size) coefficients."""
         pairs = self._pairs(self.problem.evaluate(x).beyond)
         return [np.maximum(m + self.penalty * c, 0.0) for c, m in pairs]
 

@@ -1,18 +1,18 @@
-r"""How far apart two hypotheses are in an experiment, when the rival may be refitted.
+r"""Separation of two hypotheses in an experiment, when the rival may be refitted.
 
-With d the difference of the predicted readings over their noise, J the rival's derivatives and L what is known of its
+With d the difference of the predicted readings over their noise, J the rival's derivatives and L the information on its
 unknowns from earlier runs and priors,
 
     lambda = min_delta |d - J delta|^2 + delta' L delta = d' (1 + J L^-1 J')^-1 d
 
-is the rise of chi2, earlier runs included, with which the rival explains noise-free data of the other. Measured data
-move it: for a true hypothesis H and a rival R
+is the rise of chi2, earlier runs included, with which the rival explains noise-free data of the other. With measured
+data it varies: for a true hypothesis H and a rival R
 
     chi2_R - chi2_H = |d + J_H z + e|^2_R - |J_H z + e|^2_H,      |.|^2_X = .' (1 + J_X L_X^-1 J_X')^-1 .
 
-with the noise e and the error z of H's values; without z it is close to N(lambda, 4 lambda). H is named where this,
-with what earlier runs say, passes the margin of the diagnosis for every rival.
-(Atkinson & Fedorov, Biometrika 62, 1975: T-optimal designs; Box & Hill, Technometrics 9, 1967.)
+with the noise e and the error z of H's values; without z it is close to N(lambda, 4 lambda). H is named where this
+rise, with that of earlier runs, exceeds the margin of the diagnosis for every rival. (Atkinson & Fedorov, Biometrika
+62, 1975: T-optimal designs; Box & Hill, Technometrics 9, 1967.)
 """
 
 from collections.abc import Sequence
@@ -22,28 +22,29 @@ import numpy as np
 
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.identify.least_squares import Expansion, descend
-from armdyn.identify.selection.set_score import TIE
+from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.linear.solve import solve_bounded
 
-MARGIN = 2.0 * TIE
-"""Difference of chi2 up to which the diagnosis calls two effects a tie where only noise is left."""
-DRAWS = 400
-"""Outcomes of an experiment that are drawn to say how probable a right verdict is."""
-LITTLE = 1e-9
-"""Share of its own size that is added to what is known of an unknown: what nothing determines stays where it is."""
-STEPS = 12
-"""Of a refit of the rival, at most."""
+TIE_CHI2 = 2.0 * TIE_NATS
+"""Difference of chi2 up to which the diagnosis calls two effects tied where the residual is only noise."""
+DRAWN_OUTCOMES = 400
+"""Number of outcomes of an experiment that are drawn to estimate the probability of a right verdict."""
+ADDED_INFORMATION_SHARE = 1e-9
+"""Share of its own size that is added to the information on an unknown, so that unidentified ones stay at their
+value."""
+MAX_REFIT_STEPS = 12
+"""Largest number of steps of a refit of the rival."""
 
 
 class Rival:
-    """A hypothesis that is fitted to what another one predicts; also the cost that `descend` minimises."""
+    """A hypothesis that is fitted to the prediction of another one; it is also the cost that `descend` minimises."""
 
     def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
         self.predicted, self._readings = predicted, readings
         self.lower, self.upper = predicted.lower, predicted.upper
 
     def evaluate(self, values: np.ndarray) -> Expansion:
-        """Half the rise of chi2 around (m,) values of the rival's unknowns."""
+        """Half the rise of chi2, expanded at (m,) values of the rival's unknowns."""
         away = values - self.predicted.start
         with np.errstate(all="ignore"):
             readings, slopes = self.predicted.predict(values)
@@ -54,26 +55,26 @@ class Rival:
         hessian = slopes.T @ slopes + self.predicted.prior
         return Expansion(cost, self.predicted.prior @ away - slopes.T @ rest, hessian)
 
-    def refitted(self, start: np.ndarray | None = None, steps: int = STEPS) -> tuple[float, np.ndarray]:
-        """Rise of chi2 at the rival's best values, and these (m,)."""
+    def refitted(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
+        """Rise of chi2 at the rival's best values, and these values (m,)."""
         found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
         return 2.0 * found.at.cost, found.values
 
 
 def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
-    """The rise of chi2 by one linearisation around the rival's present values."""
+    """Rise of chi2 by one linearisation at the rival's present values."""
     difference = truth.predict(truth.start)[0] - rival.predict(rival.start)[0]
     return float(_Around(rival, rival.start).left(difference[:, None])[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedOutcome:
-    """What is expected of an experiment.
+    """Expected result of an experiment.
 
     Attributes:
-        chi2_increase: (h, h) by the experiment if the first is true and the second is refitted; 0 on the diagonal.
+        chi2_increase: (h, h) rise of chi2 if the first index is true and the second is refitted; 0 on the diagonal.
         right: (h,) probability that each hypothesis, if true, is the only one left.
-        belief: (h,) before the experiment.
+        belief: (h,) probability of each hypothesis before the experiment.
     """
 
     chi2_increase: np.ndarray
@@ -82,30 +83,30 @@ class ExpectedOutcome:
 
     @property
     def separation(self) -> float:
-        """Standard deviations between the two hypotheses that are hardest to tell apart."""
+        """Separation of the two hypotheses that are hardest to distinguish, in standard deviations."""
         apart = self.chi2_increase[~np.eye(len(self.chi2_increase), dtype=bool)]
         return float(np.sqrt(max(apart.min(), 0.0))) if len(apart) else 0.0
 
     @property
     def probability(self) -> float:
-        """Of a unique right verdict, whichever hypothesis is true."""
+        """Probability of a unique right verdict, averaged over the hypotheses."""
         return float(self.belief @ self.right)
 
 
 def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-    """(h,) probability of each from how well it fits the runs so far."""
+    """(h,) probability of each hypothesis from its fit to the runs so far."""
     misfit = np.array([h.misfit for h in hypotheses])
     weight = np.exp(-0.5 * (misfit - misfit.min()))
     return np.asarray(weight / weight.sum())
 
 
 def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> ExpectedOutcome:
-    """What is expected of an experiment, every rival really refitted.
+    """Predict the result of an experiment, with every rival refitted nonlinearly.
 
     Args:
-        hypotheses: what may be true.
-        experiment: that could be made.
-        seed: of the outcomes that are drawn.
+        hypotheses: hypotheses on the true model.
+        experiment: the experiment to predict.
+        seed: seed of the outcomes that are drawn.
     """
     predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
     count = len(predicted)
@@ -113,12 +114,12 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
     rng = np.random.default_rng(seed)
     for i, truth in enumerate(predicted):
         readings, slopes = truth.predict(truth.start)
-        noise = rng.standard_normal((len(readings), DRAWS))
-        errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWS))
+        noise = rng.standard_normal((len(readings), DRAWN_OUTCOMES))
+        errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWN_OUTCOMES))
         errors = np.clip(errors, truth.lower[:, None], truth.upper[:, None]) - truth.start[:, None]
         off = noise + slopes @ errors
         own = _Around(truth, truth.start).left(off)
-        wins = np.ones(DRAWS, dtype=bool)
+        wins = np.ones(DRAWN_OUTCOMES, dtype=bool)
         for j, rival in enumerate(predicted):
             if i == j:
                 continue
@@ -126,16 +127,16 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
             left = readings - rival.predict(best)[0]
             other = _Around(rival, best).left(left[:, None] + off)
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
-            wins &= other - own + earlier > MARGIN
+            wins &= other - own + earlier > TIE_CHI2
         right[i] = float(np.mean(wins))
     return ExpectedOutcome(rises, right, beliefs(hypotheses))
 
 
 class _Around:
-    """What a hypothesis leaves of readings that it does not predict, linear around values of its unknowns.
+    """Residual of a hypothesis for readings that it does not predict, linearised at values of its unknowns.
 
-    min_delta |r - J delta|^2 + (a + delta)' L (a + delta), a how far the values are from what is known of them, within
-    the bounds of the unknowns: friction does not become negative.
+    It computes min_delta |r - J delta|^2 + (a + delta)' L (a + delta), with a the distance of the values from the
+    prior, within the bounds of the unknowns: friction does not become negative.
     """
 
     def __init__(self, predicted: PredictedExperiment, values: np.ndarray) -> None:
@@ -144,7 +145,7 @@ class _Around:
         self._away = (values - predicted.start) / predicted.typical
         self._room = (predicted.lower - values) / predicted.typical, (predicted.upper - values) / predicted.typical
         self._normal = self._slopes.T @ self._slopes + self._prior
-        self._normal.flat[:: len(self._normal) + 1] *= 1.0 + LITTLE
+        self._normal.flat[:: len(self._normal) + 1] *= 1.0 + ADDED_INFORMATION_SHARE
         self._normal.flat[:: len(self._normal) + 1] += np.finfo(float).tiny
 
     def left(self, rest: np.ndarray) -> np.ndarray:

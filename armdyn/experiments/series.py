@@ -1,11 +1,11 @@
-r"""Periodic, band-limited motions that start and end at rest, of the joints of an arm or of a gripper on its line.
+r"""Periodic, band-limited motions from rest to rest, for the joints of an arm or a gripper on its line.
 
-A finite Fourier series per axis (Swevers, Ganseman, Tükel, De Schutter & Van Brussel, IEEE T-RA 13(5), 1997),
+Each axis is a finite Fourier series (Swevers, Ganseman, Tükel, De Schutter & Van Brussel, IEEE T-RA 13(5), 1997),
 
     q(t) = c + \sum_{h=1}^{H} a_h \sin(h w t) + b_h \cos(h w t),   w = 2 \pi / P,
 
-of which \sum h a_h = 0 and \sum h^2 b_h = 0 make velocity and acceleration vanish where a period begins and ends: the
-motion joins a rest with a continuous acceleration.
+where \sum h a_h = 0 and \sum h^2 b_h = 0 make velocity and acceleration vanish at the beginning and end of a period:
+the motion follows a rest with a continuous acceleration.
 """
 
 from dataclasses import dataclass
@@ -15,23 +15,25 @@ from math import ceil
 import numpy as np
 from scipy.linalg import null_space
 
-BAND = 1.0
-"""Hz, the highest frequency of a joint's position: arms follow it, and it is far below the 10 Hz at which their links
+JOINT_BAND_HZ = 1.0
+"""Highest frequency of a joint's position, Hz: arms follow it, and it is far below the 10 Hz at which their links
 bend."""
-FEWEST_HARMONICS = 4
-"""Two of each kind are left where both conditions of rest are met; a very short motion then leaves the band."""
-LONGEST_PERIOD = 20.0
-"""s; a longer motion repeats one of at most this length, so that the number of unknowns stays the same."""
+MIN_HARMONICS = 4
+"""Least number of harmonics: two of each kind remain where both conditions of rest are met. A very short motion then
+exceeds the band."""
+JOINT_MAX_PERIOD = 20.0
+"""Longest period, s; a longer motion repeats a period of at most this length, so that the number of unknowns is
+limited."""
 
 
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """Positions and derivatives of all axes at some times; all (n, axes).
+    """Positions and derivatives of all axes at some times; all arrays are (n, axes).
 
     Attributes:
-        q: rad or m.
-        v: per s.
-        a: per s^2.
+        q: position, rad or m.
+        v: velocity, rad/s or m/s.
+        a: acceleration, rad/s^2 or m/s^2.
     """
 
     q: np.ndarray
@@ -41,75 +43,75 @@ class AxisMotion:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """The functions of a series at some instants, of which a motion is a linear combination.
+    """The functions of a series at some instants; a motion is a linear combination of them.
 
     Attributes:
-        time: (n,) s.
-        functions: (3, n, size) for position, velocity and acceleration.
+        time: (n,) instants, s.
+        functions: (3, n, size) values for position, velocity and acceleration.
     """
 
     time: np.ndarray
     functions: np.ndarray
 
     def motion(self, x: np.ndarray) -> AxisMotion:
-        """The motion of (axes, size) coefficients."""
+        """The motion for (axes, size) coefficients."""
         return AxisMotion(*(functions @ x.T for functions in self.functions))
 
     def gradient(self, by_q: np.ndarray, by_v: np.ndarray, by_a: np.ndarray) -> np.ndarray:
-        """(axes, size) derivatives of a number by the coefficients, from the (n, axes) ones by the motion."""
+        """(axes, size) derivatives of a number by the coefficients, from its (n, axes) derivatives by the motion."""
         first, second, third = self.functions
         return np.asarray(by_q.T @ first + by_v.T @ second + by_a.T @ third)
 
 
 @dataclass(frozen=True)
 class Series:
-    """The functions of time of which the position of an axis is made.
+    """The Fourier series of which the position of an axis consists.
 
     Attributes:
-        seconds: of the whole motion.
+        seconds: duration of the whole motion, s.
         band: highest frequency, Hz.
-        longest_period: s; a longer motion repeats a period.
-        from_start: whether positions are counted from where the motion starts; the centre then plays no part.
+        longest_period: longest period, s; a longer motion repeats a period.
+        from_start: whether positions are relative to the start of the motion; the centre is then not used.
     """
 
     seconds: float
-    band: float = BAND
-    longest_period: float = LONGEST_PERIOD
+    band: float = JOINT_BAND_HZ
+    longest_period: float = JOINT_MAX_PERIOD
     from_start: bool = False
 
     @property
     def repeats(self) -> int:
-        """How often the period is run through."""
+        """Number of periods in the motion."""
         return ceil(self.seconds / self.longest_period - 1e-9)
 
     @property
     def period(self) -> float:
-        """P, s."""
+        """Period P, s."""
         return self.seconds / self.repeats
 
     @property
     def harmonics(self) -> int:
-        """H."""
-        return max(FEWEST_HARMONICS, int(self.band * self.period + 1e-9))
+        """Number of harmonics H."""
+        return max(MIN_HARMONICS, int(self.band * self.period + 1e-9))
 
     @property
     def size(self) -> int:
-        """Coefficients of an axis: the centre, H - 1 of the sines, H - 1 of the cosines."""
+        """Number of coefficients of an axis: the centre, H - 1 of the sines, H - 1 of the cosines."""
         return 2 * self.harmonics - 1
 
     @cached_property
     def _free(self) -> tuple[np.ndarray, np.ndarray]:
-        """(H, H - 1) sines and cosines that meet the conditions of rest; low frequencies come with large amplitudes."""
+        """(H, H - 1) sines and cosines that meet the conditions of rest; amplitudes fall with frequency."""
         h = np.arange(1.0, self.harmonics + 1)
         found = []
         for power in (1, 2):
-            weight = 1.0 / h  # amplitudes of a motion whose speed is alike in all frequencies
+            weight = 1.0 / h  # amplitudes of a motion with the same speed at all frequencies
             free = null_space((weight * h**power)[None])
             found.append(weight[:, None] * free)
         return found[0], found[1]
 
     def functions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """(n, size) values at (n,) s of what the coefficients multiply, or of a derivative of it."""
+        """(n, size) values, at (n,) times in s, of the functions or of one of their derivatives."""
         h = np.arange(1, self.harmonics + 1)
         w = 2.0 * np.pi * h / self.period
         phase = np.outer(time, w) + 0.5 * np.pi * derivative
@@ -122,15 +124,15 @@ class Series:
         return values
 
     def at(self, time: np.ndarray) -> Basis:
-        """The functions and their derivatives at (n,) s."""
+        """The functions and their derivatives at (n,) times, s."""
         return Basis(time, np.stack([self.functions(time, k) for k in range(3)]))
 
     def motion(self, coefficients: np.ndarray, time: np.ndarray) -> AxisMotion:
-        """The motion at (n,) s of (axes, size) coefficients, rad or m."""
+        """The motion of (axes, size) coefficients, rad or m, at (n,) times, s."""
         return self.at(time).motion(coefficients)
 
     def low(self, harmonics: int) -> np.ndarray:
-        """(size, size) projection of coefficients onto series with so few harmonics; the centre stays."""
+        """(size, size) projection of coefficients onto the first `harmonics` harmonics; the centre stays."""
         kept = np.zeros((self.size, self.size))
         kept[0, 0] = 1.0
         h, m = np.arange(1.0, self.harmonics + 1), self.harmonics - 1

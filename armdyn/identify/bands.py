@@ -7,14 +7,15 @@ the model's own error. Half the width of the band is
     k_c sqrt(e_c^2 + s_t C s_t'),
 
 e_c the root mean square of channel c in the training runs. k_c would be 1.96 for an error that is Gaussian and no
-larger in other motions. Neither holds on robots: so k_c is the 95 % quantile of |error| over that root in the worst of
-the runs that no fit has seen, those held out and, of an arm, each training run predicted from the others (conformal
-prediction with a scale of each sample's own: Lei et al., J. Am. Stat. Assoc. 113, 2018, section 5.2; whole runs are
-alike by chance, not their samples: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A lone training run has only itself.
-The band holds for motions like those; on another kind of motion the share covered is whatever it is found to be.
+larger in other motions. Neither holds on robots, so k_c is a quantile: 95 % of |error| over that root are below it in
+the worst of the runs that no fit has seen. These are the held-out runs and, for an arm, each training run predicted by
+a fit to the others (conformal prediction with a scale for each sample: Lei et al., J. Am. Stat. Assoc. 113, 2018,
+section 5.2; runs are exchangeable, the samples of one run are not: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A
+single training run is judged by its own residual. The band holds for motions of the same kind; on another kind of
+motion the measured coverage is reported.
 
-What is covered is counted where k_c was not chosen: in the exam runs; where there are none, every run, or half of the
-only one, is counted with the k_c that the others choose.
+The coverage is counted in runs that did not choose k_c: in the exam runs; where there are none, each run (or each half
+of a single run) is counted with the k_c that the others choose.
 """
 
 from collections.abc import Sequence
@@ -26,27 +27,28 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem, transferred
 from armdyn.identify.study import Study
 
-LEVEL = 0.95
+COVERAGE_LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Bands around the predictions of one model.
+    """Prediction bands of one model.
 
     Attributes:
-        half_width: by run and channel, (n,) in the channel's unit: of training, held-out and exam runs.
-        covered: by channel, the share of samples within, of runs that chose neither values nor widths.
-        level: the share that should be.
+        half_width: half the width of the band, (n,) in the channel's unit, by run and channel, for training, held-out
+            and exam runs.
+        covered: share of the samples inside the band, by channel, in runs that chose neither the values nor the widths.
+        level: share of the samples that should be inside.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
     covered: dict[str, float]
-    level: float = LEVEL
+    level: float = COVERAGE_LEVEL
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Errors (n,) of one channel in one run, and (n,) their scales: the root of `Bands` before k_c."""
+    """Errors (n,) of one channel in one run, and their scales (n,): the square root in the formula of `Bands`."""
 
     block: Block
     scale: np.ndarray
@@ -57,12 +59,12 @@ class _Samples:
 
 
 def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
-    """The bands of a fit.
+    """Compute the prediction bands of a fit, as the head of this file describes.
 
     Args:
-        study: runs.
-        fit: to the training runs.
-        covariance: (P, P) of its unknowns, 0 for those that are not fitted.
+        study: the runs.
+        fit: the fit to the training runs.
+        covariance: (P, P) covariance of the fit's unknowns, 0 for unknowns that are not fitted.
     """
     error = fit.rmse()
     training = _samples([fit], fit.problem, covariance, error)
@@ -84,7 +86,7 @@ def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
 
 
 def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, error: dict[str, float]) -> list[_Samples]:
-    """Every channel of some runs, the values of whose predictions are uncertain as those of a problem are."""
+    """Errors and scales of every channel, by run; the predictions are as uncertain as the values of `problem`."""
     uncertain = np.flatnonzero(np.diag(covariance) > 0.0)
     found = []
     for one in fits:
@@ -98,7 +100,7 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
         for block, derivatives in zip(one.blocks, moving, strict=True):
             S = derivatives.sensitivities[:, own] * block.noise
             variance = np.einsum("np,pq,nq->n", S, C, S, optimize=True)
-            # Values that nothing determines say nothing of what they move.
+            # Unknowns that the data do not determine must not widen the band of what they move.
             variance = np.where(np.isfinite(variance), np.maximum(variance, 0.0), 0.0)
             found.append(_Samples(block, np.sqrt(error[block.channel] ** 2 + variance)))
     return found
@@ -107,11 +109,11 @@ def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, erro
 def _factor(runs: Sequence[np.ndarray]) -> float:
     """k_c: the largest quantile of any run; 1.96 where there is no error at all."""
     known = [run[np.isfinite(run)] for run in runs]
-    return max((float(np.quantile(run, LEVEL)) for run in known if len(run)), default=1.96)
+    return max((float(np.quantile(run, COVERAGE_LEVEL)) for run in known if len(run)), default=1.96)
 
 
 def _crossed(judging: Sequence[_Samples], channel: str) -> list[np.ndarray]:
-    """Which samples are within a band whose width other runs, or the other half of the only run, have chosen."""
+    """For each sample, whether it is inside a band whose width other runs (or the other half of one run) chose."""
     parts = [s.ratio for s in judging if s.block.channel == channel]
     if len(parts) == 1:
         parts = np.array_split(parts[0], 2)

@@ -1,9 +1,10 @@
-"""The day on which a parameter changed, in fits of many recordings: a test with a stated rate of false alarms.
+"""The time at which a parameter changed, found in fits of many recordings by a test with a stated false-alarm rate.
 
 A series is one parameter of one robot over time. It counts as changed where a step explains more of it than chance
-would in any series of the whole batch. What is slow is no step: every step is judged beside a straight line, and must
-stand beside a parabola or beside a line through its neighbours, too. A single odd recording is none either: a value
-far from the median of its neighbours counts as that median. The test of one series is in `series.py`.
+would in any series of the whole batch. A slow drift is not a step: the step is fitted together with a straight line,
+and must also remain significant beside a parabola or a line through its neighbours. A single outlier is not a step
+either: a value far from the median of its neighbours is replaced by that median. The test of one series is in
+`series.py`.
 The bound is the quantile of the batch's largest deviate over simulated batches of such noise; it holds for the batch
 also where the parameters of a robot are correlated, which only makes alarms rarer (Sidak 1967).
 """
@@ -18,34 +19,34 @@ from scipy.stats import theilslopes
 from armdyn.identify.series import Series, StepTest, correlation
 from armdyn.recording.channels import FloatArray
 
-FALSE_ALARMS = 0.01
+FALSE_ALARM_RATE = 0.01
 """Probability that a batch in which nothing changes has an alarm."""
-BATCHES = 4000
-"""Simulated: the bound at 1 % is then the 40th largest, known within a sixth of that 1 %."""
-NEARBY = 12
-"""Recordings on either side that are neighbours of a step: what bends slowly is straight there, and what comes and goes
-is a step there."""
-MOST, LEAST_BATCHES = 50_000_000, 1000
-"""Numbers that are simulated altogether, some ten seconds; beyond that fewer batches, so many that the bound at
-1 % is the 10th largest."""
+SIMULATED_BATCHES = 4000
+"""Simulated batches: the bound at 1 % is then the 40th largest value, known within a sixth of that 1 %."""
+NEIGHBOURING_RECORDINGS = 12
+"""Recordings on either side that are neighbours of a step: over so many a slow curve is nearly straight, while a change
+that lasts for a while still looks like a step."""
+MAX_SIMULATED_VALUES, MIN_BATCHES = 50_000_000, 1000
+"""Largest number of simulated values, some ten seconds of work, and smallest number of batches: for large data fewer
+batches are simulated, but so many that the bound at 1 % is the 10th largest value."""
 
 Name: TypeAlias = tuple[str, str]
-"""Robot and parameter; of a joint's parameter ``"<quantity>[<joint>]"``."""
+"""Robot and parameter; the parameter of one joint is written ``"<quantity>[<joint>]"``."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A parameter changed.
+    """A sudden change of one parameter.
 
     Attributes:
-        robot: whose.
-        parameter: its name.
+        robot: name of the robot.
+        parameter: name of the parameter.
         last_before: time of the last recording with the old value, s.
-        first_after: of the first with the new one, s.
-        before: median until then, back to the step before.
-        after: median from then on, up to the next step.
-        chance: probability of an alarm as clear as this one anywhere in a batch where nothing changes; at least one
-            over the number of simulated batches.
+        first_after: time of the first recording with the new value, s.
+        before: median of the values before the step, back to the previous step.
+        after: median of the values after the step, up to the next step.
+        chance: probability of a step at least as clear as this one anywhere in a batch in which nothing changes; at
+            least one over the number of simulated batches.
         index: number of the first recording with the new value in the series.
     """
 
@@ -61,13 +62,13 @@ class Step:
 
 @dataclass(frozen=True)
 class Drift:
-    """A parameter moves slowly.
+    """A slow change of one parameter.
 
     Attributes:
-        robot: whose.
-        parameter: its name.
-        slope: per s (Theil and Sen).
-        chance: as of a `Step`.
+        robot: name of the robot.
+        parameter: name of the parameter.
+        slope: change per second (median of the pairwise slopes, Theil and Sen).
+        chance: probability of a slope at least as clear as this one anywhere in a batch in which nothing changes.
     """
 
     robot: str
@@ -78,14 +79,14 @@ class Drift:
 
 @dataclass(frozen=True)
 class Found:
-    """What the test says.
+    """Result of the test on a batch of series.
 
     Attributes:
-        steps: the clearest first.
-        drifts: of series without a step, the clearest first.
-        tested: series that were long enough.
-        too_short: series that were not, or never vary.
-        false_alarms: probability of any step, and of any drift, in a batch where nothing changes.
+        steps: sudden changes, the clearest first.
+        drifts: slow changes of series without a step, the clearest first.
+        tested: series that are long enough for the test.
+        too_short: series that are too short or constant.
+        false_alarms: probability of at least one step, and of at least one drift, in a batch in which nothing changes.
     """
 
     steps: tuple[Step, ...]
@@ -96,18 +97,22 @@ class Found:
 
 
 def find_changes(
-    series: Mapping[Name, Series], false_alarms: float = FALSE_ALARMS, *, batches: int = BATCHES, seed: int = 0
+    series: Mapping[Name, Series],
+    false_alarms: float = FALSE_ALARM_RATE,
+    *,
+    batches: int = SIMULATED_BATCHES,
+    seed: int = 0,
 ) -> Found:
-    """Steps and drifts of a batch.
+    """Find the steps and drifts in a batch of parameter series.
 
     Args:
-        series: by robot and parameter.
-        false_alarms: probability of any step, and of any drift, in a batch where nothing changes.
-        batches: simulated ones that give the bound.
-        seed: of these.
+        series: the series by robot and parameter.
+        false_alarms: probability of at least one step, and of at least one drift, in a batch in which nothing changes.
+        batches: number of simulated batches from which the bound is taken.
+        seed: seed of the simulated noise.
 
     Returns:
-        What was found; of one series several steps, if they are there.
+        The steps and drifts that are significant; one series may have several steps.
     """
     rng = np.random.default_rng(seed)
     tests = {name: test for name, one in series.items() if (test := StepTest.of(one)) is not None}
@@ -119,7 +124,7 @@ def find_changes(
     phi = {kind: correlation(group, rng) for kind, group in kinds.items()}
     tests = {name: test for name in tests if (test := StepTest.of(series[name], phi[_kind(name[1])])) is not None}
     size = sum(len(test.time) for test in tests.values())
-    batches = min(batches, max(LEAST_BATCHES, MOST // size))
+    batches = min(batches, max(MIN_BATCHES, MAX_SIMULATED_VALUES // size))
     largest = np.zeros((2, batches))
     for test in tests.values():
         np.maximum(largest, test.by_chance(batches, rng), out=largest)
@@ -143,7 +148,7 @@ def find_changes(
 
 
 def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge: "_Judge") -> Iterator[Step]:
-    """Steps of a part of a series, each looked for between those that were found."""
+    """Steps in one part of a series; both sides of every step found are searched again."""
     first, end = part
     test = StepTest.of(series.part(first, end), phi)
     if test is None:
@@ -151,10 +156,14 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
     deviates, best, _ = test.largest(test.scores[None])
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    nearby = StepTest.of(series.part(max(first, middle - NEARBY), min(end, middle + NEARBY)), phi)
+    nearby = StepTest.of(
+        series.part(max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)), phi
+    )
     sharp = max(
         test.beside(int(best[0]), parabola=True),
-        nearby.beside(int(np.argmin(np.abs(nearby.splits - min(middle - first, NEARBY)))), parabola=False)
+        nearby.beside(
+            int(np.argmin(np.abs(nearby.splits - min(middle - first, NEIGHBOURING_RECORDINGS)))), parabola=False
+        )
         if nearby
         else 0.0,
     )
@@ -174,7 +183,7 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
 
 @dataclass(frozen=True)
 class _Judge:
-    """What is rare: the batch's largest deviates by chance, and the bound that they give."""
+    """Significance of a deviate: the largest deviates of simulated batches without changes, and the bound they give."""
 
     by_chance: FloatArray
     bound: float
@@ -184,10 +193,10 @@ class _Judge:
         return cls(by_chance, float(np.quantile(by_chance, 1.0 - false_alarms)))
 
     def chance(self, deviate: float) -> float:
-        """Share of the batches with as large a deviate, at least one of them."""
+        """Share of the simulated batches with at least as large a deviate; at least one over their number."""
         return max(float(np.mean(self.by_chance >= deviate)), 1.0 / len(self.by_chance))
 
 
 def _kind(parameter: str) -> str:
-    """The quantity, whatever the joint."""
+    """The quantity of a parameter, without the name of its joint."""
     return parameter.partition("[")[0]

@@ -1,4 +1,4 @@
-"""Hold a model against runs: fit what is free, and say how well it does, how noisy the channels are, where it fails."""
+"""Compare a model with runs: fit its free parameters, measure the error and the noise, find where the model fails."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -40,7 +40,7 @@ from armdyn.recording.preparation import of_all_runs, sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
-NOT_WHITE = 0.01
+WHITENESS_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class ChannelQuality:
     """How well one channel is predicted.
 
     Attributes:
-        unit: of the errors.
-        noise_std: of one sample.
-        rmse: over the training runs.
-        held_out_rmse: over runs that took no part in the fit; None where there is a single run.
-        chi2_per_sample: 1 where only noise is left.
-        white: probability that white noise is as correlated as the residual.
-        exam_rmse: over runs that took part in nothing; None where none is given.
+        unit: unit of the errors.
+        noise_std: standard deviation of the noise of one sample.
+        rmse: root mean square residual of the training runs.
+        held_out_rmse: root mean square residual of runs that were not fitted; None where there is a single run.
+        chi2_per_sample: squared residual over the noise variance, per sample; 1 where the residual is only noise.
+        white: probability that white noise is at least as correlated as the residual.
+        exam_rmse: root mean square residual of exam runs, which are used for nothing else; None where there are none.
     """
 
     unit: str
@@ -68,27 +68,28 @@ class ChannelQuality:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Displayable):
-    """A model held against runs.
+    """Result of comparing a model with runs.
 
     Attributes:
-        fit: the minimum, with all residuals.
-        parameters: of the model, by name, with the run in brackets where a value belongs to one run.
-        channels: by name.
-        tests: what is left, in numbers.
-        places: where it fails.
-        process_error: share of the misfit that behaves like missing dynamics, 0 to 1; None where that cannot be said.
+        fit: the fit of the model's free parameters, with all residuals.
+        parameters: fitted parameters by name, with the run in brackets where a value belongs to one run.
+        channels: quality of the prediction, by channel.
+        tests: tests of the residual against noise.
+        places: where the model fails.
+        process_error: share of the squared residual that behaves like missing dynamics, 0 to 1; None where it cannot be
+            estimated.
         intervals_hold: whether the standard deviations can be trusted.
-        at_bound: parameters that ended on a physical bound.
-        undetermined: parameters that these runs say nothing about.
-        left_out: what was not used of the recordings, such as outliers, and of the model as given, a sentence each.
-        together: values that these runs cannot tell from one another; they have no standard deviation.
+        at_bound: parameters whose fitted value is on a physical bound.
+        undetermined: parameters on which the data do not depend.
+        left_out: what was not used, such as outliers of the recordings or terms of the model, one sentence each.
+        together: combinations of parameters that these runs do not identify; they have no standard deviation.
         widened: factor by which the model's own error widens the standard deviations, for the worst channel; 1 where
             the residual is of the size of the noise.
-        lost: what is needed where the fit is lost, a sentence; see `lost`. Empty where it is not.
-        bands: where samples should be; None where the fit is lost.
-        rollout: how far the motion of an arm's model is from the recorded one; nothing where nothing says what drove
-            every joint.
-        drives: of an arm that says what they were told, with what recordings say of them.
+        lost: a sentence on what a failed fit needs (see `lost`); empty where the fit has not failed.
+        bands: prediction bands; None where the fit has failed.
+        rollout: simulated against recorded motion of an arm; empty where the runs do not contain the input of every
+            joint's drive.
+        drives: drives of an arm, by joint group, with their estimated gains; for an arm whose runs contain commands.
     """
 
     fit: Fit
@@ -109,7 +110,7 @@ class Comparison(Displayable):
     drives: Mapping[str, Servo] = field(default_factory=dict)
 
     def document(self) -> Document:
-        """Its parameters and channels, and where the model fails."""
+        """Build the tables of parameters, channels and places where the model fails."""
         prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
         model = self.fit.problem.model
         held = [model.background.sentence] if model.background is not None else []
@@ -138,7 +139,7 @@ class Comparison(Displayable):
 
     @property
     def remarks(self) -> list[str]:
-        """What the standard deviations are worth, what ended on a bound, what was not fitted or not used."""
+        """Sentences on the standard deviations, on parameters at a bound, and on what was not fitted or not used."""
         if self.lost:
             return [f"{text}." for text in self.left_out]
         found = [self.how_certain]
@@ -153,17 +154,17 @@ class Comparison(Displayable):
 
     @cached_property
     def missing_force(self) -> tuple[ForceCurve, ...]:
-        """What the model cannot explain, against what it may depend on; nothing where the fit is lost."""
+        """The force that the model lacks, against what it may depend on; empty where the fit has failed."""
         return () if self.lost else between(self.fit)
 
     @property
     def explained(self) -> bool:
-        """Whether nothing is left to explain."""
+        """Whether the residual is only noise."""
         return self.verdict is Verdict.EXPLAINED
 
     @property
     def verdict(self) -> Verdict:
-        """Explained, not explained, or lost."""
+        """The verdict: explained, not explained, or fit failed."""
         return Verdict.LOST if self.lost else Verdict.NOT_EXPLAINED if self.tests.fails else Verdict.EXPLAINED
 
     @property
@@ -173,7 +174,7 @@ class Comparison(Displayable):
 
     @property
     def how_certain(self) -> str:
-        """What the standard deviations are worth."""
+        """A sentence on how far the standard deviations can be trusted."""
         if self.intervals_hold:
             return "The residual is white: the intervals hold."
         if self.widened > 1.0:
@@ -186,7 +187,7 @@ class Comparison(Displayable):
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The result in one or two sentences, for a reader."""
         chi2 = self.fit.chi2_per_sample
         if self.lost:
             return self.lost
@@ -202,18 +203,18 @@ class Comparison(Displayable):
 
 @one_thread
 def compare(study: Study) -> Comparison:
-    """Fit the model of a study as it is and look at what is left."""
+    """Fit the model of a study as it is, without added effects, and test the residual."""
     fit = study.first()
     return comparison(study, fit, study.tests(fit, study.present))
 
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
-    """What there is to say about one fit; `process_error` = False leaves out the slow question dynamics or sensor."""
+    """Build the comparison of a fit; `process_error` = False skips the slow test of dynamics against sensor."""
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), moving_together(fit)
     mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if lost(study, fit) else ""
-    white = all(c.white > NOT_WHITE / len(channels) for c in channels.values())
+    white = all(c.white > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
         parameters=fitted_parameters(study, fit),
@@ -267,8 +268,8 @@ def channel_qualities(study: Study, fit: Fit) -> dict[str, ChannelQuality]:
 def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     """Values and standard deviations of the model's named parameters, without effects at their null values.
 
-    What the runs cannot tell from other values has no standard deviation. The others count correlation of the noise in
-    and, where it is larger than the noise, the model's own error; see `uncertainty`.
+    Values that these runs do not identify have no standard deviation. The other standard deviations include the
+    correlation of the noise and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
     mixed = {name for one in moving_together(fit) for name in one.unsure}

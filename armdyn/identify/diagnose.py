@@ -1,4 +1,4 @@
-"""Which effect is missing, with an honest verdict."""
+"""Find which physical effect is missing from a model, with a verdict that may be "unknown"."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,9 +13,9 @@ from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.residual.tests import LARGEST_Z
+from armdyn.identify.residual.tests import MAX_Z
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import NOISY
+from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
 from armdyn.identify.selection.path import Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect
 from armdyn.identify.selection.search import Search, repair_step, search
@@ -27,30 +27,32 @@ from armdyn.recording.spikes import outlier_sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
-IDEALISED = 0.97
-"""Share of the misfit that the catalogue must explain where what is left is of the size of the noise: its effects are
-idealised, and may be off by a sixth of their size; more is something else, which the nearest effect imitates."""
-LEADS = 0.5
-"""The least share that the first effect must explain of it."""
-MOST = 0.8
-"""The same where the model's own error is far above the noise, as with every real robot: effects outside the catalogue
-leave half of the misfit and more, real robots at most a tenth."""
+MIN_EXPLAINED_AT_NOISE = 0.97
+"""Share of the squared error that the catalogue must explain where the residual is of the size of the noise. Effects of
+the catalogue are idealised and may be wrong by a sixth of their size; a larger residual is another effect, which the
+nearest effect of the catalogue imitates."""
+MIN_LEADING_SHARE = 0.5
+"""The first effect must explain at least this share of the squared error."""
+MIN_EXPLAINED_ABOVE_NOISE = 0.8
+"""Share of the squared error that the catalogue must explain where the model's own error is far above the noise, as
+with every real robot: effects outside the catalogue leave half of the squared error or more, real robots at most a
+tenth."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Displayable):
-    """What is missing.
+    """Result of a diagnosis: which effect is missing.
 
     Attributes:
-        verdict: in one word.
-        sentence: for a person.
-        comparison: of the model as given.
-        suspects: best first.
-        unseen: effects that cannot be seen in these runs, with the parameters that imitate them.
-        remedies: how to find what tells tied effects apart.
-        unknown: what is known of an effect outside the catalogue; None where there is none.
-        search: the steps that led here.
-        missing_force: what the model as given cannot explain, and what is left of it with the effects of `search`.
+        verdict: the result as one value of `Verdict`.
+        sentence: the result in words, for a reader.
+        comparison: the model as given, compared with the runs.
+        suspects: effects that may be missing, the best first.
+        unseen: effects that these runs do not identify, with the parameters that imitate them.
+        remedies: commands or experiments that distinguish tied effects.
+        unknown: character of the residual where no effect of the catalogue explains it; else None.
+        search: the steps of the search.
+        missing_force: the force that the model as given lacks, and what remains of it with the effects of `search`.
     """
 
     verdict: Verdict
@@ -64,10 +66,10 @@ class Diagnosis(Displayable):
     missing_force: tuple[ForceCurve, ...] = ()
 
     def document(self, summaries: Mapping[str, str] | None = None) -> Document:
-        """The effects that may be missing with their evidence, then how well the model does as given.
+        """Build the tables: effects that may be missing with their evidence, then the quality of the model as given.
 
         Args:
-            summaries: what every effect is, by its name; None leaves that out.
+            summaries: one sentence on each effect, by its name; None leaves them out.
         """
         given, steps = self.comparison, self.search.steps
         compared = given.document()
@@ -89,7 +91,7 @@ class Diagnosis(Displayable):
 
     @property
     def _evidence(self) -> str:
-        """What the candidates say, and which effects these runs say nothing about."""
+        """A sentence on the evidence of the candidates and on the effects that these runs do not identify."""
         if not self.suspects:
             text = "Nothing in the catalogue makes a difference."
         elif best := self.suspects[0].tied_with:
@@ -106,7 +108,7 @@ class Diagnosis(Displayable):
 
 @one_thread
 def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
-    """Find out what is missing from the model of a study."""
+    """Find the effect that is missing from the model of a study."""
     found = search(study, progress)
     start, last = found.steps[0], found.last
     if lost(study, last.fit):
@@ -139,7 +141,10 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
 
 
 def _next_experiment(study: Study, tied: Sequence[str]) -> str:
-    """Which command computes what tells the rivals apart; it takes seconds, and so is not done here."""
+    """The command that computes an experiment to distinguish the tied effects.
+
+    It takes seconds, so it is not run here.
+    """
     names = ",".join(dict.fromkeys(tied))
     if any(run.joints for run in study.runs):
         return f"'armdyn excite --for {names}' designs the motion of the arm that tells them apart"
@@ -149,7 +154,7 @@ def _next_experiment(study: Study, tied: Sequence[str]) -> str:
 
 
 def headline(study: Study, found: Search, unknown: ResidualCharacter | None) -> str:
-    """What is missing, how much it explains, and what is left."""
+    """A sentence: which effect is missing, how much of the error it explains, and what the residual looks like."""
     steps = [repair_step(study, step) for step in found.steps]
     scale = Scale.of(found.last.fit.blocks)
     further = found.further.spoken if found.further is not None else ""
@@ -161,32 +166,35 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
     """The verdict on a finished search."""
     start, last = found.steps[0], found.last
     beyond = last.tests.fails and unknown is not None
-    if unknown is None or not unknown.significant:  # what is far above an estimated noise is no colour of it
+    if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
         beyond = beyond and (_above_stated_noise(study, last) or model_limited(study, last.fit))
-    if not study.model.linear:  # errors of the measured gripper's path, however surely they are seen
-        beyond = beyond and last.fit.chi2_per_sample > NOISY
+    if not study.model.linear:  # The error of the measured gripper's path, however significant
+        beyond = beyond and last.fit.chi2_per_sample > NOISE_POWER_RATIO
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
         limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
         if study.motion is not None and study.motion.measured:
             limited = 1.0  # what is coloured was told from what is missing
-        asked = IDEALISED + limited * (MOST - IDEALISED)
-        if explained_share(study, start, last) < asked or explained_share(study, start, found.steps[1]) < LEADS:
+        asked = MIN_EXPLAINED_AT_NOISE + limited * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
+        if (
+            explained_share(study, start, last) < asked
+            or explained_share(study, start, found.steps[1]) < MIN_LEADING_SHARE
+        ):
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
 
 
 def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
-    """Effects that these runs cannot tell from what is missing; of many on an arm, from the first."""
+    """Effects that these runs cannot distinguish from the missing one; of many on an arm, from the first."""
     return found.leading_ties if study.model.linear else found.tied
 
 
 def explained_share(study: Study, before: Step, after: Step) -> float:
-    """Share of the misfit that is gone, on held-out runs where such are given; see `explained`.
+    """Share of the squared error that a step explains, on held-out runs where there are any; see `explained`.
 
-    Of a model with states, on training and held-out runs together: how noisy a single short recording is, is not well
-    known.
+    For a model with states it is computed on training and held-out runs together, because the noise of a single short
+    recording is uncertain.
     """
     if not study.model.linear:
         return 1.0 - study.squared_error(after.fit) / study.squared_error(before.fit)
@@ -195,10 +203,10 @@ def explained_share(study: Study, before: Step, after: Step) -> float:
 
 
 def _above_stated_noise(study: Study, last: Step) -> bool:
-    """Whether a channel's residual is larger than its noise as stated, whatever the colour of that."""
+    """Whether the residual of a channel is larger than its stated noise, coloured or not."""
     for blocks in by_channel(last.fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
-        if chi2 > 1.1 * samples and deviates(chi2, samples) > LARGEST_Z:
+        if chi2 > 1.1 * samples and deviates(chi2, samples) > MAX_Z:
             return True
     return False
 

@@ -24,16 +24,16 @@ METHODS: Mapping[str, Callable[..., Descent]] = {
 
 @dataclass(frozen=True)
 class Estimate:
-    """Result of a fit.
+    """Estimated parameters.
 
     Attributes:
-        names: fitted parameters.
-        values: (p,) in their units.
+        names: names of the fitted parameters.
+        values: (p,) estimates, each in the parameter's unit.
         covariance: (p, p) inverse of the information at the solution, priors included; it holds as far as the
             residual is white with the assumed noise.
-        evaluations: of the model.
-        outcome: why it ended.
-        at_bound: parameters that ended on their physical bound.
+        evaluations: number of evaluations of the model.
+        outcome: why the descent ended.
+        at_bound: parameters whose estimate is on a physical bound.
     """
 
     names: tuple[str, ...]
@@ -44,11 +44,11 @@ class Estimate:
     at_bound: tuple[str, ...]
 
     def value(self, name: str) -> float:
-        """Value of one parameter."""
+        """The estimate of one parameter, in its unit."""
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Standard deviation of one parameter."""
+        """The standard deviation of one parameter, in its unit."""
         i = self.names.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
@@ -61,13 +61,13 @@ def estimate(
     method: Method = "levenberg_marquardt",
     **settings: float,
 ) -> Estimate:
-    """Fit the parameters that are marked `fitted`, from the present values of a model.
+    """Fit the parameters that are marked `fitted`, starting from the present values of a model.
 
     Args:
-        model: with priors and bounds.
-        runs: with different names.
+        model: the model, with priors and bounds of its parameters.
+        runs: runs with different names.
         noise: standard deviation per channel, in the channel's unit.
-        method: of descent.
+        method: the descent method.
         settings: `most_steps` and `tolerance` of the descent.
 
     Raises:
@@ -96,8 +96,9 @@ def covariance(names: Sequence[str], information: np.ndarray) -> np.ndarray:
     """(p, p) Cramér-Rao bound on the covariance of any unbiased estimate of parameters (Kay, Estimation Theory, §3.7).
 
     Args:
-        names: of the parameters.
-        information: (p, p) Fisher's, sum of s s' / sigma^2 over the samples, with the priors' 1/std^2 on the diagonal.
+        names: names of the parameters, for the error message.
+        information: (p, p) Fisher information: sum of s s' / sigma^2 over the samples, plus the priors' 1/std^2 on the
+            diagonal.
 
     Raises:
         InputError: the runs do not determine the parameters; the message names the worst.
@@ -133,16 +134,16 @@ class Estimator(Generic[ModelT]):
         self.noise = dict(noise)
 
     def update(self, run: Run) -> Estimate:
-        """Estimate from all data so far; `model` then holds the new values."""
+        """Estimate the parameters from all data so far; `model` then has the new values."""
         found = estimate(self.model, [run], self.noise, self.method)
         self.model = self.model.with_values(dict(zip(found.names, found.values.tolist(), strict=True)))
         return found
 
     def widening(self, run: Run) -> float:
-        """Factor on the standard deviations for what white noise of the assumed size does not explain, at least 1.
+        """Factor on the standard deviations, at least 1, for residuals larger than white noise of the assumed size.
 
-        The root of `variance_inflation` of the worst channel. Friction that shakes the arm, and a string that
-        stretches, leave correlated errors.
+        It is the square root of `variance_inflation` for the worst channel. Friction that shakes the arm and a string
+        that stretches leave correlated residuals.
         """
         prediction = self.model.predict(run, self.model.theta())
         residuals = [

@@ -1,7 +1,7 @@
-"""How much of a misfit a change of the model explains: the one meaning of "explained" in every text and number.
+"""How much of the error a change of the model explains: the one meaning of "explained" in all texts and numbers.
 
-The share of the squared error above the noise that is gone, on motion that no fit has seen where there is such motion,
-else on the training runs:
+It is the share of the squared error above the noise that the change removes, on runs that no fit has seen where there
+are any, else on the training runs:
 
     share = 1 - sum_c w_c max(e_c'^2 - s_c^2, 0) / sum_c w_c max(e_c^2 - s_c^2, 0),
 
@@ -17,24 +17,26 @@ import numpy as np
 
 from armdyn.identify.problem import Block, by_channel
 
-WRONG = 2.0
-"""Times its noise, from which a channel's error is one that wants to be explained."""
+ERROR_RATIO_TO_EXPLAIN = 2.0
+"""An error of this many times the noise needs an explanation."""
 
 
 @dataclass(frozen=True)
 class RepairStep:
-    """One step of a repair.
+    """One step of a repair, with its errors.
 
     Attributes:
-        added: names of the effects that came in; empty for the model as given.
-        joints: where, for an arm.
-        tied_with: effects that these runs cannot tell from the one added.
-        rmse: by channel, on the training runs.
-        held_out_rmse: by channel, on held-out runs, which take part in choosing; empty where there is a single run.
-        chi2_per_sample: 1 when only noise is left.
-        bic: with the noise as assumed.
-        exam_rmse: by channel, on exam runs, which take part in nothing; empty where none is given.
-        values: number of small values, of the step that adds a background.
+        added: names of the effects that this step added; empty for the model as given.
+        joints: joints on which the effects act, for an arm.
+        tied_with: effects that these runs cannot distinguish from the one added.
+        rmse: root mean square residual of the training runs, by channel.
+        held_out_rmse: root mean square residual of held-out runs, which help to choose effects, by channel; empty for a
+            single run.
+        chi2_per_sample: squared residual over the noise variance, per sample; 1 where the residual is only noise.
+        bic: Bayesian information criterion with the assumed noise.
+        exam_rmse: root mean square residual of exam runs, which are used for nothing else, by channel; empty without
+            exam runs.
+        values: number of small values, for the step that adds a background.
     """
 
     added: tuple[str, ...]
@@ -49,23 +51,23 @@ class RepairStep:
 
     @property
     def errors(self) -> dict[str, dict[str, float]]:
-        """By channel, for every kind of runs that there is; the most independent ones come last."""
+        """Errors by kind of run and channel; the most independent kind of run comes last."""
         kinds = {"fitted": self.rmse, "held out": self.held_out_rmse, "exam": self.exam_rmse}
         return {kind: errors for kind, errors in kinds.items() if errors}
 
     def judged(self, scale: "Scale") -> dict[str, float]:
-        """Errors of the most independent runs by channel, without channels that no training run has."""
+        """Errors of the most independent kind of run, by channel, for the channels that training runs have as well."""
         *_, found = self.errors.values()
         return {channel: error for channel, error in found.items() if channel in scale.units}
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What errors are measured with.
+    """Units and noise of the channels, which make errors comparable.
 
     Attributes:
-        units: by channel, SI.
-        noise: by channel, standard deviation in its unit.
+        units: SI unit by channel.
+        noise: standard deviation of the noise by channel, in the channel's unit.
     """
 
     units: Mapping[str, str]
@@ -73,25 +75,27 @@ class Scale:
 
     @classmethod
     def of(cls, blocks: Sequence[Block]) -> "Scale":
-        """Of the channels of some blocks; of several runs the root of their mean variance."""
+        """The scale of some blocks' channels; the noise of several runs is the root of the mean variance."""
         channels = by_channel(blocks)
         noise = {c: float(np.sqrt(np.mean([block.noise**2 for block in mine]))) for c, mine in channels.items()}
         return cls({channel: mine[0].unit for channel, mine in channels.items()}, noise)
 
 
 def explained(before: RepairStep, after: RepairStep, scale: Scale) -> float:
-    """The share, at most 1; negative where the error grew. 1 where there was nothing to explain.
+    """Share of the squared error that a change explains.
+
+    At most 1; negative where the error grew; 1 where there was no error above the noise.
 
     Args:
-        before: the model as given.
-        after: the changed one.
+        before: errors of the model as given.
+        after: errors of the changed model.
         scale: units and noise of the channels.
     """
     return share_gone(before.judged(scale), after.judged(scale), scale)
 
 
 def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> float:
-    """The share, of rms errors by channel."""
+    """Share of the squared error that is explained, from root mean square errors by channel."""
     first, last = (_above_noise(errors, scale) for errors in (before, after))
     if first <= 0.0:
         return 1.0 if last <= 0.0 else 0.0
@@ -99,11 +103,15 @@ def share_gone(before: Mapping[str, float], after: Mapping[str, float], scale: S
 
 
 def least_explained(before: Mapping[str, float], after: Mapping[str, float], scale: Scale) -> tuple[str, float] | None:
-    """The channel of which least is explained, and that share; None of a single channel.
+    """The channel whose error is explained least, and the share explained; None where there is a single channel.
 
-    Of rms errors by channel; channels that were at their noise are left out.
+    Errors are root mean squares by channel; channels whose error was already at the noise are left out.
     """
-    seen = [channel for channel in before if channel in after and before[channel] > WRONG * scale.noise[channel]]
+    seen = [
+        channel
+        for channel in before
+        if channel in after and before[channel] > ERROR_RATIO_TO_EXPLAIN * scale.noise[channel]
+    ]
     shares = {c: share_gone({c: before[c]}, {c: after[c]}, scale) for c in seen}
     return min(shares.items(), key=lambda item: item[1]) if len(shares) > 1 else None
 
@@ -119,7 +127,7 @@ def _above_noise(errors: Mapping[str, float], scale: Scale) -> float:
 
 
 def in_percent(share: float) -> str:
-    """``0.9994`` as ``99.9 %``, in every text and number: rounded down, so never all where something is left."""
+    """Format ``0.9994`` as ``99.9 %``, rounded down: 100 % means that no error is left."""
     if not math.isfinite(share):
         return "–"
     digits = 0 if share < 0.99 else 1

@@ -1,4 +1,4 @@
-"""One fit of a model to runs, with what is known of its quality."""
+"""One fit of a model to runs, and its quality."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,16 +11,16 @@ from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples
 from armdyn.recording.gaps import until
 from armdyn.run import Channel, Run
 
-DEPENDENT = 1e-5
-"""A sensitivity of which the others leave less than this share cannot be told from them."""
-NEAR_NOISE = 1.5
-"""Chi2 per sample at which a fit is in no wrong minimum: there a swing in the wrong phase leaves the signal itself."""
+MIN_INDEPENDENT_SHARE = 1e-5
+"""A sensitivity is not identifiable where less than this share of its square is independent of the others."""
+CHI2_NEAR_NOISE = 1.5
+"""Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves the signal itself."""
 
-MORE, MORE_STEPS = 16, 8
-"""How often a fit that ran out of steps is continued at most, and by how many of them: where values make up for each
-other, the cost is a bent valley, and a step goes down a hundredth of it."""
-NEGLIGIBLE = 1.0
-"""Fall of chi2 over `MORE_STEPS`, in units of what is left per sample, that changes no ranking."""
+MAX_CONTINUATIONS, CONTINUATION_STEPS = 16, 8
+"""Largest number of times that a fit which ran out of steps is continued, and the steps each time: where values
+compensate each other, the cost is a bent valley, and one step goes down a hundredth of it."""
+NEGLIGIBLE_CHI2_FALL = 1.0
+"""Fall of chi2 over `CONTINUATION_STEPS`, in units of chi2 per sample, that changes no ranking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +28,13 @@ class Fit:
     """A minimum of the cost.
 
     Attributes:
-        problem: model, runs, noise.
-        free: (P,) bool, the unknowns that were fitted.
-        values: (P,) of all unknowns.
-        blocks: residuals there, and derivatives with respect to what is free.
+        problem: the model, runs and noise.
+        free: (P,) bool, True for unknowns that were fitted.
+        values: (P,) values of all unknowns.
+        blocks: residuals at these values, and derivatives with respect to the free unknowns.
         outcome: why the descent ended.
-        settled: (P,) values with the same unknowns free where the model's own error is part of the model (see
-            `output_error.AroundMotion`); None where nobody computed them.
+        settled: (P,) optimised values of the same unknowns where the model's own error is part of the model (see
+            `output_error.AroundMotion`); None where they were not computed.
     """
 
     problem: Problem
@@ -56,14 +56,14 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """Chi2 with the priors' share; infinite where a simulation diverged."""
+        """Chi2 plus the cost of the priors; infinite where a simulation diverges."""
         prior = self.problem.prior_weight * (self.problem.prior_mean - self.values)
         cost = self.chi2 + float(prior @ prior)
         return cost if np.isfinite(cost) else np.inf
 
     @property
     def chi2_per_sample(self) -> float:
-        """1 when only noise is left."""
+        """Squared residual over the noise variance, per sample; 1 where the residual is only noise."""
         return self.chi2 / self.samples
 
     @property
@@ -74,65 +74,65 @@ class Fit:
 
     @property
     def considered(self) -> np.ndarray:
-        """(P,) bool: unknowns of the base that no fit changes, though they are only known to a prior."""
+        """(P,) bool: unknowns of the base model that have a prior but are not fitted (consider parameters)."""
         return ~self.free & np.array([c.parameter.considered for c in self.problem.columns], dtype=bool)
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Fitted unknowns that ended on a physical bound other than their null value."""
+        """Fitted unknowns whose value is on a physical bound other than their null value."""
         p = self.problem
         on = self.free & ((self.values <= p.lower) | (self.values >= p.upper)) & (self.values != p.null)
         return tuple(c.name for c, bound in zip(p.columns, on, strict=True) if bound)
 
     def rmse(self) -> dict[str, float]:
-        """Root mean square residual by channel, in its unit."""
+        """Root mean square residual by channel, in the channel's unit."""
         return channel_rmse(self.blocks)
 
     def covariates(self) -> dict[str, Mapping[str, Channel]]:
-        """By run, what its residuals may depend on; see `Model.covariates`."""
+        """Signals on which the residuals may depend, by run; see `Model.covariates`."""
         problem = self.problem
         return {
             run.name: problem.model.covariates(run, problem.theta(i, self.values)) for i, run in enumerate(problem.runs)
         }
 
     def contribution(self, effects: Collection[str]) -> dict[str, float]:
-        """By channel, root mean square of what `effects` change in the predictions of the fitted runs, in its unit."""
+        """Root mean square change of the fitted runs' predictions by `effects`, by channel, in its unit."""
         own = np.array([column.parameter.effect in effects for column in self.problem.columns])
         here, without = (self.problem.blocks(v) for v in (self.values, np.where(own, self.problem.null, self.values)))
         pairs = zip(here, without, strict=True)
         return channel_rmse([replace(there, residual=there.residual - one.residual) for one, there in pairs])
 
 
-@np.errstate(all="ignore")  # what a simulation leaves that diverges is infinite
+@np.errstate(all="ignore")  # the values of a diverging simulation are infinite
 def channel_rmse(blocks: Sequence[Block]) -> dict[str, float]:
-    """Root mean square residual by channel, in its unit."""
+    """Root mean square residual by channel, in the channel's unit."""
     misfits = {channel: np.concatenate([b.misfit for b in mine]) for channel, mine in by_channel(blocks).items()}
     return {channel: float(np.sqrt(np.mean(misfit**2))) for channel, misfit in misfits.items()}
 
 
 def fit(problem: Problem, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Fit:
-    """Minimise over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
+    """Minimise the cost over the unknowns `free`, (P,) bool, from the values `start`, (P,); see `descend`."""
     found = problem.fit(free, start, most_steps=most_steps, tolerance=tolerance)
     return Fit(problem, free, found.values, tuple(problem.blocks(found.values, free)), found.outcome)
 
 
 def converged(found: Fit) -> Fit:
-    """A fit after as many more steps as lower the cost by what matters in a comparison."""
-    for _ in range(MORE):
+    """The fit after further steps, as long as they lower the cost by an amount that matters in a comparison."""
+    for _ in range(MAX_CONTINUATIONS):
         if found.outcome is not Outcome.OUT_OF_STEPS:
             break
-        again = fit(found.problem, found.free, found.values, most_steps=MORE_STEPS)
+        again = fit(found.problem, found.free, found.values, most_steps=CONTINUATION_STEPS)
         before, found = found, replace(again, settled=found.settled)
-        # Where much is left unexplained, what is left is the noise.
-        if before.cost - found.cost < NEGLIGIBLE * max(1.0, found.chi2_per_sample):
+        # Where the residual is far above the noise, it takes the noise's place.
+        if before.cost - found.cost < NEGLIGIBLE_CHI2_FALL * max(1.0, found.chi2_per_sample):
             break
     return found
 
 
 def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(P,) bool: those of `free` that the runs, with the priors, tell from all the others before them.
+    """(P,) bool: unknowns of `free` that the runs and the priors identify beside all unknowns before them.
 
-    Unknowns of the base come first, so that of two which cannot be told apart the base's is kept.
+    Unknowns of the base model come first, so of two that cannot be distinguished the base's is kept.
     """
     typical = problem.typical[free]
     whole = np.zeros((len(free), len(free)))
@@ -141,27 +141,27 @@ def determined(problem: Problem, free: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(P,) bool: those of `wanted` whose sensitivities no earlier ones imitate; (P, P) `gram` holds their products."""
+    """(P,) bool: unknowns of `wanted` whose sensitivities are independent of earlier ones; `gram` (P, P) is S' S."""
     index = np.flatnonzero(wanted)
     gram = gram[np.ix_(index, index)]
-    norms = np.sqrt(np.maximum(np.diag(gram), 0.0))  # what cancels leaves rounding of either sign
+    norms = np.sqrt(np.maximum(np.diag(gram), 0.0))  # rounding may leave a negative number
     kept = np.zeros(len(wanted), dtype=bool)
-    factor = np.empty((0, len(index)))  # rows of the Cholesky factor of what has been kept
+    factor = np.empty((0, len(index)))  # rows of the Cholesky factor of the unknowns kept so far
     for j in np.flatnonzero(norms > 1e-9 * np.max(norms, initial=0.0)):
         rest = gram[j] - factor[:, j] @ factor
-        if rest[j] > (DEPENDENT * norms[j]) ** 2:
+        if rest[j] > (MIN_INDEPENDENT_SHARE * norms[j]) ** 2:
             factor = np.vstack([factor, rest / np.sqrt(rest[j])])
             kept[index[j]] = True
     return kept
 
 
 def first_part(run: Run, window: float) -> Run:
-    """What was recorded until `window` s after the first sample of what is compared."""
+    """The part of a run up to `window` s after the first sample of the compared channels."""
     return until(run, _begin(run) + window)
 
 
 def duration(run: Run) -> float:
-    """From the first to the last sample of what is compared, s."""
+    """Time from the first to the last sample of the compared channels, s."""
     return max(float(run.channels[name].time[-1]) for name in run.measured or run.channels) - _begin(run)
 
 

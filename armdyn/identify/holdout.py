@@ -1,8 +1,8 @@
-"""Runs that no fit has seen: how well a model predicts held-out runs, and exam runs.
+"""Runs that no fit has seen: how well a model predicts held-out runs and exam runs.
 
-Held-out runs take part in choosing which effects are added; their error therefore flatters the model a little. An exam
-run takes part in nothing: no fit, no noise, no name and no choice depends on it. Nothing looks at exam runs until the
-end, so that nothing was chosen in their favour.
+Held-out runs help to choose which effects are added, so their error flatters the model a little. An exam run is used
+for nothing else: no fit, no noise estimate, no name and no choice depends on it. Exam runs are evaluated only at the
+end.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,38 +19,38 @@ from armdyn.identify.state_space.output_error import best_minimum, fit_run, show
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
-HARM = 0.02
-"""Share by which an effect may make the total error of a predicted run larger."""
+MAX_ERROR_INCREASE = 0.02
+"""Relative increase of a predicted run's total error that an effect may cause."""
 
 Starts = tuple[Problem, Iterator[np.ndarray]]
-"""A problem that holds the runs, and (P,) values where they may begin, the likeliest first; iterate over a copy."""
+"""A problem that contains the runs, and (P,) candidate start values, the likeliest first; iterate over a copy."""
 
 
 def predictions(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Fit]:
-    """Every one of some runs that took no part in a fit, as it predicts them.
+    """Predict every run of `held_out` with a fit that has not seen it.
 
-    Only what belongs to a single run, such as how the load swung at its start, is fitted to a held-out run.
+    Only unknowns of a single run, such as the swing at its start, are fitted to a held-out run.
 
     Args:
-        found: to the training runs.
-        held_out: other runs.
-        starts: where the held-out runs begin, where that is known.
+        found: the fit to the training runs.
+        held_out: runs that were not fitted.
+        starts: start values of the held-out runs, where they are known.
     """
     return [_predicted(found, run, starts=starts) for run in held_out]
 
 
 def predictions_in_turn(found: Fit) -> list[Fit]:
-    """Every training run as a fit to the others predicts it; none of a single run."""
+    """Predict every training run by a fit to the other training runs; an empty list for a single run."""
     return [_predicted(rest, run, found) for run, rest in _without_each(found)] if found.problem.runs[1:] else []
 
 
 def blocks_of(fits: Sequence[Fit]) -> list[Block]:
-    """Residuals of several fits."""
+    """Residual blocks of several fits."""
     return [block for one in fits for block in one.blocks]
 
 
 def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
-    """Every run with the fit to the others."""
+    """Every run, with the fit to the other runs."""
     problem = found.problem
     for left_out in problem.runs:
         rest = [r for r in problem.runs if r is not left_out]
@@ -61,7 +61,7 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
 
 
 def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | None = None) -> Fit:
-    """One run, its own unknowns fitted; where it was part of the fit `whole`, they start from there."""
+    """Predict one run, its own unknowns fitted; where it was part of the fit `whole`, they start from there."""
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
@@ -81,9 +81,9 @@ def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | 
 
 
 def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
-    """(P,) bool: unknowns of `alone` that were measured by hand for its run, with another result than for the others.
+    """(P,) bool: unknowns of `alone` whose stated value in its run differs from that of the other runs.
 
-    A load of another mass keeps the mass that was weighed, not that of the runs which were fitted.
+    A load of another mass keeps the mass that was weighed, not the mass of the fitted runs.
     """
     (run,) = alone.runs
     others = {(name, known) for other in problem.runs for name, known in other.known.items()}
@@ -92,7 +92,7 @@ def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
 
 
 class HoldoutKind(Enum):
-    """Runs that an error belongs to; the value says what part they took."""
+    """Kind of the runs on which an error was measured; the value says how the runs were used."""
 
     EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
     HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"

@@ -3,7 +3,7 @@ r"""Nonlinear least squares with priors and bounds on any model.
     J(theta) = 1/2 sum_i r_i^2 / sigma_i^2 + 1/2 sum_j (theta_j - mean_j)^2 / std_j^2,     r = measured - predicted
 
 by Levenberg-Marquardt (Nocedal & Wright, Numerical Optimization, §10.3) or by the paper's gradient descent with
-backtracking. Both accept a step only when the cost falls by a share of what its linear model promises.
+backtracking. Both accept a step only where the cost falls by a share of what its linear model predicts.
 """
 
 from enum import Enum
@@ -11,21 +11,21 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-GROSS = 20.0
-"""Squared error per sample, over the noise's, beyond which derivatives say little about a distant minimum."""
-PATIENCE = 2
-"""Steps in a row that take next to nothing from a gross error before a descent gives up."""
+GROSS_ERROR_RATIO = 20.0
+"""Squared error per sample, over the noise variance, beyond which derivatives say little about a distant minimum."""
+MAX_STALLED_STEPS = 2
+"""Steps in a row that hardly reduce a gross error before a descent gives up."""
 SUFFICIENT_DECREASE = 1e-4
 """Share of the predicted decrease that a step must deliver (Armijo)."""
 
 
 class Expansion(NamedTuple):
-    """The cost around a point.
+    """Quadratic expansion of the cost at a point.
 
     Attributes:
-        cost: J.
-        gradient: (p,).
-        hessian: (p, p) Gauss-Newton, positive semidefinite.
+        cost: J at the point.
+        gradient: (p,) derivatives of J.
+        hessian: (p, p) Gauss-Newton approximation, positive semidefinite.
     """
 
     cost: float
@@ -34,7 +34,7 @@ class Expansion(NamedTuple):
 
 
 class Outcome(Enum):
-    """Why the descent ended; the value is what a person should read."""
+    """Why a descent ended; the value is the text for a reader."""
 
     CONVERGED = "converged: the next step would change no parameter by more than a thousandth of its uncertainty"
     STALLED = "stalled: no step lowers the cost further; the data may not determine all free parameters"
@@ -42,23 +42,23 @@ class Outcome(Enum):
 
 
 class Cost(Protocol):
-    """What `descend` minimises: bounds, and the cost expanded around a point."""
+    """A cost that `descend` can minimise: its bounds, and its expansion at a point."""
 
     lower: np.ndarray
     upper: np.ndarray
 
     def evaluate(self, values: np.ndarray) -> Expansion:
-        """Cost, gradient and Gauss-Newton Hessian at (p,) values."""
+        """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values."""
 
 
 class ScaledCost(Cost, Protocol):
-    """What `gradient_descent` minimises: also (p,) typical sizes."""
+    """A cost that `gradient_descent` can minimise: it also has (p,) typical sizes of the values."""
 
     typical: np.ndarray
 
 
 class Descent(NamedTuple):
-    """Where a descent ended: (p,) values, the cost around them, evaluations spent, and why it ended."""
+    """End of a descent: (p,) values, the expansion of the cost there, the evaluations spent, and why it ended."""
 
     values: np.ndarray
     at: Expansion
@@ -72,12 +72,13 @@ def descend(
     """Minimise a cost by Gauss-Newton steps, damped in proportion to the Hessian's diagonal where they fail.
 
     Args:
-        problem: the cost.
-        start: (p,) clipped to the bounds.
-        most_steps: after these it counts as not converged.
-        tolerance: converged when the next step is shorter, in standard deviations of each parameter.
-        samples: their number, where a cost that is gross and creeps is to end as stalled: `PATIENCE` steps in a row
-            that take from it less than one sample's share.
+        problem: the cost to minimise.
+        start: (p,) start values; they are clipped to the bounds.
+        most_steps: largest number of steps; a descent that needs more has not converged.
+        tolerance: a descent has converged where the next step is shorter than this, in standard deviations of each
+            parameter.
+        samples: number of samples; where given, a descent with a gross error ends as stalled after `MAX_STALLED_STEPS`
+            steps in a row that each reduce the cost by less than one sample's share.
     """
     values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
@@ -100,10 +101,10 @@ def descend(
             if damping > 1e9:
                 return Descent(values, at, evaluations, Outcome.STALLED)
             step, _ = _newton_step(at, free, damping)
-        gross = 2.0 * after.cost > GROSS * samples > 0.0
+        gross = 2.0 * after.cost > GROSS_ERROR_RATIO * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after
-        if creeping == PATIENCE:
+        if creeping == MAX_STALLED_STEPS:
             outcome = Outcome.STALLED
             break
         damping = damping / 10 if damping > 1e-6 else 0.0
@@ -111,7 +112,7 @@ def descend(
 
 
 def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """(p,) bool: False for a parameter on a bound that the gradient pushes it against."""
+    """(p,) bool: False for a parameter that is on a bound and that the gradient pushes against it."""
     below = (values <= problem.lower) & (gradient > 0)
     above = (values >= problem.upper) & (gradient < 0)
     return ~(below | above)
@@ -120,9 +121,9 @@ def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.nd
 def gradient_descent(
     problem: ScaledCost, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
 ) -> Descent:
-    """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by their size.
+    """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by typical size.
 
-    Arguments as for `descend`.
+    The arguments are those of `descend`.
     """
     values = np.clip(start, problem.lower, problem.upper)
     at = problem.evaluate(values)
@@ -133,7 +134,7 @@ def gradient_descent(
             outcome = Outcome.CONVERGED
             break
         direction = -(problem.typical**2) * at.gradient * free
-        # First a tenth of the typical size, later twice the length that worked.
+        # The first step is a tenth of the typical size; later ones start at twice the last accepted length.
         length = 2 * length if length > 0 else 0.1 / float(np.max(np.abs(direction / problem.typical)))
         while True:
             trial = np.clip(values + length * direction, problem.lower, problem.upper)
@@ -149,16 +150,16 @@ def gradient_descent(
 
 
 def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -> bool:
-    """Armijo's rule: the cost fell by a share of what the gradient promised."""
+    """Armijo's rule: the cost fell by at least a share of the decrease that the gradient predicts."""
     promised = -float(before.gradient @ step)
     return bool(np.isfinite(after.cost) and before.cost - after.cost >= SUFFICIENT_DECREASE * max(promised, 0.0))
 
 
-@np.errstate(all="ignore")  # near a divergence curvatures overflow, and the step is no descent
+@np.errstate(all="ignore")  # near a divergence the curvature overflows, and the step is not a descent step
 def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(p,) step, and its length in standard deviations of the most certain direction, sqrt(step' H step)."""
     step = np.zeros(len(at.gradient))
-    free = free & (np.diag(at.hessian) > 0.0)  # what changes nothing stays: its step would be rounding over nothing
+    free = free & (np.diag(at.hessian) > 0.0)  # a value without effect stays: its step would be 0/0
     if not free.any():
         return step, 0.0
     matrix = at.hessian[np.ix_(free, free)]

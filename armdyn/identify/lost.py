@@ -1,38 +1,39 @@
-"""Whether a fit is lost: worse than no model at all, so that nothing may be concluded from it.
+"""Detect a failed ("lost") fit: it is worse than no model at all, so nothing may be concluded from it.
 
-A simulation from wrong values ends in another motion, and a descent in a minimum that has nothing to do with the
-recording. What it leaves then varies more than the signal itself does. Predictions that are linear in what is fitted
-have one minimum and are never lost.
+A simulation from wrong values ends in another motion, and a descent in a minimum that is unrelated to the recording.
+The residual then varies more than the signal itself. Predictions that are linear in the fitted values have one minimum
+and are never lost.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, Fit
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
 from armdyn.identify.problem import Block, Problem, by_channel
 from armdyn.identify.sentence import listed
 from armdyn.identify.study import Study
 
-MOST_NAMED = 3
-"""Parameters that a sentence asks start values of."""
+MAX_NAMED_PARAMETERS = 3
+"""Number of parameters whose start values the sentence asks for."""
 
 
 def lost(study: Study, fit: Fit) -> bool:
-    """Whether a fit of a model with states leaves more than the signals' own spread, in training or held-out runs.
+    """Whether the residual of a fitted model with states varies more than the signals, in training or held-out runs.
 
-    What is at the noise is not lost: a recording in which nothing happens has no spread but that. See `left_of_spread`.
+    A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise. See
+    `left_of_spread`.
     """
-    if study.model.linear or fit.chi2_per_sample < NEAR_NOISE:
+    if study.model.linear or fit.chi2_per_sample < CHI2_NEAR_NOISE:
         return False
     kinds = [fit.blocks, study.held_out_blocks(fit)] if study.held_out else [fit.blocks]
     return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
 
 
 def left_of_spread(blocks: Sequence[Block]) -> float:
-    """Variance of the residual over that of the signal, the mean over channels: 0 is perfect, 1 as good as a constant.
+    """Variance of the residual over that of the signal, mean over channels: 0 is perfect, 1 as good as a constant.
 
-    Both vary about the mean of every run: an offset that a model lacks is no other motion.
+    Both variances are about the mean of each run: a missing offset does not make another motion.
     """
     shares = []
     for mine in by_channel(blocks).values():
@@ -45,7 +46,7 @@ def left_of_spread(blocks: Sequence[Block]) -> float:
 
 
 def lost_sentence(fit: Fit) -> str:
-    """For a person: that a fit is lost, and of which parameters start values or priors are needed."""
+    """A sentence for a reader: the fit is lost, and which parameters need start values or priors."""
     return (
         f"lost: give start values or a prior for {listed(_asked(fit))}. The fit leaves more than the signal itself "
         "varies by, so it says nothing of what the model lacks."
@@ -53,9 +54,9 @@ def lost_sentence(fit: Fit) -> str:
 
 
 def _asked(fit: Fit) -> list[str]:
-    """Parameters of the base that nothing is known of beforehand: on a bound first, then what the cost feels most.
+    """Parameters of the base model without prior: first those on a bound, then by influence on the cost.
 
-    Where there is none, or the simulation diverges, what was stated may be wrong.
+    Empty where every parameter has a prior or the simulation diverges; then a stated value may be wrong.
     """
     problem = fit.problem
     own = ~problem.per_run & ~problem.is_effect
@@ -64,7 +65,7 @@ def _asked(fit: Fit) -> list[str]:
     feels = np.nan_to_num(np.diag(_curvature(problem, fit.values)))[asked] * problem.typical[asked] ** 2
     bound = [problem.columns[j].name in fit.at_bound for j in asked]
     order = np.lexsort((-feels, ~np.array(bound, dtype=bool)))
-    return [problem.columns[j].name for j in asked[order][:MOST_NAMED]]
+    return [problem.columns[j].name for j in asked[order][:MAX_NAMED_PARAMETERS]]
 
 
 def _curvature(problem: Problem, values: np.ndarray) -> np.ndarray:

@@ -1,10 +1,11 @@
-r"""Values of an arm whose drives only say what they were told, fitted to its motion.
+r"""Fit the values of an arm to its motion, where the recordings contain the drives' commands but no torques.
 
-Linear sums of what drives read name the effects; friction that they find is too small by a quarter to a half, because
-what a joint reads while it sticks is left out, and a wrong gain is as wrong everywhere. So the named values, gain and
-delay end at the least squares of the closed loop's simulated positions, in windows that grow from the measured motion
-to whole recordings (multiple shooting first: Bock 1983): a whole recording with a wrong start is no slope to follow.
-A joint's motion follows from its own values; those that act through the links are seen in every joint's.
+Which effects are missing is found from linear least squares on the drives' readings. The friction found in this way is
+too small by a quarter to a half, because readings of a sticking joint are left out, and a wrong gain has the same
+relative error everywhere. So the values of the effects, the gains and the delays are finally fitted by least squares to
+the positions that the closed loop simulates, in windows that grow from short pieces of the measured motion to whole
+recordings (multiple shooting first: Bock 1983): over a whole recording with a wrong start the gradient is useless. The
+motion of a joint depends on its own values; values that act through the links affect the motion of every joint.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,44 +22,46 @@ from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
 from armdyn.run import Run
 
-LENGTHS, OPEN = (2.0, np.inf), (0.5,)
-"""s of the windows, in turn; of drives that are told no position, whose motion nothing pulls back."""
-ROUNDS = 12
-"""Steps with windows of one length, at most."""
-ENOUGH = 5e-4
-"""Share of the squared error that a step must gain for another one."""
-DIFFERENCE = 0.02
-"""Of a typical size, by which a value is changed to see its slope: far above what steps of friction in time round."""
-TYPICAL = {"gain": 0.1, "delay": 0.005}
-"""Log of a gain's ratio, and s."""
-LATEST = 0.2
-"""s; delays of drives that are told of are well below."""
-STARTS = 3.0
-"""Times the noise of smoothed positions and velocities, by which a window may begin elsewhere."""
-BEGUN = (1e-3, 1e-2)
-"""rad or m and per s, by which a window's start is changed to see its slope."""
-STRETCH = 2.0
-"""s of a recording that are taken to know nothing of the next: far longer than a servo takes to forget."""
-ROBUST = 0.5
-"""Errors beyond so many times the median count as their size, not their square: after a hit or a wrong turn of
-friction a whole recording goes another way."""
+WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
+"""Lengths of the windows in turn, s; the second list is for drives without a position command, which pull nothing
+back."""
+MAX_WINDOW_STEPS = 12
+"""Largest number of steps with windows of one length."""
+MIN_DECREASE_SHARE = 5e-4
+"""Share of the squared error that a step must remove to be followed by another one."""
+DIFFERENCE_SHARE = 0.02
+"""Share of its typical size by which a value is changed in a difference quotient: friction steps in time are rounded
+there."""
+TYPICAL_DRIVE_CHANGE = {"gain": 0.1, "delay": 0.005}
+"""Typical change of the logarithm of a gain, and of a delay, s."""
+MAX_DELAY_SECONDS = 0.2
+"""Largest delay of a drive, s; known drives are well below."""
+START_STD_FACTOR = 3.0
+"""Standard deviation of a window's start state, in standard deviations of the smoothed positions and velocities."""
+START_DIFFERENCES = (1e-3, 1e-2)
+"""Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
+INDEPENDENT_SECONDS = 2.0
+"""Length of a stretch of a recording, s, that is independent of the next one: far longer than the memory of a servo."""
+ROBUST_ERROR_RATIO = 0.5
+"""Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
+another way, a whole recording diverges."""
 
-LINKED = ("payload", "link_inertia")
-"""Effects on a joint that every joint before it feels."""
+LINK_EFFECTS = ("payload", "link_inertia")
+"""Effects that act on a joint and load every joint before it."""
 
 
 @dataclass(frozen=True)
 class _Unknown:
-    """One value that moves: a parameter, or what a drive is.
+    """One unknown of the fit: a parameter, or the gain or delay of a drive.
 
     Attributes:
-        name: of the parameter; of the drive's kind for gain and delay.
+        name: name of the parameter, or of the drive group for a gain or delay.
         of: ``"parameter"``, ``"gain"`` or ``"delay"``.
-        joints: indices of the joints whose motion is seen to follow it.
-        typical: size.
-        lower: bound.
-        upper: bound.
-        prior: mean and standard deviation, in the value's own scale; infinite where nothing is known.
+        joints: indices of the joints whose motion depends on it.
+        typical: typical size.
+        lower: lower bound.
+        upper: upper bound.
+        prior: prior mean and standard deviation, in the unknown's own scale; the deviation is infinite without a prior.
     """
 
     name: str
@@ -71,17 +74,17 @@ class _Unknown:
 
 
 def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | None = None) -> ArmModel:
-    """The model with values fitted to the motion of closed loops; as it is where there is none.
+    """Fit the values of an arm model to closed-loop motion; without any, the model is returned unchanged.
 
     Args:
-        model: with its effects; values that no fit may change stay.
-        runs: for training.
-        given: the drives as the user declared them, whose stated gains are priors; the model's if None.
+        model: the model with its effects; values that are not free keep their value.
+        runs: training runs.
+        given: the drives as the user declared them; their stated gains are priors. None means those of the model.
     """
     usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
         return model
-    lengths = LENGTHS if all(closed(model, run) for run in usable) else OPEN
+    lengths = WINDOW_SECONDS if all(closed(model, run) for run in usable) else OPEN_LOOP_WINDOW_SECONDS
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
@@ -96,7 +99,7 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
     found, count = [], len(model.arm.joints)
     held = model.background.names if model.background is not None else ()
     for name, p in model.parameters.items():
-        links = p.joint == "" or p.effect in LINKED
+        links = p.joint == "" or p.effect in LINK_EFFECTS
         if p.effect == "torque_gain" or not (p.fitted or (name in held and not links)):
             continue
         joints = tuple(range(count)) if links else (model.arm.joints.index(p.joint),)
@@ -109,9 +112,11 @@ def _unknowns(model: ArmModel, given: Mapping[str, Servo]) -> list[_Unknown]:
         gain = given[name].gain
         known = (0.0, np.inf) if gain is None or gain.std is None else (np.log(gain.value), gain.std / gain.value)
         if servo.determined and (gain is None or gain.std is not None):
-            found.append(_Unknown(name, "gain", joints, TYPICAL["gain"], -np.inf, np.inf, known))
+            found.append(_Unknown(name, "gain", joints, TYPICAL_DRIVE_CHANGE["gain"], -np.inf, np.inf, known))
         if given[name].delay is None:
-            found.append(_Unknown(name, "delay", joints, TYPICAL["delay"], 0.0, LATEST, (0.0, np.inf)))
+            found.append(
+                _Unknown(name, "delay", joints, TYPICAL_DRIVE_CHANGE["delay"], 0.0, MAX_DELAY_SECONDS, (0.0, np.inf))
+            )
     return found
 
 
@@ -125,13 +130,13 @@ def _value(model: ArmModel, unknown: _Unknown) -> float:
 
 @dataclass(frozen=True)
 class _Cost:
-    """What a step lowers: mean squares of the errors, large ones as their sizes, and what values are known to be.
+    """The cost of the fit: a robust sum of the position errors, and the distances of the values from their priors.
 
     Attributes:
-        size: (nj,) of errors from which on they count less, rad or m.
-        mean: (u,) of the priors on values.
-        weight: (u,) of their squared distances from it.
-        held: (w, 2 nj) of the squared distances of windows' starts from the measured ones.
+        size: (nj,) errors from which on an error counts with its size instead of its square, rad or m.
+        mean: (u,) prior means of the unknowns.
+        weight: (u,) weights of the squared distances from the prior means.
+        held: (w, 2 nj) weights of the squared distances of the windows' start states from the measured states.
     """
 
     size: np.ndarray
@@ -140,7 +145,7 @@ class _Cost:
     held: np.ndarray
 
     def of(self, errors: np.ndarray, values: np.ndarray, starts: np.ndarray) -> float:
-        """Of (N, nj) errors at (u,) values and (w, 2 nj) starts."""
+        """The cost of (N, nj) errors at (u,) values and (w, 2 nj) start states."""
         away = np.sqrt(1.0 + (errors / self.size) ** 2) - 1.0
         prior = self.weight @ (values - self.mean) ** 2 + np.sum(self.held * starts**2)
         return float(2.0 * np.mean(away, axis=0).sum() + prior)
@@ -161,18 +166,18 @@ def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> 
 
 
 def _agreed(read: Known, moved: float) -> Known:
-    """A gain by the motion, as uncertain as it is by what the drive read, or as both differ."""
+    """Combine the gain from readings with the gain from motion; its deviation covers the difference of the two."""
     return replace(read, value=moved, std=float(np.hypot(read.std or 0.0, moved - read.value)))
 
 
 class _Descent:
-    """Levenberg's damped steps with windows of one length, each begun in a state that is fitted as well.
+    """Damped least squares (Levenberg) with windows of one length, whose start states are fitted as well.
 
     Args:
         model: the arm.
-        runs: for training.
-        unknowns: what moves.
-        length: s, of the windows.
+        runs: training runs.
+        unknowns: the unknowns of the fit.
+        length: length of the windows, s.
     """
 
     def __init__(self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float) -> None:
@@ -184,10 +189,10 @@ class _Descent:
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
         noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
-        self._known = np.maximum(STARTS * np.array(noise), 1e-9)
+        self._known = np.maximum(START_STD_FACTOR * np.array(noise), 1e-9)
 
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """(N, nj) at (u,) values and (w, 2 nj) states, beside the measured ones, in which windows begin."""
+        """(N, nj) position errors at (u,) values and (w, 2 nj) deviations of start states from the measured ones."""
         model = _with(self._model, self._unknowns, values)
         servos = [model.servo(joint) for joint in model.arm.joints]
         theta, n = model.theta(), len(servos)
@@ -200,18 +205,19 @@ class _Descent:
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(u,) values where the error is least, and their standard deviations, 0 on a bound.
+        """Minimise the cost: (u,) values, and their (u,) standard deviations, which are 0 on a bound.
 
-        How large errors are is known where they end: each step is weighed by what the last one left. Deviations are the
-        sandwich's, of stretches of the recordings that know nothing of each other (Liang & Zeger, Biometrika 73, 1986).
+        Each step is weighted by the size of the errors that the step before has left. The standard deviations are those
+        of the sandwich formula, over stretches of the recordings that are independent (Liang & Zeger, Biometrika 73,
+        1986).
         """
         starts = np.zeros_like(self._known)
         errors, damping = self._errors(values, starts), 1e-6
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(ROUNDS):
-            size = np.maximum(ROBUST * np.median(np.abs(errors), axis=0), 1e-9)
+        for _ in range(MAX_WINDOW_STEPS):
+            size = np.maximum(ROBUST_ERROR_RATIO * np.median(np.abs(errors), axis=0), 1e-9)
             independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
             cost = _Cost(size, mean, weight, held)
@@ -236,9 +242,9 @@ class _Descent:
                     values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
                 damping *= 8.0
-            if now > (1.0 - ENOUGH) * before:
+            if now > (1.0 - MIN_DECREASE_SHARE) * before:
                 break
-        curved = share / (1.0 + (errors / size) ** 2)  # a step overrates how sharp the least is
+        curved = share / (1.0 + (errors / size) ** 2)  # a full step would overestimate the curvature of the robust cost
         H, own, _ = self._eliminated(slopes, of_starts, curved, held)
         pulls = np.einsum("unj,nj->un", own, share * errors)
         return values, self._deviations(H + np.diag(weight), pulls, (values > lower) & (values < upper), typical)
@@ -246,7 +252,7 @@ class _Descent:
     def _eliminated(
         self, slopes: np.ndarray, of_starts: np.ndarray, share: np.ndarray, held: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """Without the starts of windows: (u, u) squares and (u, N, nj) slopes; what gives the starts back."""
+        """Eliminate the start states: (u, u) Hessian, (u, N, nj) slopes, and a function that gives the states back."""
         H, own, inner = np.zeros((len(slopes), len(slopes))), np.empty_like(slopes), []
         for w, rows in enumerate(self._rows):
             J, S, k = slopes[:, rows], of_starts[:, rows], share[rows]
@@ -258,9 +264,9 @@ class _Descent:
         return H, own, inner
 
     def _deviations(self, H: np.ndarray, pulls: np.ndarray, free: np.ndarray, typical: np.ndarray) -> np.ndarray:
-        """(u,) standard deviations of (u,) `free` values, by H and (u, N) pulls of the samples; 0 of the others."""
+        """(u,) standard deviations of the free values from Hessian H and (u, N) scores of the samples; else 0."""
         times = [w.time - w.begin for w in self._windows]
-        first = [rows.start + np.flatnonzero(np.diff(t // STRETCH, prepend=-1.0))
+        first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
         sums = np.add.reduceat(pulls, np.concatenate(first), axis=1)[free] * typical[free, None]
         inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
@@ -272,14 +278,14 @@ class _Descent:
     def _slopes(
         self, values: np.ndarray, starts: np.ndarray, errors: np.ndarray, typical: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(u, N, nj) by the values and (2 nj, N, nj) by the states in which windows begin, by differences.
+        """Difference quotients: (u, N, nj) with respect to the values, (2 nj, N, nj) with respect to the start states.
 
-        Several values are changed at once where no joint's motion is seen to follow two of them.
+        Several values are changed in one simulation where no joint's motion depends on two of them.
         """
         slopes = np.zeros((len(values), *errors.shape))
         for group in self._groups:
             changed = values.copy()
-            steps = DIFFERENCE * typical[group]
+            steps = DIFFERENCE_SHARE * typical[group]
             steps = np.where(values[group] + steps > [self._unknowns[i].upper for i in group], -steps, steps)
             changed[group] += steps
             found = self._errors(changed, starts) - errors
@@ -289,13 +295,13 @@ class _Descent:
         of_starts = np.zeros((starts.shape[1], *errors.shape))
         for k in range(starts.shape[1]):
             moved = starts.copy()
-            moved[:, k] += BEGUN[k >= errors.shape[1]]
-            of_starts[k] = (self._errors(values, moved) - errors) / BEGUN[k >= errors.shape[1]]
+            moved[:, k] += START_DIFFERENCES[k >= errors.shape[1]]
+            of_starts[k] = (self._errors(values, moved) - errors) / START_DIFFERENCES[k >= errors.shape[1]]
         return slopes, of_starts
 
 
 def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
-    """Groups of unknowns of which no two are seen in the same joint."""
+    """Groups of unknowns, no two of which move the same joint."""
     groups: list[tuple[set[int], list[int]]] = []
     for i, unknown in enumerate(unknowns):
         free = next((g for g in groups if not g[0] & set(unknown.joints)), None)
@@ -308,7 +314,7 @@ def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
 
 
 def _correlation(errors: np.ndarray) -> np.ndarray:
-    """Autocorrelation, both ways, of the mean over joints, up to where it is lost."""
+    """Autocorrelation of the errors' mean over joints, in both directions, up to where it vanishes."""
     e = errors - errors.mean(axis=0)
     size = max(len(e) // 4, 1)
     found = [float(np.sum(e[k:] * e[: len(e) - k])) for k in range(0, size, max(1, size // 400))]

@@ -1,4 +1,4 @@
-"""How noisy a channel is, whether what is left is white, and how to whiten what is not."""
+"""Estimate the noise of a channel, test whether a residual is white, and whiten one that is not."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,43 +10,45 @@ from armdyn.identify.problem import Block, by_channel
 from armdyn.recording.channels import Channel
 from armdyn.recording.differences import normalised_differences, quiet_std
 
-LAGS = 20
+WHITENESS_LAGS = 20
 """Lags of the whiteness test."""
-ORDERS = tuple(range(3, 9))
-"""Of the differences that show the noise."""
-CLEARLY_LESS = 0.9
-"""Ratio of the noise that two orders show below which the lower one shows the signal. For noise with a correlation of
-0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise, it is 0.3."""
-ORDER = 4
+DIFFERENCE_ORDERS = tuple(range(3, 9))
+"""Orders of the differences from which the noise is estimated."""
+MAX_SIGNAL_RATIO = 0.9
+"""Ratio of the noise estimates of two successive orders below which the lower order contains the signal. For noise with
+a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
+it is 0.3."""
+MAX_AUTOREGRESSION_ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
-FAINTEST = 0.1
-"""Share of its stated noise that a channel has at least: an encoder at rest shows none."""
-MOST_LAGS = 50
-"""Lags that count for the variance of a mean."""
+MIN_NOISE_SHARE = 0.1
+"""Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
+MAX_CORRELATION_LAGS = 50
+"""Largest number of lags that count in the variance of a mean."""
 
 
-NONE = np.zeros(0)
+NO_JUMPS = np.zeros(0)
 
 
-def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NONE) -> float:
+def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMPS) -> float:
     """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
-    weights it has the variance of the noise. A fast signal at a low rate is no parabola over four samples: as long as
-    the next order shows clearly less, it is the signal that is seen. For coloured noise the result is too small.
+    weights the variance of the result is that of the noise. A fast signal at a low rate is no parabola over four
+    samples: as long as the next order gives a clearly smaller value, the difference contains the signal. For coloured
+    noise the result is too small.
 
     Args:
-        time: (n,) s.
-        value: (n,).
-        jumps: (j,) s; times at which the signal itself may jump, ascending: no difference is taken across one, unless
-            none were left.
+        time: (n,) time stamps, s.
+        value: (n,) samples.
+        jumps: (j,) times, s, ascending, at which the signal itself may jump: differences across them are left out,
+            unless all are.
 
     Returns:
-        In the unit of `value`; 0 where there are fewer than eight samples without a gap.
+        The standard deviation, in the unit of `value`; 0 where there are fewer than eight samples without a gap.
     """
-    lowest, *higher = (_difference_std(time, value, order, jumps) for order in ORDERS)
+    lowest, *higher = (_difference_std(time, value, order, jumps) for order in DIFFERENCE_ORDERS)
     for std in higher:
-        if std is None or lowest is None or std > CLEARLY_LESS * lowest:
+        if std is None or lowest is None or std > MAX_SIGNAL_RATIO * lowest:
             break
         lowest = std
     return lowest or 0.0
@@ -64,17 +66,17 @@ def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.n
 
 
 def quiet_noise(channel: Channel, noise: float) -> float:
-    """The least that white noise of a channel can be: of its third differences, whose median few glitches change.
+    """Smallest white noise that a channel can have, from its third differences; a few glitches do not change it.
 
     Args:
         channel: its samples.
-        noise: as stated or estimated otherwise; the result is at most that.
+        noise: noise as stated or estimated otherwise; an upper limit of the result.
     """
-    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), FAINTEST * noise)
+    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise)
 
 
 def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
-    """(lags + 1,) sums over stretches (n,) of the products of samples that are 0, 1, ... apart."""
+    """(lags + 1,) sums of the products of samples that are 0, 1, ... apart, over stretches (n,)."""
     products = np.zeros(lags + 1)
     for residual in residuals:
         for k in range(min(lags + 1, len(residual))):
@@ -85,12 +87,12 @@ def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
 def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = None) -> float:
     """1 + twice the sum of the autocorrelations up to the first that is not positive, in samples; at least 1.
 
-    N samples with that correlation time tell a mean as well as N over it independent ones (Bayley & Hammersley, J. R.
-    Stat. Soc. Suppl. 8, 1946).
+    The mean of N samples with that correlation time is as uncertain as the mean of N over it independent samples
+    (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
 
     Args:
-        residuals: stretches (n,).
-        most_lags: at most so many count; all when None.
+        residuals: stretches (n,) of the residual.
+        most_lags: largest number of lags that count; None means all.
     """
     power = sum(float(residual @ residual) for residual in residuals)
     if power == 0.0:
@@ -105,7 +107,7 @@ def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = No
     return total
 
 
-def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
+def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:
     """Probability that white noise is as correlated as (n,) `residual` (Ljung & Box, Biometrika 65, 1978)."""
     n = len(residual)
     lags = min(lags, n // 5)
@@ -118,19 +120,19 @@ def ljung_box(residual: np.ndarray, lags: int = LAGS) -> float:
 
 
 def variance_inflation(residuals: Sequence[np.ndarray]) -> float:
-    """Factor by which stretches of a residual, in units of the noise, spoil a mean more than white noise would.
+    """Factor by which a correlated residual, in units of the noise, widens the variance of a mean over white noise.
 
-    chi2/N (1 + 2 sum of the autocorrelations up to the first that is not positive): the mean of correlated errors has
-    that much more variance (Bayley & Hammersley, J. R. Stat. Soc. 1946). It is below 1 where the noise is overstated.
+    It is chi2/N (1 + 2 sum of the autocorrelations up to the first that is not positive) (Bayley & Hammersley, J. R.
+    Stat. Soc. 1946). It is below 1 where the stated noise is too large.
     """
     power = sum(float(residual @ residual) for residual in residuals)
     samples = sum(len(residual) for residual in residuals)
     if power == 0.0 or samples == 0:
         return 0.0
-    return power / samples * correlation_time(residuals, MOST_LAGS)
+    return power / samples * correlation_time(residuals, MAX_CORRELATION_LAGS)
 
 
-def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.ndarray:
+def autoregression(residuals: Sequence[np.ndarray], order: int = MAX_AUTOREGRESSION_ORDER) -> np.ndarray:
     """(order,) coefficients of e_t = sum a_k e_{t-k} + white, by Yule-Walker over several stretches.
 
     Yule-Walker's estimate is always stable (Box, Jenkins & Reinsel, Time Series Analysis, §7.3).
@@ -144,14 +146,14 @@ def autoregression(residuals: Sequence[np.ndarray], order: int = ORDER) -> np.nd
 
 
 def likeliest_autoregression(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """(0 to `ORDER`,) coefficients of the order with the lowest BIC; superfluous ones misjudge short runs.
+    """Coefficients (0 to `MAX_AUTOREGRESSION_ORDER`,) of the autoregression with the lowest BIC.
 
-    The sum of four superfluous coefficients over 60 white samples is wrong by 0.25, and every standard deviation of a
-    constant with it.
+    Superfluous coefficients misjudge short runs: the sum of four of them over 60 white samples is wrong by 0.25, and
+    every standard deviation of a constant with it.
     """
     samples = sum(len(residual) for residual in residuals)
     best, lowest = np.zeros(0), np.inf
-    for order in range(ORDER + 1):
+    for order in range(MAX_AUTOREGRESSION_ORDER + 1):
         coefficients = autoregression(residuals, order) if order else np.zeros(0)
         left = np.concatenate([whitened(residual, coefficients) for residual in residuals])
         variance = max(float(np.mean(left**2)), np.finfo(float).tiny)
@@ -174,23 +176,23 @@ def whitened(rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """What makes a channel's residual white, of variance one.
+    """Filter that makes the residual of a channel white, with variance one.
 
     Attributes:
-        coefficients: of the autoregression.
-        std: of what it leaves, over the noise.
+        coefficients: coefficients of the autoregression.
+        std: standard deviation of the filtered residual, in units of the noise.
     """
 
     coefficients: np.ndarray
     std: float
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """(n, ...) rows over the noise, filtered; see `whitened`."""
+        """Filter (n, ...) rows and divide them by the noise; see `whitened`."""
         return whitened(rows, self.coefficients) / self.std
 
 
 def whitening(blocks: Sequence[Block]) -> dict[str, Whitening]:
-    """By channel, from what a fit leaves of it."""
+    """Whitening filters by channel, estimated from the residuals of a fit."""
     found = {}
     for channel, mine in by_channel(blocks).items():
         stretches = [block.residual for block in mine]

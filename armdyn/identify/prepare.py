@@ -1,4 +1,4 @@
-"""Recordings made ready to be held against a model: checked, thinned, their noise known."""
+"""Prepare recordings for a comparison with a model: check them, reduce their rate, estimate their noise."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,19 +13,19 @@ from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-LARGEST_SAMPLE_COUNT = 5_000_000
-SMALLEST_NOISE = 1e-6
-"""Of a channel's range, where no noise shows at all."""
+MAX_SAMPLES = 5_000_000
+ASSUMED_NOISE_SHARE = 1e-6
+"""Noise assumed where a channel shows none, as a share of its range."""
 
 
 def prepared(
     model: Model, runs: Sequence[Run], held_out: Sequence[Run] = (), exam: Sequence[Run] = ()
 ) -> tuple[list[Run], list[Run], list[Run]]:
-    """Training, held-out and exam runs, checked and thinned; without exam runs the others are the same.
+    """Check and thin training, held-out and exam runs; the exam runs do not influence the other two.
 
     Raises:
-        InputError: a run is given twice, also as a copy, a signal is constant or too short, or there is nothing that
-            the model predicts.
+        InputError: a run is given twice (also as a copy), a signal is constant or too short, or the runs contain no
+            channel that the model predicts.
     """
     if not runs:
         raise InputError("no run given: give at least one recording")
@@ -42,7 +42,7 @@ def prepared(
 
 
 def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
-    """Exam runs, each under a name that no other run has."""
+    """The exam runs, each renamed where another run has its name."""
     names = {run.name for run in named}
     for i, run in enumerate(exam):
         name = run.name if run.name not in names else f"exam/{run.name}"
@@ -52,13 +52,13 @@ def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:
 
 
 def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """Standard deviation by run and channel: as stated beside the recording, else from its differences."""
+    """Standard deviation of the noise by run and channel: as stated beside the recording, else from its differences."""
     noise: dict[tuple[str, str], float] = {}
     for run in runs:
         jumps = model.jumps(run)
         for name in model.predicted_channels(run):
             channel = run.channels[name]
-            floor = max(SMALLEST_NOISE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
+            floor = max(ASSUMED_NOISE_SHARE * float(np.ptp(channel.value)), resolution(channel.value) / np.sqrt(12.0))
             stated = run.noise.get(name)
             estimate = white_noise_std(channel.time, channel.value, jumps) if stated is None else stated
             noise[run.name, name] = max(estimate, floor, 1e-12)
@@ -66,7 +66,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
 
 
 def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """By run and channel, where it is stated: standard deviation that the noise of what is compared has at most."""
+    """Stated standard deviation of the noise by run and channel: an upper limit for the compared samples."""
     stated = {run.name: run.recording.noise for run in runs}
     return {
         (run.name, name): stated[run.name][name]
@@ -77,15 +77,16 @@ def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], flo
 
 
 def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
-    """A run that can be compared with the model, cut where samples are missing that the model cannot do without.
+    """Check one run and cut it where samples are missing that the model cannot do without.
 
     Raises:
-        InputError: it is too long, a signal is constant or too short, or there is nothing that the model predicts.
+        InputError: the run is too long, a signal is constant or too short, or it contains no channel that the model
+            predicts.
     """
     longest = max((len(channel) for channel in run.channels.values()), default=0)
-    if longest > LARGEST_SAMPLE_COUNT:
+    if longest > MAX_SAMPLES:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
-    parts = cut_at_gaps(run) if model.linear else (run,)  # what is simulated goes on through a gap
+    parts = cut_at_gaps(run) if model.linear else (run,)  # a simulation goes on through a gap
     for part in parts:
         for name in model.predicted_channels(part):
             part.require_informative(name)
@@ -93,12 +94,12 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
 
 
 def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> list[Run]:
-    """A run as the model is compared with it, piece by piece.
+    """The pieces of a run in the form in which the model predicts them.
 
     Args:
-        model: to be compared.
-        parts: of the run, see `without_gaps`.
-        beside: see `Model.prepared`.
+        model: the model of the comparison.
+        parts: parts of the run; see `without_gaps`.
+        beside: other runs of the same arm; see `Model.prepared`.
 
     Raises:
         InputError: a signal is constant or too short.
@@ -107,10 +108,10 @@ def pieces(model: Model, parts: Sequence[Run], beside: Sequence[Run] = ()) -> li
 
 
 def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
-    """Refuse a file that is named twice.
+    """Refuse a file that is given twice.
 
     Args:
-        runs: by role, such as ``"a training run"``.
+        runs: runs by their use, such as ``"a training run"``.
     """
     seen: dict[object, str] = {}
     for role, those in runs.items():
@@ -125,7 +126,7 @@ def check_distinct(runs: Mapping[str, Sequence[Run]]) -> None:
 
 
 def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
-    """Refuse a copy of a recording, also one in another format: it is no second witness."""
+    """Refuse a copy of a recording, also in another format: it is not an independent recording."""
     seen: dict[object, Run] = {}
     for run in runs:
         readings = tuple(run.channels[name].value.round(9).tobytes() for name in model.predicted_channels(run))
@@ -136,7 +137,7 @@ def check_distinct_data(model: Model, runs: Sequence[Run]) -> None:
 
 
 def with_distinct_names(runs: Sequence[Run]) -> list[Run]:
-    """Runs named by file, and by folder as well where the same name occurs twice."""
+    """Rename runs to their file name, with the folder where the same file name occurs twice."""
     names = [run.name for run in runs]
     result = []
     for i, run in enumerate(runs):

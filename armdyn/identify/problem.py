@@ -1,7 +1,7 @@
-"""Runs, a model and a noise as one least-squares problem, any of whose parameters can be freed.
+"""Runs, a model and a noise as one least-squares problem in which any parameter can be free.
 
-A diagnosis asks for many fits that differ only in what is free. The residuals and their derivatives with respect to
-every parameter are therefore evaluated together, and a fit selects its columns.
+A diagnosis needs many fits that differ only in which parameters are free. So the residuals and their derivatives with
+respect to every parameter are evaluated together, and a fit selects its columns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,26 +18,26 @@ from armdyn.parameter import Parameter, Prior
 from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
 
-REMEMBERED = 3
-HELD = 0.1
+CACHED_POINTS = 3
+WEAK_PRIOR_SIZE = 0.1
 """Standard deviation, in typical sizes, of the prior that `Problem.with_weak_priors` gives a parameter of all runs: a
-stretch of motion tells a length ten times better, and one of rest must not lead away."""
-WIDE = 10.0
-"""Times its typical size: how far an effect's value may be from nothing. What a few samples hardly tell stays small,
-and a placeholder of 1 kg can still become 95 kg."""
+stretch of motion determines a length ten times better, and a stretch at rest must not change it."""
+EFFECT_PRIOR_SIZE = 10.0
+"""Prior standard deviation of an effect's value about its null value, in typical sizes. A value that a few samples
+hardly determine stays small, and a placeholder of 1 kg can still become 95 kg."""
 Noise = Mapping[tuple[str, str], float]
 """Standard deviation by run and channel, in the channel's unit."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One unknown: a parameter of all runs, or of one.
+    """One unknown of the problem: a parameter of all runs, or of one run.
 
     Attributes:
         name: ``"length"`` or ``"initial_angle[a.csv]"``.
-        parameter: with its bounds and prior.
-        index: of the parameter in the model's vector.
-        run: position of the run it belongs to, None for all.
+        parameter: the parameter, with its bounds and prior.
+        index: position of the parameter in the model's vector.
+        run: position of the run it belongs to; None for all runs.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Block:
     Attributes:
         run: name of the run.
         channel: name of the channel.
-        measured: its samples (n,).
+        measured: (n,) samples.
         residual: (n,) measured minus predicted, in units of `noise`.
         sensitivities: (n, P) derivatives of the prediction over `noise`, one column per unknown.
         noise: standard deviation, in the channel's unit.
@@ -68,31 +68,31 @@ class Block:
 
     @property
     def misfit(self) -> np.ndarray:
-        """(n,) measured minus predicted, in the channel's unit."""
+        """Residual (n,), measured minus predicted, in the channel's unit."""
         return self.residual * self.noise
 
     @property
     def predicted(self) -> np.ndarray:
-        """(n,) in the channel's unit."""
+        """Predicted samples (n,), in the channel's unit."""
         return self.measured.value - self.misfit
 
     @property
     def time(self) -> np.ndarray:
-        """(n,) s."""
+        """Times of the samples (n,), s."""
         return self.measured.time
 
     @property
     def unit(self) -> str:
-        """Of the channel."""
+        """Unit of the channel."""
         return self.measured.unit
 
     def interpolate(self, signal: Channel) -> np.ndarray:
-        """(n,) values of another signal of the run at the samples."""
+        """Interpolate another signal of the run at the times of the samples, (n,)."""
         return np.asarray(np.interp(self.time, signal.time, signal.value))
 
 
 def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
-    """Blocks of every channel, in the order in which channels come first."""
+    """Group blocks by channel; channels keep the order of their first blocks."""
     found: dict[str, list[Block]] = {}
     for block in blocks:
         found.setdefault(block.channel, []).append(block)
@@ -100,34 +100,35 @@ def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
 
 
 def chi2_of(blocks: Sequence[Block]) -> float:
-    """Sum of squared residuals over the noise."""
+    """Sum of the squared residuals over the noise variance."""
     return float(sum(block.residual @ block.residual for block in blocks))
 
 
 def samples_of(blocks: Sequence[Block]) -> int:
-    """Number of samples."""
+    """Number of samples in some blocks."""
     return sum(len(block.residual) for block in blocks)
 
 
 def deviates(chi2: float, samples: int) -> float:
-    """Standard deviations by which a chi2 exceeds the number of samples."""
+    """Number of standard deviations by which a chi2 exceeds the number of samples."""
     return float((chi2 - samples) / np.sqrt(2 * samples))
 
 
-GUESSED = 3.0
-"""Typical sizes: standard deviation of a first guess. It takes part where runs do not tell a value from others, which
-would else drift away together, out of the range in which the physics is what it is; what they tell it does not move."""
+GUESS_PRIOR_SIZE = 3.0
+"""Standard deviation of a first guess, in typical sizes. The guess acts as a prior where the runs do not identify a
+value, which could otherwise drift out of the range in which the formula is valid; it does not move identified
+values."""
 
 
 class Problem:
-    """A model held against runs.
+    """The least-squares problem of a model and runs.
 
     Args:
-        model: its values are the start; parameters of scope ``"per_run"`` are one unknown for each run.
+        model: the model; its values are the start. Parameters of scope ``"per_run"`` are one unknown for each run.
         runs: recordings with different names.
-        noise: by run and channel.
+        noise: standard deviation by run and channel, in the channel's unit.
 
-    Values `known` of a run are priors: one for all runs where they agree, else one for each run.
+    Stated values (`known`) of a run are priors: one for all runs where they agree, else one for each run.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
@@ -161,7 +162,10 @@ class Problem:
         self.prior_mean = np.array([p.prior.mean if p.prior else 0.0 for p in parameters])
         self.prior_weight = np.array([1.0 / p.prior.std if p.prior else 0.0 for p in parameters])
         guessed = self.of(model.first_guesses) & (self.prior_weight == 0.0)
-        self.guess_mean, self.guess_weight = self.start(), np.where(guessed, 1.0 / (GUESSED * self.typical), 0.0)
+        self.guess_mean, self.guess_weight = (
+            self.start(),
+            np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
+        )
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
@@ -172,7 +176,7 @@ class Problem:
         self._lean: dict[frozenset[str], tuple[Model, np.ndarray]] = {}
 
     def place(self, places: Mapping[str, float]) -> None:
-        """Begin at these values, by parameter, of what matters only where its effect is there, and is absent at any."""
+        """Set start values by parameter name, for parameters without influence at their effect's null value."""
         moved = [
             replace(c, parameter=replace(p, value=places[p.name], null=places[p.name])) if p.name in places else c
             for c in self.columns
@@ -182,16 +186,16 @@ class Problem:
         self.null = np.array([c.parameter.null for c in moved])
 
     def places(self, run: int) -> np.ndarray:
-        """(p,) position among the unknowns of every parameter of the model in one run."""
+        """(p,) position among the unknowns of each of the model's parameters, in one run."""
         return self._of_run[run]
 
     def _placed(self, run: int) -> np.ndarray:
-        """(p,) positions in one run; see `places`."""
+        """(p,) positions for one run; see `places`."""
         here = {c.index: j for j, c in enumerate(self.columns) if c.run in (None, run)}
         return np.array([here[k] for k in range(len(self.model.names))], dtype=int)
 
     def start(self) -> np.ndarray:
-        """(P,) values of the model and first guesses."""
+        """(P,) start values: those of the model, and first guesses."""
         return np.array([c.parameter.value for c in self.columns])
 
     @property
@@ -200,33 +204,34 @@ class Problem:
         return sum(len(run.channels[name].value) for run in self.runs for name in self.model.predicted_channels(run))
 
     def with_weak_priors(self, values: np.ndarray) -> "Problem":
-        """The problem with (P,) values known, weakly, where nothing better is: for runs that hardly tell anything."""
+        """The problem with weak priors at (P,) values of unknowns without a prior, for runs with little information."""
         held = copy(self)
         unknown = self.prior_weight == 0.0
-        width = np.where(self.per_run, 1.0, HELD) * self.typical
+        width = np.where(self.per_run, 1.0, WEAK_PRIOR_SIZE) * self.typical
         held.prior_mean = np.where(unknown, values, self.prior_mean)
         held.prior_weight = np.where(unknown, 1.0 / width, self.prior_weight)
         return held
 
     def with_wide_priors(self, left: float) -> "Problem":
-        """The problem with every effect's value known to be of its usual order, for runs that do not tell each of them.
+        """The problem with a prior of usual size on every effect's value, for runs that do not identify each one.
 
         Args:
-            left: what a fit leaves, in standard deviations of the noise; so much less a sample tells.
+            left: root mean square residual of a fit, in standard deviations of the noise; the information of a sample
+                is reduced by it.
         """
         held = copy(self)
         unknown = self.is_effect & (self.prior_weight == 0.0)
         held.prior_mean = np.where(unknown, self.null, self.prior_mean)
-        held.prior_weight = np.where(unknown, max(1.0, left) / (WIDE * self.typical), self.prior_weight)
+        held.prior_weight = np.where(unknown, max(1.0, left) / (EFFECT_PRIOR_SIZE * self.typical), self.prior_weight)
         return held
 
     def key(self, unknown: int) -> tuple[str, str | None]:
-        """What an unknown is in any problem: its parameter, and the name of the run that it belongs to."""
+        """Identity of an unknown in any problem: its parameter, and the name of the run that it belongs to."""
         column = self.columns[unknown]
         return column.parameter.name, None if column.run is None else self.runs[column.run].name
 
     def of(self, names: Sequence[str]) -> np.ndarray:
-        """(P,) bool: the unknowns of these parameters."""
+        """(P,) bool: the unknowns of the parameters `names`."""
         wanted = {self.model.names.index(name) for name in names}
         return np.array([c.index in wanted for c in self.columns], dtype=bool)
 
@@ -240,30 +245,31 @@ class Problem:
         return values[self._of_run[run]]
 
     def blocks(self, values: np.ndarray, wanted: np.ndarray | None = None) -> list[Block]:
-        """Residuals and derivatives at (P,) values; the last few points are remembered.
+        """Evaluate residuals and derivatives at (P,) values; the last few points are cached.
 
         Args:
-            values: (P,).
-            wanted: (P,) bool, unknowns whose derivatives are needed, all where it is not given; the others may be 0.
+            values: (P,) values of the unknowns.
+            wanted: (P,) bool, unknowns whose derivatives are needed; None means all. Derivatives of the others may be
+                0.
         """
         held = frozenset(self._effects) if wanted is None else self.needed(values, wanted)
         key, everything = (values.tobytes(), held), (values.tobytes(), frozenset(self._effects))
-        if everything in self._whole:  # it serves every fit that starts there, so it is not crowded out by them
+        if everything in self._whole:  # it serves every fit that starts here, so others must not replace it
             return self._whole[everything]
         memory = self._whole if key == everything else self._partial
         if key not in memory:
-            while len(memory) >= REMEMBERED:
+            while len(memory) >= CACHED_POINTS:
                 del memory[next(iter(memory))]
             memory[key] = self._blocks(values, *self.holding(held))
         return memory[key]
 
     def needed(self, values: np.ndarray, wanted: np.ndarray) -> frozenset[str]:
-        """Effects without which (P,) values or derivatives by (P,) bool `wanted` unknowns would be others."""
+        """Effects on which predictions at (P,) values, or derivatives by the (P,) bool `wanted` unknowns, depend."""
         concerned = self._of_effects & (wanted | (values != self.null))
         return frozenset(compress(self._effects, concerned.any(axis=1) | ~self._of_effects.any(axis=1)))
 
     def holding(self, needed: frozenset[str]) -> tuple[Model, np.ndarray]:
-        """The model with these effects, or more, and (q,) where its parameters are in the whole one's."""
+        """A model with at least these effects, and (q,) positions of its parameters in the whole model."""
         if needed not in self._lean:
             model = self.model.holding(needed, self.runs)
             place = {name: i for i, name in enumerate(self.model.names)}
@@ -276,7 +282,7 @@ class Problem:
             prediction = model.predict(run, self.theta(i, values)[places])
             for channel, rows in prediction.slices.items():
                 noise = self.noise[run.name, channel]
-                # Column by column: columns of parameters that the model lacks are never touched, and take no memory.
+                # Column by column: columns of parameters that the model lacks are never touched and take no memory.
                 sensitivities = np.zeros((rows.stop - rows.start, len(self.columns)), order="F")
                 sensitivities[:, self._of_run[i][places]] = prediction.sensitivities[rows] / noise
                 measured = run.channels[channel]
@@ -285,7 +291,7 @@ class Problem:
         return found
 
     def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
-        """Cost around (P,) `values`, over the unknowns `free`, with first guesses as very weak priors or without."""
+        """Expand the cost at (P,) `values` in the unknowns `free`; first guesses may act as very weak priors."""
         prior = self.prior_weight * (self.prior_mean - values)
         guess = self.guess_weight * (self.guess_mean - values) if guesses else np.zeros(len(values))
         cost = float(prior @ prior + guess @ guess) / 2
@@ -299,16 +305,17 @@ class Problem:
         return Expansion(cost, gradient, hessian)
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
-        """Minimise over the unknowns `free`, (P,) bool, the others staying at `start`; the result holds all."""
+        """Minimise over the unknowns `free`, (P,) bool; the others stay at `start`. The result has all (P,) values."""
         part = Part(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.whole(found.values))
 
 
 def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing: float | None = None) -> np.ndarray:
-    """Values of one problem's unknowns in another: by parameter and run, the rest as the other starts, or `missing`.
+    """Transfer the values of one problem's unknowns to another, by parameter and run.
 
-    What is one unknown for all runs here may be one for each run there, where runs were weighed with other results.
+    Other unknowns get the start values of the target, or `missing`. One unknown of all runs may become one for each
+    run, where the runs have different stated values.
     """
     result = target.start() if missing is None else np.full(len(target.columns), missing)
     place = {source.key(i): i for i in range(len(source.columns))}
@@ -322,27 +329,27 @@ def transferred(values: np.ndarray, source: Problem, target: Problem, *, missing
 
 
 def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.ndarray:
-    """(P',) bool of another problem's unknowns, of (P,) bool of one's; what that one lacks is False."""
+    """Transfer a (P,) bool mask of one problem's unknowns to another, (P',); what the source lacks is False."""
     return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
 class Part:
-    """The cost of a problem of which only some unknowns, (P,) bool, are free; the others stay at (P,) values."""
+    """The cost of a problem in the unknowns that (P,) bool marks as free; the others are fixed at (P,) values."""
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:
         self._problem, self._free, self._start = problem, free, start
         self.lower, self.upper, self.typical = problem.lower[free], problem.upper[free], problem.typical[free]
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """(P,) values of all unknowns."""
+        """(P,) values of all unknowns, from the free ones."""
         everything = self._start.copy()
         everything[self._free] = values
         return everything
 
     def evaluate(self, values: np.ndarray) -> Expansion:
-        """See `Cost.evaluate`; infinite where a simulation diverges."""
+        """Evaluate the cost; it is infinite where a simulation diverges. See `Cost.evaluate`."""
         whole = self.whole(values)
-        with np.errstate(all="ignore"):  # a diverging simulation is an infinite cost, and the step is shortened
+        with np.errstate(all="ignore"):  # a diverging simulation has infinite cost, and the step is shortened
             at = self._problem.expansion(whole, self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
@@ -354,7 +361,7 @@ def _stated(run: Run, name: str) -> Known | None:
 
 
 def _informed(parameter: Parameter, run: Run) -> Parameter:
-    """The parameter with what was measured by hand for this run."""
+    """The parameter with the value that was measured by hand for this run."""
     known = run.known.get(parameter.name)
     if known is None:
         return parameter

@@ -12,10 +12,10 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
-from armdyn.identify.diagnose import IDEALISED, explained_share, judge
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, explained_share, judge
 from armdyn.identify.explained import RepairStep, Scale, explained
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import HARM, HoldoutKind
+from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
 from armdyn.identify.lost import lost, lost_sentence
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import law_sentence
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 BACKGROUND = "background"
 """Name of the step that adds small values without a name."""
 NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
-MUCH = 0.5
+MIN_IMPROVED_SHARE = 0.5
 """Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
 
 
@@ -117,7 +117,7 @@ class Repair(Displayable):
             return Level.GOOD
         if self.explained < 0.0 or self.verdict is Verdict.LOST:
             return Level.BAD
-        return Level.IMPROVED if self.explained > MUCH else Level.CAUTION
+        return Level.IMPROVED if self.explained > MIN_IMPROVED_SHARE else Level.CAUTION
 
 
 @one_thread
@@ -174,7 +174,7 @@ def with_background(study: Study, told: Repair, say: Progress, full: FullModel |
 def _harms(before: RepairStep, after: RepairStep, scale: Scale) -> bool:
     """Whether other runs are predicted worse, all channels of one unit together."""
     old, new = (totals(step.held_out_rmse, scale.units) for step in (before, after))
-    return any(new[unit] > (1.0 + HARM) * old[unit] for unit in old)
+    return any(new[unit] > (1.0 + MAX_ERROR_INCREASE) * old[unit] for unit in old)
 
 
 @one_thread
@@ -283,7 +283,7 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
     near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
-    little = len(found.steps) > 1 and explained_share(study, found.steps[0], found.last) > IDEALISED
+    little = len(found.steps) > 1 and explained_share(study, found.steps[0], found.last) > MIN_EXPLAINED_AT_NOISE
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 
 

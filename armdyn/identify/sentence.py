@@ -28,20 +28,20 @@ class Verdict(Enum):
         return self.name.lower()
 
 
-WHOSE = {
+KIND_TEXT = {
     HoldoutKind.EXAM: "on the exam, which took part in nothing,",
     HoldoutKind.HELD_OUT: "on held-out runs, which took part in choosing,",
     HoldoutKind.IN_TURN: "of runs predicted from the others",
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
-NOTICEABLE = 0.01
+NOTICEABLE_CHANGE = 0.01
 """Relative change of an error that is called one."""
-MOST_JOINTS = 3
-MOST_EFFECTS = 4
+MAX_NAMED_JOINTS = 3
+MAX_NAMED_EFFECTS = 4
 """Beyond which effects, or an effect's joints, are counted rather than named."""
-BEHIND = 0.2
+LAGGING_SHARE = 0.2
 """Share of a misfit by which a joint's must lag behind that of all to be told beside it."""
-AT_THE_NOISE = 1.1
+NOISE_ERROR_RATIO = 1.1
 """Ratio of error to noise up to which an error is called noise."""
 
 
@@ -90,7 +90,7 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
     old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
     return (
         f" A background of {after.values} small values, which have no name, was added, as it predicts parts of the "
-        f"recordings better that it was not fitted to: the error {WHOSE[judge]} {_change(old, new)}."
+        f"recordings better that it was not fitted to: the error {KIND_TEXT[judge]} {_change(old, new)}."
     )
 
 
@@ -127,8 +127,12 @@ def _found(
 ) -> str:
     added = added_effects(steps)
     if not added:
-        return f"Nothing was added: the error {WHOSE[judge]} is {_sizes(before)}."
-    named = added if len(added) <= MOST_EFFECTS else [*added[: MOST_EFFECTS - 1], f"{len(added) - 3} more effects"]
+        return f"Nothing was added: the error {KIND_TEXT[judge]} is {_sizes(before)}."
+    named = (
+        added
+        if len(added) <= MAX_NAMED_EFFECTS
+        else [*added[: MAX_NAMED_EFFECTS - 1], f"{len(added) - 3} more effects"]
+    )
     several = len(added) > 1
     names = {name for step in steps for name in step.added}
     ties = list(dict.fromkeys(tied for step in steps for tied in step.tied_with if tied not in names))
@@ -148,20 +152,22 @@ def _found(
             if 0.5 < alone < share:
                 text += f", {steps[1].added[0]} alone {in_percent(alone)}"
         worst = least_explained(steps[0].judged(scale), steps[-1].judged(scale), scale)
-        if worst is not None and worst[1] < share - BEHIND:
+        if worst is not None and worst[1] < share - LAGGING_SHARE:
             of = worst[0].partition(".")[2] or worst[0]
             text += f" but only {in_percent(max(worst[1], 0.0))} of that of {of}"
-    return f"{text}; the error {WHOSE[judge]} {_change(before, after)}."
+    return f"{text}; the error {KIND_TEXT[judge]} {_change(before, after)}."
 
 
 def _left(last: RepairStep, scale: Scale, after: Mapping[str, float], left: Left) -> str:
     warned = "".join(f"; but {warning}" for warning in left.warnings)
     noise = totals({channel: scale.noise[channel] for channel in last.rmse}, scale.units)
     ratio = max((after[unit] / noise[unit] for unit in after if noise.get(unit)), default=0.0)
-    size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > AT_THE_NOISE else "What is left"
+    size = f"What is left, {_number(ratio, 2)} times the noise," if ratio > NOISE_ERROR_RATIO else "What is left"
     if not left.something:
-        return f"{size} {'shows no structure that armdyn looks for' if ratio > AT_THE_NOISE else 'is noise'}{warned}."
-    text = f"{size} {'is more than noise' if ratio > AT_THE_NOISE else 'is not white noise'}"
+        return (
+            f"{size} {'shows no structure that armdyn looks for' if ratio > NOISE_ERROR_RATIO else 'is noise'}{warned}."
+        )
+    text = f"{size} {'is more than noise' if ratio > NOISE_ERROR_RATIO else 'is not white noise'}"
     text += f" ({left.looks_like})" if left.looks_like else ""
     if not left.searched:
         text += ": run `armdyn diagnose` to look for more"
@@ -176,7 +182,9 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
     parts = []
     for unit, old in before.items():
         new = after.get(unit, math.nan)
-        verb = "falls" if new < (1 - NOTICEABLE) * old else "rises" if new > (1 + NOTICEABLE) * old else ""
+        verb = (
+            "falls" if new < (1 - NOTICEABLE_CHANGE) * old else "rises" if new > (1 + NOTICEABLE_CHANGE) * old else ""
+        )
         if verb:
             parts.append(f"{verb} from {_number(old)} to {_number(new)} {unit}")
         else:
@@ -191,7 +199,7 @@ def _sizes(by_unit: Mapping[str, float]) -> str:
 def _on(name: str, joints: Sequence[str]) -> str:
     if not joints:
         return name
-    return f"{name} on {listed(list(joints)) if len(joints) <= MOST_JOINTS else f'{len(joints)} joints'}"
+    return f"{name} on {listed(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
 
 
 def _number(value: float, digits: int = 3) -> str:

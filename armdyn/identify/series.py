@@ -19,20 +19,20 @@ from scipy.signal import lfilter
 from armdyn.recording.channels import FloatArray
 from armdyn.recording.differences import NORMAL_MEDIAN
 
-LEAST_AT_A_SIDE = 4
+MIN_SIDE_RECORDINGS = 4
 """Recordings before and after a step: fewer may be a bad afternoon."""
-LEAST = 10
+MIN_SERIES_RECORDINGS = 10
 """Recordings of a series that is looked at."""
-ALIKE = 1e-12
+EQUAL_VALUES_SPREAD = 1e-12
 """Spread over size of values that are all the same."""
-ODD = 3.0
+OUTLIER_DEVIATES = 3.0
 """Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
 first one after a step has three of its own kind among these."""
-AT_ONCE = 2_000_000
+SIMULATED_AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
-GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
+PHI_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
 """Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""
-GRID_SERIES = 400
+PHI_GRID_SERIES = 400
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Series:
         if self.std is None:
             return np.ones_like(self.value)
         jumps, own = np.abs(np.diff(self.value)), self.std[1:] ** 2 + self.std[:-1] ** 2
-        tiny = ALIKE * float(jumps.max(initial=0.0))
+        tiny = EQUAL_VALUES_SPREAD * float(jumps.max(initial=0.0))
 
         def too_large(more: float) -> float:
             return float(np.median(jumps / np.sqrt(own + 2.0 * more**2 + tiny**2))) - NORMAL_MEDIAN
@@ -104,11 +104,15 @@ class StepTest:
         """None where the series is too short, or its values or times are all the same."""
         time, value = series.time, series.value
         count = len(value)
-        if count < LEAST or time[-1] <= time[0] or np.ptp(value) <= ALIKE * np.abs(value).max():
+        if (
+            count < MIN_SERIES_RECORDINGS
+            or time[-1] <= time[0]
+            or np.ptp(value) <= EQUAL_VALUES_SPREAD * np.abs(value).max()
+        ):
             return None
         scale = series.scale
         weight = np.median(scale) / scale
-        splits = np.arange(LEAST_AT_A_SIDE, count - LEAST_AT_A_SIDE + 1)
+        splits = np.arange(MIN_SIDE_RECORDINGS, count - MIN_SIDE_RECORDINGS + 1)
         splits = splits[time[splits] > time[splits - 1]]
         middle = np.average(time, weights=weight**2)
         straight = weight * np.array([np.ones(count), (time - middle) / np.ptp(time)])
@@ -158,7 +162,7 @@ class StepTest:
     def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
         """(2, batches) deviates of the best step and of the slope in noise."""
         found = np.empty((2, batches))
-        size = max(1, AT_ONCE // len(self.time))
+        size = max(1, SIMULATED_AT_ONCE // len(self.time))
         for first in range(0, batches, size):
             some = slice(first, min(first + size, batches))
             noise = _noise(self.phi, (some.stop - first, len(self.time)), rng)
@@ -174,9 +178,10 @@ def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
     expected = [
-        float(np.mean(_neighbours(typical.two_steps_left(_noise(phi, (GRID_SERIES, count), rng))))) for phi in GRID
+        float(np.mean(_neighbours(typical.two_steps_left(_noise(phi, (PHI_GRID_SERIES, count), rng)))))
+        for phi in PHI_GRID
     ]
-    return float(np.interp(seen, np.maximum.accumulate(expected), GRID))
+    return float(np.interp(seen, np.maximum.accumulate(expected), PHI_GRID))
 
 
 def _neighbours(rest: FloatArray) -> FloatArray:
@@ -203,7 +208,7 @@ def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
     around = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
     jumps = np.abs(np.diff(values, axis=1)) / np.hypot(scale[1:], scale[:-1])
     usual = np.median(jumps, axis=1, keepdims=True) / NORMAL_MEDIAN
-    return np.where(np.abs(values - around) > ODD * usual * scale, around, values)
+    return np.where(np.abs(values - around) > OUTLIER_DEVIATES * usual * scale, around, values)
 
 
 def _own(values: FloatArray, phi: float) -> FloatArray:

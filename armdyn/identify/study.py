@@ -10,7 +10,7 @@ from itertools import chain, tee
 import numpy as np
 
 from armdyn.effects.effect import Effect
-from armdyn.identify.fit import NEAR_NOISE, Fit, determined, fit
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, determined, fit
 from armdyn.identify.holdout import HoldoutKind, blocks_of, predictions, predictions_in_turn
 from armdyn.identify.prepare import noise_of_runs, prepared, stated_noise
 from armdyn.identify.problem import Block, Problem, chi2_of, samples_of, transferred, transferred_mask
@@ -20,22 +20,22 @@ from armdyn.identify.selection.linear_scorer import LinearScorer, noisy
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.selection.sums import sums
 from armdyn.identify.state_space.motion_start import initial_values
-from armdyn.identify.state_space.output_error import OTHERS, AroundMotion, best_minimum, shows_motion
+from armdyn.identify.state_space.output_error import OTHER_STARTS, AroundMotion, best_minimum, shows_motion
 from armdyn.model import Model
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-QUICK_STEPS = 8
+MAX_QUICK_STEPS = 8
 """A candidate that needs more steps than this is no small correction of the present fit."""
-MOST_TOLD = 5
+MAX_LISTED_GLITCHES = 5
 """Times of glitches that are listed."""
-SCORERS = 3
+CACHED_SCORERS = 3
 """Scorers that are kept: a search goes back to the last ones."""
-LITTLE = 0.125
+MIN_SHARE_PER_VALUE = 0.125
 """Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
 public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
-CHANCE, SURELY = 0.5, 3.0
+CHANCE_DEVIATES, SURE_DEVIATES = 0.5, 3.0
 """Standard deviations of a mean square: the smallest error that is compared, and up to which it may be noise alone."""
 
 
@@ -94,7 +94,7 @@ class Study:
         self._starts: dict[frozenset[str], Iterator[np.ndarray]] = {}
         self._started: dict[Fit, Iterator[np.ndarray]] = {}
         self._around_motion: dict[tuple[frozenset[str], int], Fit] = {}
-        self._scorers: deque[tuple[Fit, LinearScorer]] = deque(maxlen=SCORERS)
+        self._scorers: deque[tuple[Fit, LinearScorer]] = deque(maxlen=CACHED_SCORERS)
         self._present_names = [name for c in self.present for name in c.names]
 
     @cached_property
@@ -120,7 +120,7 @@ class Study:
     @cached_property
     def _first(self) -> Fit:
         if self.motion is not None:
-            return self._fit_around(self.present, OTHERS)
+            return self._fit_around(self.present, OTHER_STARTS)
         wanted = self.problem.fitted & self.problem.of(self.model.names)
         free = determined(self.problem, wanted, self.problem.start())
         found = fit(self.problem, free, self.problem.start())
@@ -138,10 +138,10 @@ class Study:
         Where the runs show the motion, it starts there.
         """
         if self.motion is not None:
-            return self._fit_around(effects, OTHERS)
+            return self._fit_around(effects, OTHER_STARTS)
         assert near is not None
         free, start = self._released(effects, near)
-        return fit(self.problem, free, start if values is None else values, most_steps=QUICK_STEPS)
+        return fit(self.problem, free, start if values is None else values, most_steps=MAX_QUICK_STEPS)
 
     def left(self, effects: Sequence[Candidate]) -> float:
         """What a set leaves in output error, training and held-out runs together; see `squared_error`.
@@ -194,14 +194,14 @@ class Study:
     def is_at_noise(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
-        return bool(np.all(excess <= SURELY / CHANCE * by_chance))
+        return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
         """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
-        return means - 1.0, CHANCE * float(np.sqrt(2.0 / samples.min()))
+        return means - 1.0, CHANCE_DEVIATES * float(np.sqrt(2.0 / samples.min()))
 
     def disbelieved(self, fit: Fit) -> list[str]:
         """Samples that no noise explains and that counted little in choosing, a sentence for each run and channel."""
@@ -213,7 +213,9 @@ class Study:
             for channel, weight in zip(run.channels, weights, strict=True):
                 when = run.run.channels[channel].time[weight > 1.0]
                 if len(when):
-                    times = ", ".join(f"{t:.4g}" for t in when[:MOST_TOLD]) + (", ..." if len(when) > MOST_TOLD else "")
+                    times = ", ".join(f"{t:.4g}" for t in when[:MAX_LISTED_GLITCHES]) + (
+                        ", ..." if len(when) > MAX_LISTED_GLITCHES else ""
+                    )
                     found.append(
                         f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples are no noise (a hand, "
                         f"a lost marker) and count little in choosing: at {times} s"
@@ -240,7 +242,7 @@ class Study:
         places = chain(copy(starts), motion.elsewhere(free, copy(starts)))
         fitted = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
         found = best_minimum(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
-        if others and found.chi2_per_sample > NEAR_NOISE and (likely := motion.likeliest(free)):
+        if others and found.chi2_per_sample > CHI2_NEAR_NOISE and (likely := motion.likeliest(free)):
             other = best_minimum(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
             found = min(found, other, key=lambda one: one.cost)
         if point is not None:

@@ -11,7 +11,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.residual.localise import Place
 from armdyn.identify.residual.missing_force import ForceCurve
-from armdyn.identify.sentence import MOST_JOINTS, totals
+from armdyn.identify.sentence import MAX_NAMED_JOINTS, totals
 from armdyn.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from armdyn.arm.rollout import RollOut
     from armdyn.identify.bands import Bands
 
-MOST_PLACES = 6
+MAX_LISTED_PLACES = 6
 """That a table names; JSON has all."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
 """By what the name of a link's quantity begins with."""
@@ -64,7 +64,7 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
 
 def place_section(title: str, places: Sequence[Place]) -> Section:
     """The worst places first."""
-    worst = places[:MOST_PLACES]
+    worst = places[:MAX_LISTED_PLACES]
     columns = [
         *columns_of(worst, channel="", run="", against=""),
         Column("from", [place.start for place in worst], ".3g"),
@@ -166,7 +166,7 @@ def candidate_table(
     """
     values = [
         ", ".join(f"{name.partition('.')[2]} {p.value:.4g} {p.unit}" for name, p in s.parameters.items())
-        if len(s.joints) <= MOST_JOINTS
+        if len(s.joints) <= MAX_NAMED_JOINTS
         else f"{len(s.parameters)} values"
         for s in found
     ]
@@ -228,7 +228,7 @@ def step_name(step: RepairStep) -> str:
 
 def joint_text(joints: Sequence[str]) -> str:
     """Names of a few joints, the number of many."""
-    return ", ".join(joints) if len(joints) <= MOST_JOINTS else f"{len(joints)} joints"
+    return ", ".join(joints) if len(joints) <= MAX_NAMED_JOINTS else f"{len(joints)} joints"
 
 
 def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
@@ -244,8 +244,8 @@ def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
-ROLES = {"exam": "exam", "held_out": "held-out", "training": "training"}
-KINDS = {
+ROLE_WORDS = {"exam": "exam", "held_out": "held-out", "training": "training"}
+ROLLOUT_WORDS = {
     "closed_loop": "whole recordings in closed loop",
     "window_0.5": "windows of 0.5 s",
     "window_5": "windows of 5 s",
@@ -288,7 +288,7 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
 
 def motion_section(found: Sequence["RollOut"]) -> Section:
     """How far the simulated motion is from the recorded one, of the most independent runs that there are."""
-    role = next(role for role in ROLES if any(r.role == role for r in found))
+    role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     rows: dict[tuple[str, str], list[RollOut]] = {}
     for r in found:
         if r.role == role:
@@ -305,7 +305,7 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
     aside = [mean(each)[0] if each else None for each in told]
     columns = [
         Column("joint", [joint for joint, _ in rows]),
-        Column("simulated", [KINDS[kind] for _, kind in rows]),
+        Column("simulated", [ROLLOUT_WORDS[kind] for _, kind in rows]),
         Column("unit", [of[0].unit for of in rows.values()]),
         Column("rms", [e[0] for e in errors]),
         Column("mean_absolute", [e[1] for e in errors]),
@@ -313,7 +313,7 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
         Column("encoder", [of[0].resolution or None for of in rows.values()], title="encoder's step"),
     ]
     text = (
-        f"The model is simulated by what drove the joints in the {ROLES[role]} runs, not told where they went; "
+        f"The model is simulated by what drove the joints in the {ROLE_WORDS[role]} runs, not told where they went; "
         "the error of its positions:"
     )
     if any(rms is None for rms, _ in errors):

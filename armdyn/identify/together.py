@@ -23,9 +23,9 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.threads import one_thread
 
-TOLD = 1.0
+DETERMINED_STD_SIZES = 1.0
 """Of a typical size: the standard deviation beyond which a direction is not determined."""
-PART = 0.02
+MIN_TOGETHER_SHARE = 0.02
 """Share of the largest relative change in a direction below which a value takes no part in it."""
 
 
@@ -72,11 +72,11 @@ def moving_together(fit: Fit) -> tuple[Together, ...]:
     if not np.isfinite(J).all():
         return ()
     alone = np.linalg.norm(J, axis=0)
-    told = np.flatnonzero(alone > TOLD)
+    told = np.flatnonzero(alone > DETERMINED_STD_SIZES)
     if not len(told):
         return ()
     _, singular, rows = np.linalg.svd(J[:, told])
-    weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < TOLD]
+    weak = rows[np.concatenate([singular, np.zeros(len(told) - len(singular))]) < DETERMINED_STD_SIZES]
     return tuple(_described(fit, asked[told], direction, alone[told]) for direction in _sparse(weak))
 
 
@@ -96,7 +96,7 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
     relative = np.where(
         values[columns] != 0.0, 100.0 * change / np.where(values[columns] != 0.0, values[columns], 1.0), 0.0
     )
-    part = np.abs(direction) > PART * np.abs(direction).max()
+    part = np.abs(direction) > MIN_TOGETHER_SHARE * np.abs(direction).max()
     first = int(np.argmax(part & (np.abs(relative) > 0.0)))
     scale = relative[first] if relative[first] else change[first]
     changes, units = dict[str, float](), dict[str, str]()

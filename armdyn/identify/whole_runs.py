@@ -12,27 +12,28 @@ import numpy as np
 from scipy.special import chdtri
 
 from armdyn.identify.fit import Fit
-from armdyn.identify.holdout import HARM
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.holdout import MAX_ERROR_INCREASE
+from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import SetScore
-from armdyn.identify.state_space.scorer import MOSTLY, StateSpaceScorer
-from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.state_space.scorer import MAX_LACKING_SHARE, StateSpaceScorer
+from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
 
-FAR = 1.0
+WHOLE_RUN_EXCESS = 1.0
 """Squared error above the noise, over the noise, from which whole runs are compared: noise is the smaller part then."""
-COMPARED, PAIRED = 12, 6
+COMPARED_EFFECTS, COMPARED_PAIR_EFFECTS = 12, 6
 """Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
-CLEARLY = 2
+MIN_VALUES_SAVED = 2
 """Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
-OVERRULED = 0.25
-"""Share of the squared error above the noise, of what evidence left, that a pair may leave where that is not `GROSS`:
-a wrong pair left 0.41 of it beside small errors of an encoder, right ones that evidence missed 0.18 or less."""
-RIVALS = 2
+OVERRULE_SHARE = 0.25
+"""Share of the squared error above the noise, of what evidence left, that a pair may leave where that is not
+`GROSS_ERROR_RATIO`: a wrong pair left 0.41 of it beside small errors of an encoder, right ones that evidence missed
+0.18 or less."""
+RIVALS_TRIED = 2
 """Effects, those with the best evidence, that are tried in the place of each effect of a set."""
-BY_CHANCE = 0.0455
+NULL_PROBABILITY = 0.0455
 """Probability of two standard deviations: values that are nothing reach it by chance."""
 
 Effects = tuple[Candidate, ...]
@@ -41,9 +42,13 @@ Effects = tuple[Candidate, ...]
 def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
     """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
     effects, found = whole.effects, _fitted(study, whole.effects)
-    if scorer.candidates and np.any(study.excess(found) > FAR):
+    if scorer.candidates and np.any(study.excess(found) > WHOLE_RUN_EXCESS):
         say("comparing pairs over whole runs")
-        needed = (1.0 - LITTLE) ** CLEARLY if found.chi2_per_sample > GROSS else OVERRULED
+        needed = (
+            (1.0 - MIN_SHARE_PER_VALUE) ** MIN_VALUES_SAVED
+            if found.chi2_per_sample > GROSS_ERROR_RATIO
+            else OVERRULE_SHARE
+        )
         effects = _pair_or(study, scorer, effects, needed)
         say("comparing rivals over whole runs")
         effects = _exchanged(study, scorer, effects)
@@ -65,12 +70,12 @@ def _left(study: Study, effects: Effects) -> float:
 def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
     """A set, or one of one or two effects that leaves at most the share `needed` of what it leaves of whole runs."""
     scorer.settle(())
-    promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED]
-    alone = sorted(promised, key=lambda c: _left(study, (c,)))[:PAIRED]
+    promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED_EFFECTS]
+    alone = sorted(promised, key=lambda c: _left(study, (c,)))[:COMPARED_PAIR_EFFECTS]
     sets = [*((c,) for c in alone), *combinations(alone, 2)]
-    best = min(sets, key=lambda one: _left(study, one) / (1.0 - LITTLE) ** len(one))
+    best = min(sets, key=lambda one: _left(study, one) / (1.0 - MIN_SHARE_PER_VALUE) ** len(one))
     more = max(len(best) - len(whole), 0)
-    return best if _left(study, best) < (1.0 - LITTLE) ** more * needed * _left(study, whole) else whole
+    return best if _left(study, best) < (1.0 - MIN_SHARE_PER_VALUE) ** more * needed * _left(study, whole) else whole
 
 
 def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
@@ -87,12 +92,12 @@ def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effect
             rest = tuple(c for c in whole if c != gone)
             rivals = [c for c in scorer.candidates if c not in whole and len(c.names) <= len(gone.names)]
             sets = [scorer.of((*rest, c)) for c in rivals]
-            least = now.score - MOSTLY * (now.score - scorer.of(rest).score)
-            near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS]
+            least = now.score - MAX_LACKING_SHARE * (now.score - scorer.of(rest).score)
+            near = sorted((one for one in sets if one.score > least), key=lambda one: -one.score)[:RIVALS_TRIED]
             options += [one.effects for one in near if frozenset(one.effects) not in refused]
         refused |= {frozenset(one) for one in options}
         left = {one: study.excess(study.quick_fit((*study.present, *one))) for one in options}
-        better = [one for one in options if np.all(left[one] < (1.0 - LITTLE) * most)]
+        better = [one for one in options if np.all(left[one] < (1.0 - MIN_SHARE_PER_VALUE) * most)]
         if not better:
             return whole
         whole = min(better, key=lambda one: float(left[one].sum()))
@@ -125,7 +130,7 @@ def _harms(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
         return False
     without = _fitted(study, tuple(c for c in effects if c is not one))
     before, after = study.excess(found), study.excess(without)
-    return bool(before[1] + 1.0 > (1.0 + HARM) ** 2 * (after[1] + 1.0))
+    return bool(before[1] + 1.0 > (1.0 + MAX_ERROR_INCREASE) ** 2 * (after[1] + 1.0))
 
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
@@ -142,4 +147,4 @@ def _is_nothing(study: Study, found: Fit, one: Candidate) -> bool:
     if not known.any():
         return False  # a bound holds it
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
-    return bool(square < chdtri(int(known.sum()), BY_CHANCE))
+    return bool(square < chdtri(int(known.sum()), NULL_PROBABILITY))

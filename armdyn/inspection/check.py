@@ -1,4 +1,4 @@
-"""What a check of a recording says: what, where, how sure, and the remedy."""
+"""Findings on a recording: what is wrong, where, how certain it is, and the remedy."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ Kind: TypeAlias = Literal[
 
 
 class Severity(Enum):
-    """How much a check matters; the value is for a person."""
+    """How much a finding matters; the value is the text for a reader."""
 
     WRONG = "the recording is not what it says: mend it first"
     SUSPECT = "look at it before you believe what follows"
@@ -29,26 +29,26 @@ class Severity(Enum):
 
     @property
     def key(self) -> str:
-        """In JSON."""
+        """Name of the severity in JSON."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that is odd about a recording, or about a model that was fitted to it.
+    """One finding on a recording, or on a model that was fitted to it.
 
     Attributes:
-        kind: in one word.
-        severity: how much it matters.
+        kind: kind of the finding in one word.
+        severity: how much the finding matters.
         run: name of the run; None where it concerns the model.
-        channels: concerned.
-        sentence: what, where and how sure.
-        remedy: what to do, as a line to type where there is one.
-        start: s, where it begins; None where it concerns the whole run.
-        end: s, where it ends.
-        evidence: nats, logarithm of how much more probable the recording is so than by the next best hypothesis; of a
-            check without hypotheses None.
-        correction: of the recording; None where only recording again helps.
+        channels: channels concerned.
+        sentence: what is wrong, where, and how certain it is.
+        remedy: what to do, as a command line where there is one.
+        start: time at which it begins, s; None where it concerns the whole run.
+        end: time at which it ends, s.
+        evidence: log ratio, in nats, of the recording's probability with this mistake to that under the next best
+            hypothesis; None for a check without hypotheses.
+        correction: correction of the recording; None where only a new recording helps.
     """
 
     kind: Kind
@@ -65,11 +65,11 @@ class Check:
 
 @dataclass(frozen=True)
 class Inspection:
-    """All checks of some recordings, the worst first.
+    """All findings on some recordings, the worst first.
 
     Attributes:
-        runs: as recorded.
-        checks: of them.
+        runs: the recordings.
+        checks: findings on them.
     """
 
     runs: tuple[Run, ...]
@@ -80,17 +80,17 @@ class Inspection:
 
     @property
     def wrong(self) -> tuple[Check, ...]:
-        """Checks that make the recordings unusable."""
+        """Findings that make the recordings unusable."""
         return tuple(check for check in self.checks if check.severity is Severity.WRONG)
 
     @property
     def usable(self) -> bool:
-        """Whether the recordings can be held against a model as they are."""
+        """Whether the recordings can be compared with a model as they are."""
         return not self.wrong
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The findings in one or two sentences, for a reader."""
         first = (self.wrong or self.of(Severity.SUSPECT))[:1]
         if not first:
             many = len(self.runs)
@@ -103,15 +103,17 @@ class Inspection:
         return f"{where}{check.sentence}" + (f" ({more} more of this kind.)" if more else "")
 
     def naming(self, model: Path) -> "Inspection":
-        """The same with the model's file in what can be typed."""
-        return replace(self, checks=tuple(replace(c, remedy=c.remedy.replace(MODEL, str(model))) for c in self.checks))
+        """The same findings, with the path of the model file in the command lines."""
+        return replace(
+            self, checks=tuple(replace(c, remedy=c.remedy.replace(MODEL_PLACEHOLDER, str(model))) for c in self.checks)
+        )
 
     def of(self, severity: Severity) -> tuple[Check, ...]:
-        """Checks of one severity."""
+        """Findings of one severity."""
         return tuple(check for check in self.checks if check.severity is severity)
 
     def corrected(self) -> Mapping[str, Correction]:
-        """By name of the run: everything that can be mended in it, in one correction."""
+        """Correction by name of the run, with everything that can be corrected in the run."""
         found: dict[str, Correction] = {}
         for check in self.wrong:
             if check.run is not None and check.correction is not None:
@@ -119,32 +121,32 @@ class Inspection:
         return found
 
 
-MODEL = "M.toml"
-"""Where a remedy names the model's file, which a check does not know."""
+MODEL_PLACEHOLDER = "M.toml"
+"""Placeholder for the model file in command lines, because a check does not know the file."""
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for a sentence, of many the first and how many there are."""
-    return ", ".join(names) if len(names) <= FEW else f"{names[0]} and {len(names) - 1} more"
+    """Names for a sentence; of many names the first ones and the number of all."""
+    return ", ".join(names) if len(names) <= MAX_LISTED_NAMES else f"{names[0]} and {len(names) - 1} more"
 
 
-FEW = 3
-"""Names that a sentence holds."""
+MAX_LISTED_NAMES = 3
+"""Largest number of names in a sentence."""
 
 
 def by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """The worst first, in their order otherwise."""
+    """Sort findings, the worst first; equal ones keep their order."""
     order = list(Severity)
     return tuple(sorted(checks, key=lambda check: order.index(check.severity)))
 
 
 def amount(value: float) -> str:
-    """A number with the digits that matter."""
+    """Format a number with its significant digits."""
     return f"{float(np.format_float_positional(value, 3, fractional=False)):g}"
 
 
 class WrongRecordingError(TaskFailedError):
-    """A recording is not what it says it is; `inspection` has all checks."""
+    """A recording contradicts its declaration; `inspection` has all findings."""
 
     def __init__(self, inspection: "Inspection") -> None:
         self.inspection = inspection

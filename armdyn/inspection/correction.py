@@ -1,10 +1,10 @@
-r"""What was done to a recording by mistake, undone: every channel is one of the recorded ones, scaled and moved.
+r"""Correct a mistaken recording: every channel is one of the recorded channels, scaled and shifted.
 
-A mistake of a unit, a sign, a column, a zero or a clock is one and the same transformation of readings,
+A mistake of a unit, a sign, a column, a zero or a clock is the same kind of transformation of readings,
 
     y_channel(t) = factor y_source(t + late + pace (t - t_0)) + offset,      t_0 the source's first stamp,
 
-so that one class undoes all of them, and the logarithm of |factor| is what the density of the readings changes by.
+so that one class corrects all of them. The density of the readings changes by the factor |factor|.
 """
 
 from collections.abc import Mapping
@@ -18,15 +18,15 @@ from armdyn.run import Run
 
 @dataclass(frozen=True, order=True)
 class Reading:
-    """Where the values of a channel are, and how they are to be read.
+    """Source of a channel's values, and how they are to be read.
 
     Attributes:
-        source: channel of the recording.
-        factor: of its values.
-        offset: added then, in the channel's unit.
-        late: s; the recording's stamps are so much too large at its beginning.
-        pace: by so much, of the time that passes, does their clock run fast.
-        turn: in the source's unit, after which it counts from the other end again; 0 for none.
+        source: channel of the recording that contains the values.
+        factor: factor on these values.
+        offset: offset added after the factor, in the channel's unit.
+        late: delay of the recording's stamps at its beginning, s.
+        pace: relative rate error of the stamps' clock; positive where it runs fast.
+        turn: period, in the source's unit, after which the values wrap around; 0 where they do not.
     """
 
     source: str
@@ -37,36 +37,36 @@ class Reading:
     turn: float = 0.0
 
     def values(self, recorded: np.ndarray) -> np.ndarray:
-        """(n,) values of recorded ones."""
+        """(n,) values of the channel from (n,) recorded ones."""
         whole = np.unwrap(recorded, period=self.turn) if self.turn else recorded
         return np.asarray(self.factor * whole + self.offset)
 
     def stamped(self, time: np.ndarray, begin: float) -> np.ndarray:
-        """Stamps of the recording at these times, (n,) s, of a channel whose stamps begin at `begin`."""
+        """Stamps of the recording at the true times (n,), s, of a channel whose stamps begin at `begin`."""
         return time + self.late + self.pace * (time - begin)
 
     def right(self, stamps: np.ndarray) -> np.ndarray:
-        """(n,) times of a channel's stamps."""
+        """True times (n,), s, of a channel's stamps."""
         begin = stamps[:1]
         return np.asarray((stamps - self.late + self.pace * begin) / (1.0 + self.pace))
 
 
 @dataclass(frozen=True)
 class Correction:
-    """How to read a recording; channels that are not named are right.
+    """How to read a recording; channels that are not named are read as they are.
 
     Attributes:
-        readings: by channel.
+        readings: how to read a channel, by its name.
     """
 
     readings: Mapping[str, Reading] = field(default_factory=dict)
 
     def reading(self, channel: str) -> Reading:
-        """How one channel is read."""
+        """How to read one channel."""
         return self.readings.get(channel, Reading(channel))
 
     def then(self, later: "Correction") -> "Correction":
-        """Both, one after the other."""
+        """The correction that applies this one first, then `later`."""
         found = dict(self.readings)
         for channel, second in later.readings.items():
             first = self.reading(second.source)
@@ -81,7 +81,7 @@ class Correction:
         return Correction(found)
 
     def of(self, run: Run) -> Run:
-        """The recording, mended."""
+        """The corrected recording."""
         channels, noise = dict(run.channels), dict(run.noise)
         for name, reading in self.readings.items():
             if name not in run.channels or reading.source not in run.channels:

@@ -1,7 +1,7 @@
-"""Stretches in which a channel stands: a sensor that was stuck for a while, and a joint that sticks at one place.
+"""Find stretches in which a channel is constant: a sensor that was stuck, or a joint that sticks at one position.
 
-A connection is lost at some time, and a joint that is held by friction stands at some place: in every pass it stops
-from full speed, until the drive has pulled enough. Where a drive stops by itself it slows down before.
+A lost connection occurs at some time; a joint held by friction stops at some position: in every pass it stops there
+from full speed, until the drive has pulled enough. A joint that its drive stops slows down before.
 """
 
 from collections.abc import Iterator
@@ -18,38 +18,40 @@ from armdyn.recording.differences import normalised_differences, quiet_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-STUCK = 0.02
-"""Of the samples, at least `FEWEST_STUCK`, with one and the same value while the rest of the signal changes."""
-FEWEST_STUCK = 12
-JUMP = 6.0
-"""Times the usual step that a signal makes when it comes loose: one that really stood still starts gently."""
-JUMP_SHARE = 0.03
-"""Of the signal's range, that such a jump is at least."""
-NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
-QUIET_THIRD = 0.3853
-"""Quantile 0.3 of |x| over the standard deviation, for normal x."""
-ONE_PLACE = 0.02
-"""Of the range that a joint moves through: how far apart stops at one place are at most."""
-BY_CHANCE = 0.01
-"""Probability below which stops at one place are no lost connections, which are anywhere."""
-WIDE = 1e-3
-"""Of that range: how wide a place is."""
-AT_SPEED = 0.75
-"""Of the speed that a joint had before, with which it still comes to a place that holds it; a drive slows down."""
-MOVING = 0.5
-"""Of its usual speed, with which a joint moves on, rather than turns round."""
-CROSSING = 8.0
-"""Times as long as a joint usually takes to cross its own noise, it stands at least."""
+MIN_STUCK_SHARE = 0.02
+"""Share of the samples, but at least `MIN_STUCK_SAMPLES`, with the same value while the rest of the signal changes."""
+MIN_STUCK_SAMPLES = 12
+JUMP_STEPS = 6.0
+"""Size of the jump at the end of such a stretch, in usual steps of the signal: a signal that was really at rest starts
+gently."""
+MIN_JUMP_SHARE = 0.03
+"""Smallest size of such a jump, as a share of the signal's range."""
+HOLD_NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
+NORMAL_QUANTILE_30 = 0.3853
+"""Quantile 0.3 of |x| over the standard deviation, for normally distributed x."""
+MAX_STOP_DISTANCE_SHARE = 0.02
+"""Largest distance of stops at one position, as a share of the joint's range."""
+MAX_CHANCE_OF_STOPS = 0.01
+"""Probability below which stops at one position cannot be lost connections, which occur anywhere."""
+STOP_WIDTH_SHARE = 1e-3
+"""Width of a position, as a share of that range."""
+MIN_ARRIVAL_SPEED_SHARE = 0.75
+"""Share of its earlier speed that a joint still has when it comes to a position that holds it; a drive slows down
+before."""
+MIN_MOVING_SPEED_SHARE = 0.5
+"""Share of its usual speed from which on a joint moves on, rather than reverses."""
+MIN_STOP_CROSSINGS = 8.0
+"""Shortest stop, as a multiple of the time in which a joint usually crosses its own noise."""
 
 
 @dataclass(frozen=True)
 class Stand:
-    """A stretch in which a joint stood on its way.
+    """A stretch in which a joint stopped on its way.
 
     Attributes:
-        first: its first sample.
-        last: its last one.
-        place: where, rad or m.
+        first: index of its first sample.
+        last: index of its last sample.
+        place: position of the joint, rad or m.
     """
 
     first: int
@@ -58,7 +60,7 @@ class Stand:
 
 
 def stuck(run: Run) -> Iterator[Check]:
-    """A channel keeps one value and then jumps, or shows no noise for a while."""
+    """Find channels that keep one value and then jump, or have no noise for a while."""
     sticks = [name for name, channel in _joints(run) if held_at(channel)]
     for name, channel in run.channels.items():
         found = None if name in sticks else longest_hold(channel)
@@ -67,7 +69,7 @@ def stuck(run: Run) -> Iterator[Check]:
             and channel.unit.endswith("/s")
             and abs(channel.value[found[0]]) <= resolution(channel.value)
         ):
-            continue  # what stands has a speed of 0
+            continue  # a joint at rest has a speed of 0
         if found is not None:
             begin, end = channel.time[found[0]], channel.time[found[1]]
             yield Check(
@@ -79,7 +81,7 @@ def stuck(run: Run) -> Iterator[Check]:
 
 
 def longest_hold(channel: Channel) -> tuple[int, int] | None:
-    """First and last sample of the longest stretch in which a sensor was stuck; None where it never was."""
+    """First and last sample of the longest stretch in which a sensor was stuck; None where there is none."""
     value = channel.value
     change = np.flatnonzero(np.diff(value) != 0.0)
     if len(change) < 2:
@@ -88,22 +90,26 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
     lengths = np.diff(edges)
     usual = float(np.median(lengths))
     steps = np.abs(np.diff(value)[change])
-    step = max(JUMP * float(np.median(steps)), JUMP_SHARE * float(np.ptp(value)))
-    longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= max(FEWEST_STUCK, STUCK * len(value), 8.0 * usual)]
+    step = max(JUMP_STEPS * float(np.median(steps)), MIN_JUMP_SHARE * float(np.ptp(value)))
+    longest = [
+        k
+        for k in np.argsort(-lengths)[:3]
+        if lengths[k] >= max(MIN_STUCK_SAMPLES, MIN_STUCK_SHARE * len(value), 8.0 * usual)
+    ]
     shown = 2.0 * resolution(value)
     noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
     for k in longest:
         first, last = int(edges[k]) + 1, int(edges[k + 1])
         beside = [abs(value[last + 1] - value[last])] if last + 1 < len(value) else []
-        around = np.abs(np.diff(value[max(first - FEWEST_STUCK, 0) : last + 1 + FEWEST_STUCK]))
-        rests = np.median(around[around > 0.0]) <= shown  # an encoder of what rests shows no noise either
+        around = np.abs(np.diff(value[max(first - MIN_STUCK_SAMPLES, 0) : last + 1 + MIN_STUCK_SAMPLES]))
+        rests = np.median(around[around > 0.0]) <= shown  # an encoder at rest has no noise either
         if (noisy and not rests) or any(jump > step for jump in beside):
             return first, last
     return None
 
 
 def sticking(run: Run) -> Iterator[Check]:
-    """A joint is held at one place whenever it passes there."""
+    """Find joints that are held at one position whenever they pass it."""
     for name, channel in _joints(run):
         for stands in held_at(channel):
             begin, end = channel.time[stands[0].first], channel.time[stands[-1].last]
@@ -121,52 +127,52 @@ def sticking(run: Run) -> Iterator[Check]:
 
 @cached_with_first_argument
 def held_at(channel: Channel) -> list[list[Stand]]:
-    """Stops by their place, where so many are so near to each other as those at random places are not.
+    """Stops grouped by position, where so many are closer together than stops at random positions would be.
 
-    At the ends of its range a joint turns round.
+    The ends of the range are left out, because a joint reverses there.
     """
     low, high = float(channel.value.min()), float(channel.value.max())
     whole = high - low
-    found = [s for s in stops(channel) if min(s.place - low, high - s.place) > ONE_PLACE * whole]
+    found = [s for s in stops(channel) if min(s.place - low, high - s.place) > MAX_STOP_DISTANCE_SHARE * whole]
     places: list[list[Stand]] = []
     for stand in sorted(found, key=lambda stand: stand.place):
-        if places and stand.place - places[-1][0].place < ONE_PLACE * whole:
+        if places and stand.place - places[-1][0].place < MAX_STOP_DISTANCE_SHARE * whole:
             places[-1].append(stand)
         else:
             places.append([stand])
-    surely = (stands for stands in places if _chance(stands, len(found), whole) < BY_CHANCE)
+    surely = (stands for stands in places if _chance(stands, len(found), whole) < MAX_CHANCE_OF_STOPS)
     return [sorted(stands, key=lambda stand: stand.first) for stands in surely]
 
 
 def _chance(stands: list[Stand], of: int, whole: float) -> float:
-    """Number of groups as large and as near that so many stops at random places in a range have on average."""
-    apart = max(stands[-1].place - stands[0].place, WIDE * whole)
+    """Expected number of groups as large and as narrow among so many stops at random positions in a range."""
+    apart = max(stands[-1].place - stands[0].place, STOP_WIDTH_SHARE * whole)
     return float(comb(of, len(stands)) * len(stands) * (apart / whole) ** (len(stands) - 1))
 
 
 def stops(channel: Channel) -> list[Stand]:
-    """Stretches in which a joint stands, to which it came at speed, or from which it goes at once at speed."""
+    """Stretches in which a joint stops, with its full speed just before or just after."""
     value = channel.value
     step = np.abs(np.diff(value))
     noise = resolution(value) + 3.0 * quiet_std(channel.time, value)
     usual = float(np.median(step[step > noise])) if np.any(step > noise) else float(np.median(step))
     if usual <= 0.0:
         return []
-    length = 2 * (max(FEWEST_STUCK, int(np.ceil(CROSSING * 2.0 * noise / usual))) // 2) + 1
+    length = 2 * (max(MIN_STUCK_SAMPLES, int(np.ceil(MIN_STOP_CROSSINGS * 2.0 * noise / usual))) // 2) + 1
     if len(value) < 4 * length:
         return []
     quiet = maximum_filter1d(value, length) - minimum_filter1d(value, length) <= 2.0 * noise
-    stands = np.convolve(quiet, np.ones(length), mode="same") > 0.5  # every sample of such a stretch
+    stands = np.convolve(quiet, np.ones(length), mode="same") > 0.5  # all samples of such a stretch
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
     near, far = 1 + max(2, int(np.ceil(2.0 * noise / usual))), length
 
     def abrupt(at: int, way: int) -> bool:
-        """Whether it has the same speed near a stretch, but for a part of a step, as farther from it."""
+        """Whether the speed near a stretch is that farther away, but for a part of a step."""
         places = at + way * np.array([1, near, near + far])
         if places.min() < 0 or places.max() >= len(value):
             return False
         beside, before = np.diff(value[places]) / (near - 1, far)
-        return bool(abs(before) > MOVING * usual and beside / before > AT_SPEED)
+        return bool(abs(before) > MIN_MOVING_SPEED_SHARE * usual and beside / before > MIN_ARRIVAL_SPEED_SHARE)
 
     return [
         Stand(int(first), int(end) - 1, float(np.median(value[first:end])))
@@ -176,9 +182,9 @@ def stops(channel: Channel) -> list[Stand]:
 
 
 def held(run: Run) -> list[tuple[float, float]]:
-    """Spans, s, of all passes of places where a joint sticks: no smooth motion goes through them.
+    """Time spans, s, around all passes of positions where a joint sticks: they contain no smooth motion.
 
-    Each is twice as long as the joint stands there at most, of which it catches up in the second half.
+    Each span is twice as long as the longest stop; in the second half the joint catches up.
     """
     found = []
     for _, channel in _joints(run):
@@ -191,21 +197,21 @@ def held(run: Run) -> list[tuple[float, float]]:
 
 
 def _joints(run: Run) -> Iterator[tuple[str, Channel]]:
-    """Positions but the gripper's, which stops as whoever moves it pleases."""
+    """Position channels except the gripper's, which stops wherever its user wants."""
     return ((name, channel) for name, channel in encoders(run) if name != "gripper_x")
 
 
 def encoders(run: Run) -> Iterator[tuple[str, Channel]]:
-    """Channels that count."""
+    """Channels of encoders."""
     return ((n, c) for n, c in run.channels.items() if n.startswith("q.") or n in ("swing_angle", "gripper_x"))
 
 
 def least_noise(channel: Channel) -> float:
-    """Standard deviation of white noise that is seen where a signal is quietest, by the order that shows least."""
+    """Standard deviation of white noise where a signal is quietest, from the difference order with the least result."""
     found = []
-    for order in NOISE_ORDERS:
+    for order in HOLD_NOISE_ORDERS:
         if len(channel) > 4 * order:
             size = np.abs(normalised_differences(channel.time, channel.value, order))
             size = size[np.isfinite(size)]
-            found.append(float(np.quantile(size, 0.3)) / QUIET_THIRD if len(size) else 0.0)
+            found.append(float(np.quantile(size, 0.3)) / NORMAL_QUANTILE_30 if len(size) else 0.0)
     return min(found, default=0.0)

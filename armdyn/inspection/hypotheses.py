@@ -1,4 +1,4 @@
-"""The mistakes that people make with recordings of arms, one entry per kind; each is a correction or a description."""
+"""Common mistakes in recordings of arms, one function per kind; each yields corrections or changed descriptions."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -6,59 +6,65 @@ from itertools import combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, SELDOM, ArmRun, Description
-from armdyn.inspection.check import MODEL, Kind
+from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, Description
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Kind
 from armdyn.inspection.correction import Correction, Reading
 
-DEGREE = np.pi / 180.0
+RAD_PER_DEGREE = np.pi / 180.0
 TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
     "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
     "kgf m": (9.80665, 2.0), "ft lbf": (1.3558179483, 8.0),
 }  # fmt: skip
-"""N m, by unit in which torques are given, and nats that it costs: a foot-pound is near what gains and loads do."""
-OF_ONE = ("mN m", "N cm")
+"""Torque units in N m, and their price in nats: a foot-pound is close to the effect of gains and loads."""
+SINGLE_JOINT_UNITS = ("mN m", "N cm")
 """Units that a single joint's column may have."""
-CONSTANTS = (2.0, 400.0)
-"""N m/A, of drives of arms with their gears: what is less is rather a gain, what is more another unit."""
-NEAR_A_UNIT = 1.5
+TORQUE_CONSTANT_RANGE = (2.0, 400.0)
+"""Range of torque constants with gears, N m/A: a smaller one is probably a gain, a larger one another unit."""
+UNIT_TOLERANCE_FACTOR = 1.5
 """Factor from a known unit within which gains and loads may lie."""
-OWN_FACTOR, FREE = 3.0, 8.0
-"""From which a factor of its own is no gain, and nats that it costs beside a unit that is known."""
+MIN_OWN_FACTOR, OWN_FACTOR_PRICE_NATS = 3.0, 8.0
+"""Factor from which a joint's own factor is no gain, and its price in nats compared with a known unit."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
-"""SI, by unit in which a description may have been written."""
-QUARTERS: Mapping[str, float] = {"a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi}
-LATE = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
-"""s; what is late by less is a delay of the torque sensor, an effect."""
-LAGS = (0.03, 0.06, 0.09)
-"""s by which a gripper or a sensor may lag, which is an effect."""
-PACES = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
-"""By which clocks of two computers, or a wrong rate, drift apart."""
+"""SI values of the units in which a description may have been written."""
+ZERO_OFFSETS: Mapping[str, float] = {
+    "a quarter turn": np.pi / 2,
+    "minus a quarter turn": -np.pi / 2,
+    "half a turn": np.pi,
+}
+TORQUE_CLOCK_SHIFTS = (-0.5, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.5)
+"""Clock shifts that are tried, s; a smaller delay is an effect, that of the torque sensor."""
+SENSOR_LAGS = (0.03, 0.06, 0.09)
+"""Lags of a gripper or a sensor, s, which are effects."""
+CLOCK_RATE_ERRORS = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
+"""Relative rate errors that are tried, of two computers' clocks or of a wrong sampling rate."""
 TIME_CONSTANTS = (0.1, 0.2, 0.4)
-"""s, of averages that torques are shown as."""
-ONE_OF_MANY = 2.0
-"""Nats that a mistake of one joint alone costs."""
-FILTERED = 6.0
-"""Nats that a late clock costs: torques of drives are low-passed and late in themselves."""
-TURNED = np.deg2rad(12.0)
-"""By which gravity must differ from the described one to be another mounting rather than a base that is not level."""
+"""Time constants of averaged torques that are tried, s."""
+SINGLE_JOINT_PRICE_NATS = 2.0
+"""Price, in nats, of a mistake on one joint alone."""
+LATE_CLOCK_PRICE_NATS = 6.0
+"""Price, in nats, of a late clock: torques of drives are low-passed and late in themselves."""
+MIN_MOUNTING_ANGLE = np.deg2rad(12.0)
+"""Angle between gravity and its description from which the arm is mounted differently, rather than on a tilted base,
+rad.
+"""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One way in which a recording may be meant.
+    """One hypothesis on how a recording was made.
 
     Attributes:
-        kind: of the mistake.
-        channels: concerned.
-        said: what it is, for a person.
-        remedy: what to do where the correction does not do it.
-        correction: of the recording.
-        description: of the arm.
-        price: nats that it costs before anything is measured.
-        sure: whether the correction is known, rather than taken from the model, which would hide what the model lacks.
-        effect: whether it is no mistake but an effect, so that nothing is told where it explains best.
-        clock: what is said of a clock, with a place for how it runs, which is fitted; empty of other mistakes.
+        kind: kind of the mistake.
+        channels: channels concerned.
+        said: the mistake in words, for a reader.
+        remedy: what to do where the correction does not solve it.
+        correction: correction of the recording.
+        description: correction of the arm's description.
+        price: log prior odds against it, nats.
+        sure: whether the correction is known; one estimated with the model would hide what the model lacks.
+        effect: whether it is an effect instead of a mistake; then nothing is reported where it explains best.
+        clock: sentence on a clock, with a placeholder for its error, which is fitted; empty for other mistakes.
     """
 
     kind: Kind
@@ -74,16 +80,16 @@ class Hypothesis:
 
     @property
     def readings(self) -> tuple[Reading, ...]:
-        """How channels are to be read."""
+        """How the channels concerned are to be read."""
         return tuple(self.correction.readings.values())
 
     @property
     def family(self) -> tuple[object, ...]:
-        """The same for what differs only in how a clock runs, which is fitted."""
+        """Key of the hypotheses that differ only in the fitted error of a clock."""
         return self.kind, self.channels, self.clock or self.said
 
     def with_clock(self, late: float, pace: float) -> "Hypothesis":
-        """The same with another clock of all its channels."""
+        """The hypothesis with another error of the clock of all its channels."""
         correction = Correction(
             {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
         )
@@ -91,14 +97,14 @@ class Hypothesis:
 
 
 def stamps(late: float, pace: float) -> str:
-    """How stamps are wrong, for a sentence."""
+    """The error of stamps in words, for a sentence."""
     shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
     drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
-    return drift if pace and abs(late) < NO_SHIFT else f"{shift} and {drift}" if pace else shift
+    return drift if pace and abs(late) < MIN_CLOCK_SHIFT else f"{shift} and {drift}" if pace else shift
 
 
-NO_SHIFT = 5e-3
-"""s by which stamps are hardly late."""
+MIN_CLOCK_SHIFT = 5e-3
+"""Clock shift below which stamps count as right, s."""
 Mistake = Callable[[ArmRun], Iterator[Hypothesis]]
 
 
@@ -113,16 +119,16 @@ def read_as(
     pace: float = 0.0,
     price: float = 0.0,
 ) -> Hypothesis:
-    """All of some channels read with one factor, offset and clock; a little late is no mistake but an effect."""
+    """Hypothesis that some channels have one factor, offset and clock error; a small delay is an effect."""
     channels = tuple(channels)
     correction = Correction({name: Reading(name, factor, offset, late, pace) for name in channels})
-    return Hypothesis(kind, channels, said, correction=correction, price=price, effect=late in LAGS)
+    return Hypothesis(kind, channels, said, correction=correction, price=price, effect=late in SENSOR_LAGS)
 
 
 def stamped(channels: Iterable[str], times: Iterable[float], said: str, price: float) -> Iterator[Hypothesis]:
-    """Channels whose stamps are too late or too early; `said` is a sentence with a place for by how much."""
+    """Hypotheses that channels' stamps are late or early; `said` is a sentence with a placeholder for the amount."""
     channels = tuple(channels)
-    for late in (*LAGS, *times):
+    for late in (*SENSOR_LAGS, *times):
         found = read_as("clock_shift", channels, said.format(stamps(late, 0.0)), late=late, price=price)
         yield replace(found, clock=said)
 
@@ -132,7 +138,7 @@ def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
 
 
 def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[str, ...], Correction]:
-    """Joints that are recorded under another one's name: by joint whose column holds it."""
+    """Joints recorded under another name, and the correction; `order` gives the column of each joint."""
     readings = {
         f"{kind}.{joint}": Reading(f"{kind}.{other}")
         for kind in kinds.split()
@@ -143,39 +149,41 @@ def _renamed(run: ArmRun, order: Mapping[str, str], kinds: str) -> tuple[tuple[s
 
 
 def angle_units(run: ArmRun) -> Iterator[Hypothesis]:
-    """Degrees that are called rad, and the reverse."""
+    """Hypotheses that degrees are declared as rad, or the reverse."""
     channels = _recorded(run, "qva", (j for j in run.model.arm.joints if not run.slides(j)))
-    yield read_as("angle_unit", channels, "angles are in degrees and called rad", DEGREE)
-    yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / DEGREE)
+    yield read_as("angle_unit", channels, "angles are in degrees and called rad", RAD_PER_DEGREE)
+    yield read_as("angle_unit", channels, "angles are in rad and called degrees", 1 / RAD_PER_DEGREE)
     for joint in run.joints if len(run.joints) > 1 else ():
         own = () if run.slides(joint) else _recorded(run, "qva", (joint,))
-        for factor, said in (DEGREE, "degrees and called rad"), (1 / DEGREE, "rad and called degrees"):
+        for factor, said in (RAD_PER_DEGREE, "degrees and called rad"), (1 / RAD_PER_DEGREE, "rad and called degrees"):
             if own:
-                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=ONE_OF_MANY)
+                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS)
 
 
 def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
-    """Torques of all joints, or of one, in another unit; currents."""
+    """Hypotheses that torques of all joints or of one are in another unit, or are currents."""
     every = list(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
         yield read_as("torque_unit", every, f"torques are in {unit} and called N m", factor, price=price)
-        for name in every if len(every) > 1 and unit in OF_ONE else ():
+        for name in every if len(every) > 1 and unit in SINGLE_JOINT_UNITS else ():
             yield read_as("torque_unit", (name,), f"{name} is in {unit} and called N m", factor, price=2.0)
     described, measured = run.described(run.motion), run.measured
     constants = np.sum(described * measured, axis=1) / np.maximum(np.sum(measured**2, axis=1), 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
     whole = float(np.sum(described * measured) / max(float(np.sum(measured**2)), 1e-300))
-    listed = any(1.0 / NEAR_A_UNIT < whole / factor < NEAR_A_UNIT for factor, _ in TORQUE_UNITS.values())
-    if not listed and (whole > OWN_FACTOR or 0.0 < whole < 1.0 / OWN_FACTOR):
+    listed = any(
+        1.0 / UNIT_TOLERANCE_FACTOR < whole / factor < UNIT_TOLERANCE_FACTOR for factor, _ in TORQUE_UNITS.values()
+    )
+    if not listed and (whole > MIN_OWN_FACTOR or 0.0 < whole < 1.0 / MIN_OWN_FACTOR):
         size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
         yield Hypothesis(
             "torque_unit", tuple(every), f"torques are about {size}: those of the motors before their gears, or in a "
             "unit of their own",
             "give gear_ratio, or scale, in the map of 'armdyn import'",
-            Correction({name: Reading(name, whole) for name in every}), price=FREE, sure=False,
+            Correction({name: Reading(name, whole) for name in every}), price=OWN_FACTOR_PRICE_NATS, sure=False,
         )  # fmt: skip
-    if CONSTANTS[0] < likely < CONSTANTS[1]:
+    if TORQUE_CONSTANT_RANGE[0] < likely < TORQUE_CONSTANT_RANGE[1]:
         readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Hypothesis(
@@ -186,7 +194,7 @@ def torque_units(run: ArmRun) -> Iterator[Hypothesis]:
 
 
 def signs(run: ArmRun) -> Iterator[Hypothesis]:
-    """Torques or positions that count the other way."""
+    """Hypotheses that torques or positions have the opposite sign."""
     every, several = list(run.channels), len(run.joints) > 1
     yield read_as("torque_sign", every, "all torques have the wrong sign", -1.0)
     for name in every if len(every) > 1 else ():
@@ -197,7 +205,7 @@ def signs(run: ArmRun) -> Iterator[Hypothesis]:
 
 
 def orders(run: ArmRun) -> Iterator[Hypothesis]:
-    """Columns of two joints exchanged; joints in another order."""
+    """Hypotheses that the columns of two joints are exchanged, or that all joints are in another order."""
     joints = run.joints
     if len(joints) < 2:
         return
@@ -227,30 +235,36 @@ def orders(run: ArmRun) -> Iterator[Hypothesis]:
 
 
 def zeros(run: ArmRun) -> Iterator[Hypothesis]:
-    """The zero of one joint off by a quarter or half a turn."""
+    """Hypotheses that the zero of one joint is off by a quarter or half a turn."""
     for joint in run.joints:
-        for said, offset in () if run.slides(joint) else QUARTERS.items():
+        for said, offset in () if run.slides(joint) else ZERO_OFFSETS.items():
             name = f"q.{joint}"
             yield read_as("position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset)
 
 
 def clocks(run: ArmRun) -> Iterator[Hypothesis]:
-    """Torques stamped by another clock than positions; early ones may be commands."""
+    """Hypotheses that torques have another clock than positions; early torques may be commands."""
     said = "torques are stamped {} against the positions"
-    yield from stamped(run.channels, [late for late in LATE if late > 0.0], said, FILTERED)
-    for pace in PACES:
-        found = read_as("clock_shift", run.channels, said.format(stamps(0.0, pace)), pace=pace, price=FILTERED)
+    yield from stamped(run.channels, [late for late in TORQUE_CLOCK_SHIFTS if late > 0.0], said, LATE_CLOCK_PRICE_NATS)
+    for pace in CLOCK_RATE_ERRORS:
+        found = read_as(
+            "clock_shift", run.channels, said.format(stamps(0.0, pace)), pace=pace, price=LATE_CLOCK_PRICE_NATS
+        )
         yield replace(found, clock=said)
     commands = ", or are commands, which the drive follows later"
-    for late in (late for late in LATE if late < 0.0):
+    for late in (late for late in TORQUE_CLOCK_SHIFTS if late < 0.0):
         found = read_as(
-            "clock_shift", run.channels, said.format(stamps(late, 0.0)) + commands, late=late, price=FILTERED
+            "clock_shift",
+            run.channels,
+            said.format(stamps(late, 0.0)) + commands,
+            late=late,
+            price=LATE_CLOCK_PRICE_NATS,
         )
         yield replace(found, clock=said + commands)
 
 
 def mountings(run: ArmRun) -> Iterator[Hypothesis]:
-    """Gravity in another direction than the description's, or taken out of the torques."""
+    """Hypotheses that gravity has another direction than described, or was subtracted from the torques."""
     g = run.model.gravity()
     size = float(np.linalg.norm(g))
     if size == 0.0:
@@ -258,10 +272,10 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
     axes = [*np.eye(3), *-np.eye(3)]
     ways, found = list(axes), run.gravity(Correction())
     length = float(np.linalg.norm(found))
-    if length > 0.3 * size and max(axis @ found for axis in axes) < np.cos(TURNED) * length:
+    if length > 0.3 * size and max(axis @ found for axis in axes) < np.cos(MIN_MOUNTING_ANGLE) * length:
         ways.append(found / length)
     for way in ways:
-        if way @ g > np.cos(TURNED) * size:
+        if way @ g > np.cos(MIN_MOUNTING_ANGLE) * size:
             continue
         there = size * way + 0.0
         roll, pitch = rolled(there)
@@ -271,7 +285,8 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
             f"gravity acts along ({there[0]:.3g}, {there[1]:.3g}, {there[2]:.3g}) m/s^2 in the frame of the base, "
             "not as described: the arm is mounted on a wall, a ceiling or a slope",
             f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
-            f"'armdyn add {MODEL} base_tilt {recording} --trust-data' (roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
+            f"'armdyn add {MODEL_PLACEHOLDER} base_tilt {recording} --trust-data' "
+            f"(roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
             description=Description(gravity=tuple(there.tolist())), price=3.0,
         )  # fmt: skip
     for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
@@ -282,22 +297,24 @@ def mountings(run: ArmRun) -> Iterator[Hypothesis]:
 
 
 def rolled(gravity: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch of a base, rad, in whose frame (3,) gravity is: g_base = (R_y(pitch) R_x(roll))' g."""
+    """Roll and pitch of a base, rad, in whose frame gravity is (3,): g_base = (R_y(pitch) R_x(roll))' g."""
     up = -gravity / np.linalg.norm(gravity)
     # R_x(-roll) R_y(-pitch) e_z = (-sin p, cos p sin r, cos p cos r)
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
 
 
 def readings(run: ArmRun) -> Iterator[Hypothesis]:
-    """Torques that were low-passed or lost their sign: no description explains them, and nothing undoes that."""
+    """Hypotheses that torques were low-passed or lost their sign, which no correction can undo."""
     for lag in TIME_CONSTANTS:
         yield Hypothesis(
             "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
-            description=Description(lag=lag), price=FILTERED,
+            description=Description(lag=lag), price=LATE_CLOCK_PRICE_NATS,
         )  # fmt: skip
     rows = run.measured
-    if np.all(np.quantile(rows, SELDOM, axis=1) >= -SELDOM * np.max(np.abs(rows), axis=1)):
+    if np.all(
+        np.quantile(rows, IGNORED_MOMENTS_SHARE, axis=1) >= -IGNORED_MOMENTS_SHARE * np.max(np.abs(rows), axis=1)
+    ):
         yield Hypothesis(
             "sign_missing", run.channels, "torques are magnitudes: their signs are lost",
             "record torques with their signs", description=Description(magnitudes=True),
@@ -305,7 +322,7 @@ def readings(run: ArmRun) -> Iterator[Hypothesis]:
 
 
 def descriptions(run: ArmRun) -> Iterator[Hypothesis]:
-    """Masses or lengths of the description in another unit."""
+    """Hypotheses that masses or lengths of the description are in another unit."""
     for unit, factor in MASS_UNITS.items():
         yield Hypothesis(
             "scale", run.channels, f"masses of the description are in {unit} and read as kg",
@@ -329,4 +346,4 @@ MISTAKES: tuple[Mistake, ...] = (
     readings,
     descriptions,
 )
-"""Who makes another kind of mistake adds a function here."""
+"""All kinds of mistakes; a new kind is a further function here."""

@@ -1,4 +1,4 @@
-"""Are recordings what they say they are?"""
+"""Check whether recordings are what they are declared to be."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -28,10 +28,10 @@ from armdyn.recording.spikes import without_saturation, without_spikes
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-LONGEST = 60.0
-"""s of a recording, in its middle, that the physics looks at: a mistake shows in all of it."""
-FEWEST = 60
-"""Samples of every channel below which the physics says nothing."""
+MAX_COMPARED_SECONDS = 60.0
+"""Length of the middle part of a recording, s, that is compared with the model: a mistake shows everywhere."""
+MIN_COMPARED_SAMPLES = 60
+"""Number of samples of every channel below which a recording is not compared with the model."""
 
 
 @one_thread
@@ -44,10 +44,10 @@ def inspected(
     """Check recordings, by themselves and against a model.
 
     Args:
-        runs: as recorded.
-        model: that they are of; without one, signals are checked, units against ranges, and rates against positions.
-        effects: that may be missing from the model, which are no mistake of a recording; all that it can have when not
-            given.
+        runs: the recordings.
+        model: model of the robot; without it only signals are checked, units against ranges, and rates against
+            positions.
+        effects: effects that the model may lack, which are no mistake of a recording; None means all that it can have.
         adding: effects that the model is about to get, whose values recordings may state.
     """
     if effects is None:
@@ -61,7 +61,7 @@ def inspected(
 
 
 def _joints_beside(model: Model | None, runs: Sequence[Run]) -> Iterator[Check]:
-    """Joints that are none of the model's, and that move in its recordings."""
+    """Find joints that are not the model's but move in its recordings."""
     if not isinstance(model, ArmModel):
         return
     held = left_out(model.arm, runs)
@@ -85,10 +85,10 @@ def _joints_beside(model: Model | None, runs: Sequence[Run]) -> Iterator[Check]:
 
 
 def require_usable(inspection: Inspection) -> None:
-    """Refuse recordings that are not what they say they are.
+    """Refuse recordings that are not what they are declared to be.
 
     Raises:
-        WrongRecordingError: has the inspection.
+        WrongRecordingError: a recording is unusable; the error has the inspection.
     """
     if not inspection.usable:
         raise WrongRecordingError(inspection)
@@ -97,7 +97,7 @@ def require_usable(inspection: Inspection) -> None:
 def checks_of(
     run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
 ) -> list[Check]:
-    """All checks of one recording; see `inspected`."""
+    """All findings on one recording; see `inspected`."""
     refused = _refused(run, check_stamps)
     if refused:
         return refused
@@ -110,7 +110,7 @@ def checks_of(
     if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
         found += ranges(run)
     if model is not None and run.channels and not still:
-        piece = longest_piece(run, LONGEST)
+        piece = longest_piece(run, MAX_COMPARED_SECONDS)
         piece = without_spikes(piece, piece.channels)
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
         told = physics_of(model, consistent(piece), effects)
@@ -125,7 +125,7 @@ def checks_of(
 
 
 def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
-    """What a comparison would refuse, so that it is said before."""
+    """Findings for what a comparison would refuse, reported before the comparison."""
     try:
         check(run)
     except InputError as error:
@@ -135,12 +135,12 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
 
 
 def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Check]:
-    """What a model's physics says of a recording; nothing where it cannot be held against it."""
+    """Findings from comparing a recording with the model; empty where that is not possible."""
     if isinstance(model, ArmModel):
         try:
             used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)]
         except InputError:
-            return []  # the comparison says what is missing
+            return []  # the comparison reports what is missing
         if _too_few(run.channels[name] for name in used):
             return []
         return physics.checks(ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)))
@@ -153,11 +153,11 @@ def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Chec
 
 
 def _too_few(channels: Iterable[Channel]) -> bool:
-    return any(len(channel) < FEWEST for channel in channels)
+    return any(len(channel) < MIN_COMPARED_SAMPLES for channel in channels)
 
 
 def longest_piece(run: Run, seconds: float) -> Run:
-    """The longest stretch without a gap, a step or a joint that sticks, of at most so many seconds, from its middle."""
+    """The longest stretch without a gap, a step or a sticking joint, of at most `seconds`, from its middle."""
     begin = min(float(c.time[0]) for c in run.channels.values())
     end = max(float(c.time[-1]) for c in run.channels.values())
     spans = sorted([*gaps_of(run), *((t, t) for t in steps_of(run)), *held(run)])

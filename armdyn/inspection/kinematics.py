@@ -1,4 +1,4 @@
-"""Recorded velocities against the derivatives of recorded positions: units, signs, columns and clocks of rates."""
+"""Compare recorded velocities with derivatives of recorded positions: units, signs, columns and clocks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,46 +13,46 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
-MOMENTS = 400
-"""At which rates are compared."""
-NEAR = 0.025
-"""s to either side of a moment over which a slope is taken, and a rate averaged; at least three samples."""
-ALIKE = 0.9
-"""Correlation from which a rate is that of a position; measured rates that are filtered reach 0.95."""
-CLEAR = 5.0
-"""Times the noise of slopes that a joint's speed has at least before its rate is asked about."""
-CERTAIN = 0.99
-"""Correlation from which nobody asks whether another position, or another clock, would do better."""
-OFF = (0.75, 1.35)
-"""Rate over slope that a filter or a gear's play makes."""
-SHIFTS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
-"""s by which clocks are tried."""
-LATE = 0.06
-"""s; what a rate is late by less is its filter."""
-CLEARLY = 0.4
-"""Share of what a rate does not follow that another position, or another clock, must explain."""
-NOTHING_ALIKE = 0.5
-"""Correlation below which a rate is not that of its position."""
-FACTORS: tuple[tuple[float, Kind, str], ...] = (
+RATE_MOMENTS = 400
+"""Number of moments at which rates are compared."""
+SLOPE_SECONDS = 0.025
+"""Half the time over which a slope is fitted and a rate averaged, s; at least three samples."""
+MIN_RATE_CORRELATION = 0.9
+"""Correlation from which a rate belongs to a position; filtered rates reach 0.95."""
+MIN_SPEED_DEVIATES = 5.0
+"""Least speed of a joint, in standard deviations of the slopes' noise, for which its rate is checked."""
+CERTAIN_RATE_CORRELATION = 0.99
+"""Correlation from which no other position or clock is tried."""
+RATE_RATIO_RANGE = (0.75, 1.35)
+"""Ratio of rate to slope that a filter or backlash may cause."""
+RATE_CLOCK_SHIFTS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
+"""Clock shifts that are tried, s."""
+MAX_RATE_DELAY = 0.06
+"""Largest delay of a rate, s, that its own filter may cause."""
+MIN_EXPLAINED_REST = 0.4
+"""Share of the unexplained part of a rate that another position or clock must explain."""
+MAX_UNRELATED_CORRELATION = 0.5
+"""Correlation below which a rate does not belong to its position."""
+RATE_FACTORS: tuple[tuple[float, Kind, str], ...] = (
     (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
     (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
     (np.pi / 180.0, "angle_unit", "are in rad/s and called degrees per second, or the positions are in degrees"),
     (-1.0, "position_sign", "count the other way than the positions"),
 )
-"""Rate over slope, the kind of mistake, and what it means."""
-PAIRS = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
+"""Ratio of rate to slope, the kind of mistake, and the mistake in words."""
+RATE_OF_POSITION = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A rate and what it should be the rate of, at common moments.
+    """A rate and the slope of the position that it should belong to, at common moments.
 
     Attributes:
-        position: name of the channel.
-        rate: name of the channel.
-        slope: (n,) of the position.
-        value: (n,) of the rate.
+        position: name of the position channel.
+        rate: name of the rate channel.
+        slope: (n,) slopes of the position.
+        value: (n,) values of the rate.
         moves: whether the position changes by more than its noise.
     """
 
@@ -64,39 +64,46 @@ class Pair:
 
     @property
     def factor(self) -> float:
-        """Rate over slope."""
+        """Ratio of rate to slope."""
         return float(self.slope @ self.value) / max(float(self.slope @ self.slope), 1e-300)
 
     @property
     def alike(self) -> float:
-        """Correlation, without its sign."""
+        """Absolute value of their correlation."""
         return abs(_alike(self.slope, self.value))
 
 
 def rate_checks(run: Run) -> Iterator[Check]:
-    """What is wrong with the rates of a recording."""
+    """Find mistakes in the rates of a recording."""
     pairs, moments = paired(run)
     told: dict[tuple[Kind, str], list[tuple[Pair, Reading]]] = {}
     for pair in pairs:
         if not pair.moves:
             continue
-        if pair.alike < CERTAIN:
+        if pair.alike < CERTAIN_RATE_CORRELATION:
             other = _elsewhere(run, pair, pairs, moments)
             if other is not None:
                 kind, said, reading = other
                 told.setdefault((kind, said), []).append((pair, reading))
                 continue
-        meant = next((meaning for meaning in FACTORS if OFF[0] < pair.factor / meaning[0] < OFF[1]), None)
-        if pair.alike < NOTHING_ALIKE:
+        meant = next(
+            (
+                meaning
+                for meaning in RATE_FACTORS
+                if RATE_RATIO_RANGE[0] < pair.factor / meaning[0] < RATE_RATIO_RANGE[1]
+            ),
+            None,
+        )
+        if pair.alike < MAX_UNRELATED_CORRELATION:
             yield Check(
                 "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
                 f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})",
                 f"leave {pair.rate} out, or find out what it is",
             )  # fmt: skip
-        elif meant is not None and pair.alike > ALIKE:
+        elif meant is not None and pair.alike > MIN_RATE_CORRELATION:
             factor, kind, said = meant
             told.setdefault((kind, said), []).append((pair, Reading(pair.rate, 1.0 / factor)))
-        elif pair.alike > ALIKE and not OFF[0] < pair.factor < OFF[1]:
+        elif pair.alike > MIN_RATE_CORRELATION and not RATE_RATIO_RANGE[0] < pair.factor < RATE_RATIO_RANGE[1]:
             yield Check(
                 "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
                 f"{pair.rate} is {amount(pair.factor)} times the derivative of {pair.position}: "
@@ -114,17 +121,21 @@ def rate_checks(run: Run) -> Iterator[Check]:
 
 
 def consistent(run: Run) -> Run:
-    """The run without rates, and accelerations, that are not those of its positions."""
+    """The run without rates and accelerations that contradict its positions."""
     pairs, _ = paired(run)
-    wrong = {p.rate for p in pairs if p.moves and not (p.alike >= ALIKE and OFF[0] < p.factor < OFF[1])}
+    wrong = {
+        p.rate
+        for p in pairs
+        if p.moves and not (p.alike >= MIN_RATE_CORRELATION and RATE_RATIO_RANGE[0] < p.factor < RATE_RATIO_RANGE[1])
+    }
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
 @cached_with_first_argument
 def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
-    """Every rate with the position that it should be the rate of, and the (n,) moments."""
-    named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(PAIRS.items())
+    """Every rate with the position to which it should belong, and the (n,) moments."""
+    named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(RATE_OF_POSITION.items())
     named = [(q, v) for q, v in named if q in run.channels and v in run.channels]
     if not named:
         return [], np.zeros(0)
@@ -132,18 +143,18 @@ def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
     begin, end = max(c.time[0] for c in channels), min(c.time[-1] for c in channels)
     if not begin < end:
         return [], np.zeros(0)
-    moments = np.linspace(begin, end, MOMENTS)
+    moments = np.linspace(begin, end, RATE_MOMENTS)
     found = []
     for q, v in named:
         slope, noise = slopes(run.channels[q], moments)
-        moves = float(np.std(slope)) > CLEAR * noise and signals.moves(run.channels[q])
+        moves = float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.moves(run.channels[q])
         found.append(Pair(q, v, slope, averages(run.channels[v], moments), moves))
     return found, moments
 
 
 def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
-    """(n,) slopes of a channel around moments, by straight lines; and the standard deviation of their noise."""
-    near = max(NEAR, 1.6 * float(np.median(np.diff(channel.time))))
+    """(n,) slopes of a channel around moments, from fitted lines, and the standard deviation of their noise."""
+    near = max(SLOPE_SECONDS, 1.6 * float(np.median(np.diff(channel.time))))
     time, value = channel.time - channel.time[0], channel.value - channel.value.mean()
     sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (np.ones(len(time)), time, value, time**2, time * value)]
     first = np.searchsorted(channel.time, moments - near)
@@ -154,8 +165,8 @@ def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     return (one * tx - t * x) / spread, noise
 
 
-def averages(channel: Channel, moments: np.ndarray, near: float = NEAR) -> np.ndarray:
-    """(n,) averages of a channel so many s to either side of moments."""
+def averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS) -> np.ndarray:
+    """(n,) averages of a channel over `near` s to either side of moments."""
     near = max(near, 1.6 * float(np.median(np.diff(channel.time))))
     total = np.concatenate([[0.0], np.cumsum(channel.value)])
     first = np.clip(np.searchsorted(channel.time, moments - near), 0, len(channel.time) - 1)
@@ -169,17 +180,17 @@ def _alike(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _nats(pair: Pair, reading: Reading) -> float:
-    """Logarithm of how much more probable a rate is so than as it stands; a tenth of the moments are independent."""
+    """Log ratio of a rate's probability under `reading` to that as it is; a tenth of the moments are independent."""
     size = float(np.mean(pair.value**2))
     stands = float(np.mean((pair.value - pair.slope) ** 2))
-    alike = pair.alike if reading.source == pair.rate and not reading.late else ALIKE
+    alike = pair.alike if reading.source == pair.rate and not reading.late else MIN_RATE_CORRELATION
     left = size * max(1.0 - alike**2, 1e-3)
     return 0.05 * len(pair.value) * float(np.log(max(stands / max(left, 1e-300), 1.0)))
 
 
 def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> tuple[Kind, str, Reading] | None:
-    """A rate that is that of another position, or of its own at another time; None where it is neither."""
-    least = max(pair.alike + CLEARLY * (1.0 - pair.alike**2), ALIKE)
+    """Another position, or another clock, that a rate fits; None where there is none."""
+    least = max(pair.alike + MIN_EXPLAINED_REST * (1.0 - pair.alike**2), MIN_RATE_CORRELATION)
     owners = {p.rate: _alike(pair.slope, p.value) for p in pairs if p is not pair and p.moves}
     best = max(owners, key=lambda name: owners[name], default="")
     others = max((abs(_alike(p.slope, pair.value)) for p in pairs if p is not pair and p.moves), default=0.0)
@@ -188,10 +199,10 @@ def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> 
     channel = run.channels[pair.rate]
     shifted = {
         s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
-        for s in SHIFTS.tolist()
+        for s in RATE_CLOCK_SHIFTS.tolist()
     }
     late = max(shifted, key=lambda s: shifted[s])
-    if shifted[late] > least and abs(late) >= LATE:
+    if shifted[late] > least and abs(late) >= MAX_RATE_DELAY:
         word = "late" if late > 0.0 else "early"
         said = f"stamped {abs(late):g} s too {word} against the positions"
         return "clock_shift", said, Reading(pair.rate, late=float(late))

@@ -1,4 +1,4 @@
-"""What a channel alone shows: gaps, glitches, stuck and repeated samples, ends of a range, lost counts, noise."""
+"""Check single channels: gaps, glitches, stuck and repeated samples, saturation, lost counts, noise."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -15,38 +15,37 @@ from armdyn.recording.tracks import second_track
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
-FINE = 3.0
-"""Steps of the resolution that a signal usually makes where its repetitions are no coarse encoder."""
-CLIPPED = 0.01
-"""Of the samples at the end of the range, that make it a range that is too small."""
-LOST = 12.0
-"""Times the noise, by which the mean of an encoder steps and stays."""
-LOST_STEP = 0.01
-"""rad or m."""
-BESIDE = 10
-"""Samples to either side of a step."""
-JITTER = 0.15
-"""Standard deviation of the interval over its median that is worth a note."""
-REGULAR, MOSTLY = 0.2, 0.98
-"""Intervals that are a whole number of the usual one give or take so much, and their share with a regular clock."""
-MISSTATED = 5.0
-"""Times the stated noise that the quietest third of a signal's differences show. A drive's low-pass makes them
-too small, so that only noise
-that is stated too small is told."""
-STILL = 20.0
-"""Times the noise that a motion has at least; and `STILL_SIZE` rad or m."""
-STILL_SIZE = 2e-3
-RANGES: Mapping[str, tuple[float, Kind, str]] = {
+MIN_FINE_STEPS = 3.0
+"""Usual step of a signal, in steps of its resolution, from which repeated values are no coarse encoder."""
+MIN_CLIPPED_SHARE = 0.01
+"""Share of samples at the end of the range that means that the sensor's range is too small."""
+LOST_COUNT_DEVIATES = 12.0
+"""Size of a permanent step of an encoder's mean, in standard deviations of the noise."""
+MIN_LOST_STEP = 0.01
+"""Smallest such step, rad or m."""
+SAMPLES_BESIDE_STEP = 10
+"""Number of samples to either side of a step."""
+MIN_JITTER_RATIO = 0.15
+"""Ratio of the interval's standard deviation to its median that is reported."""
+INTERVAL_TOLERANCE, MIN_REGULAR_SHARE = 0.2, 0.98
+"""Tolerance for intervals that are multiples of the usual one, and their share with a regular clock."""
+MIN_NOISE_RATIO = 5.0
+"""Ratio of the noise in the quietest third of a signal's differences to the stated noise that is reported. A drive's
+low-pass makes these differences too small, so only noise that is stated too small can be found."""
+MIN_MOTION_DEVIATES = 20.0
+"""Least size of a motion, in standard deviations of the noise; also at least `MIN_MOTION_SIZE`."""
+MIN_MOTION_SIZE = 2e-3
+PLAUSIBLE_RANGES: Mapping[str, tuple[float, Kind, str]] = {
     "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
     "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
 }  # fmt: skip
-"""Two turns, ten turns a second, and what no arm of a laboratory reaches or carries; and the unit that it may be in.
-Asked where no physics asks better."""
+"""Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
+kind of mistake, and the unit that it may be in. Used where no physics decides better."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
 def gaps(run: Run) -> Iterator[Check]:
-    """Samples of every channel are missing for a while."""
+    """Find gaps: samples of every channel are missing for a while."""
     for begin, end in gaps_of(run):
         yield Check(
             "gap", Severity.NOTE, run.name, tuple(run.channels),
@@ -56,7 +55,7 @@ def gaps(run: Run) -> Iterator[Check]:
 
 
 def dropped(run: Run) -> Iterator[Check]:
-    """Single samples, or a few, are missing from the row of a regular clock."""
+    """Find single samples, or a few, that are missing from a regular clock's sequence."""
     seen: set[bytes] = set()
     for name, channel in run.channels.items():
         steps = np.diff(channel.time)
@@ -64,7 +63,7 @@ def dropped(run: Run) -> Iterator[Check]:
             continue
         seen.add(channel.time.tobytes())
         times = steps / float(np.median(steps))
-        if np.mean(np.abs(times - np.round(times)) < REGULAR) < MOSTLY:
+        if np.mean(np.abs(times - np.round(times)) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
             continue
         missing = int(np.sum(np.round(times[steps <= shortest_gap(channel.time)]) - 1.0))
         if missing > 0:
@@ -76,7 +75,7 @@ def dropped(run: Run) -> Iterator[Check]:
 
 
 def second_publishers(run: Run) -> Iterator[Check]:
-    """Positions of two publishers were written down as one."""
+    """Find positions of two publishers that were recorded as one signal."""
     by_time: dict[bytes, list[str]] = {}
     for name, channel in run.channels.items():
         if name.startswith("q."):
@@ -94,7 +93,7 @@ def second_publishers(run: Run) -> Iterator[Check]:
 
 
 def glitches(run: Run) -> Iterator[Check]:
-    """Single samples far from their neighbours."""
+    """Find glitches: single samples far from their neighbours."""
     found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
     found = {name: when for name, when in found.items() if len(when)}
     if found:
@@ -107,7 +106,7 @@ def glitches(run: Run) -> Iterator[Check]:
 
 
 def repetitions(run: Run) -> Iterator[Check]:
-    """A slower signal whose samples were written down again and again."""
+    """Find slower signals whose samples were recorded repeatedly."""
     for name, channel in run.channels.items():
         held = repeated(channel)
         if held > 1:
@@ -121,7 +120,7 @@ def repetitions(run: Run) -> Iterator[Check]:
 
 
 def repeated(channel: Channel) -> int:
-    """How many times each value stands; 1 for a signal that was sampled as it was measured."""
+    """Number of times that each value is repeated; 1 for a signal that was recorded as often as it was measured."""
     change = np.flatnonzero(np.diff(channel.value) != 0.0)
     if len(change) < MIN_SAMPLES:
         return 1
@@ -129,17 +128,17 @@ def repeated(channel: Channel) -> int:
     held = int(np.median(lengths))
     steps = np.abs(np.diff(channel.value)[change])
     regular = float(np.mean(np.abs(lengths % held) == 0)) if held else 0.0
-    coarse = float(np.median(steps)) < FINE * resolution(channel.value)
+    coarse = float(np.median(steps)) < MIN_FINE_STEPS * resolution(channel.value)
     return held if held > 1 and regular > 0.8 and not coarse else 1
 
 
 def ends_of_range(run: Run) -> Iterator[Check]:
-    """Many samples share the largest or smallest value."""
+    """Find saturation: many samples have the largest or smallest value."""
     for name, channel in run.channels.items():
         if not channel_kind(name).measured:
             continue
         bad = at_the_end(channel.value)
-        if bad.mean() > CLIPPED:
+        if bad.mean() > MIN_CLIPPED_SHARE:
             top = float(np.abs(channel.value[bad]).max())
             yield Check(
                 "saturated", Severity.SUSPECT, run.name, (name,),
@@ -150,7 +149,7 @@ def ends_of_range(run: Run) -> Iterator[Check]:
 
 
 def lost_counts(run: Run) -> Iterator[Check]:
-    """The zero of an encoder steps while it runs."""
+    """Find encoders whose zero steps during the recording."""
     for name, channel in encoders(run):
         found = step_of(channel)
         if found is not None:
@@ -171,40 +170,46 @@ def steps_of(run: Run) -> list[float]:
 
 
 def step_of(channel: Channel) -> tuple[int, float] | None:
-    """Index after and size of the largest step that is neither motion nor a spike; None where there is none.
+    """Index after the largest step that is neither motion nor spike, and its size; None where there is none.
 
-    Parabolas through the samples before and after it are as far apart between them as the mean has stepped.
+    The size is the distance of the parabolas through the samples before and after it.
     """
     value, n = channel.value, len(channel)
-    if n < 6 * BESIDE:
+    if n < 6 * SAMPLES_BESIDE_STEP:
         return None
     third = np.nan_to_num(normalised_differences(channel.time, value, 3))
     usual = quiet_std(channel.time, value) + resolution(value) / np.sqrt(12.0)
-    at = int(np.clip(np.argmax(np.abs(third)) + 1, BESIDE, n - BESIDE - 2))
-    if np.sum(np.abs(third) > 0.5 * LOST * usual) > 8:
+    at = int(np.clip(np.argmax(np.abs(third)) + 1, SAMPLES_BESIDE_STEP, n - SAMPLES_BESIDE_STEP - 2))
+    if np.sum(np.abs(third) > 0.5 * LOST_COUNT_DEVIATES * usual) > 8:
         return None
-    around = channel.time[at - BESIDE + 1 : at + BESIDE + 1]
+    around = channel.time[at - SAMPLES_BESIDE_STEP + 1 : at + SAMPLES_BESIDE_STEP + 1]
     if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
         return None
-    places = range(max(BESIDE, at - 2), min(n - BESIDE - 1, at + 3))
+    places = range(max(SAMPLES_BESIDE_STEP, at - 2), min(n - SAMPLES_BESIDE_STEP - 1, at + 3))
     sizes, roughs = zip(*(_jump(channel.time, value, k) for k in places), strict=True)
     best = int(np.argmin(roughs))
     after = places[best] + 1
-    # Where one sample makes the step, it is that sample which is wrong.
+    # Where a single sample makes the step, the sample is wrong.
     without = [
         _jump(np.delete(channel.time, i), np.delete(value, i), after - 2 + k)[0]
         for k, i in enumerate((after - 1, after))
     ]
     size = min((sizes[best], *without), key=abs)
-    return (after, size) if abs(size) > max(LOST * usual, LOST * roughs[best], LOST_STEP) else None
+    return (
+        (after, size)
+        if abs(size) > max(LOST_COUNT_DEVIATES * usual, LOST_COUNT_DEVIATES * roughs[best], MIN_LOST_STEP)
+        else None
+    )
 
 
 def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
-    """How far apart the parabolas are between samples k and k + 1, and what they leave of the samples."""
-    when = time[k - BESIDE + 1 : k + BESIDE + 1] - time[k]
-    middle = 0.5 * (when[BESIDE - 1] + when[BESIDE])
+    """Distance of the parabolas between samples k and k + 1, and the root mean square of their residuals."""
+    when = time[k - SAMPLES_BESIDE_STEP + 1 : k + SAMPLES_BESIDE_STEP + 1] - time[k]
+    middle = 0.5 * (when[SAMPLES_BESIDE_STEP - 1] + when[SAMPLES_BESIDE_STEP])
     ends, left = [], []
-    for t, y in zip(np.split(when, 2), np.split(value[k - BESIDE + 1 : k + BESIDE + 1], 2), strict=True):
+    for t, y in zip(
+        np.split(when, 2), np.split(value[k - SAMPLES_BESIDE_STEP + 1 : k + SAMPLES_BESIDE_STEP + 1], 2), strict=True
+    ):
         curve = np.polyfit(t, y, 2)
         ends.append(float(np.polyval(curve, middle)))
         left.append(float(np.std(y - np.polyval(curve, t))))
@@ -212,7 +217,7 @@ def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
 
 
 def rates(run: Run) -> Iterator[Check]:
-    """Stamps that shake."""
+    """Find stamps with jitter."""
     seen: set[bytes] = set()
     for name, channel in run.channels.items():
         steps = np.diff(channel.time)
@@ -222,7 +227,7 @@ def rates(run: Run) -> Iterator[Check]:
         usual = float(np.median(steps))
         near = steps[steps < GAP * usual]
         spread = float(np.std(near)) / usual
-        if spread > JITTER:
+        if spread > MIN_JITTER_RATIO:
             yield Check(
                 "rate", Severity.NOTE, run.name, (name,),
                 f"the interval between samples is {1e3 * usual:.3g} ms give or take {100 * spread:.0f} %",
@@ -231,13 +236,13 @@ def rates(run: Run) -> Iterator[Check]:
 
 
 def noises(run: Run) -> Iterator[Check]:
-    """Noise that is stated much smaller than it is."""
+    """Find noise that is stated much smaller than it is."""
     for name, stated in run.noise.items():
         if name not in run.channels or stated <= 0.0:
             continue
         channel = run.channels[name]
         shown = least_noise(channel)
-        if shown > MISSTATED * max(stated, resolution(channel.value) / np.sqrt(12.0)):
+        if shown > MIN_NOISE_RATIO * max(stated, resolution(channel.value) / np.sqrt(12.0)):
             yield Check(
                 "noise_misstated", Severity.SUSPECT, run.name, (name,),
                 f"the noise of {name} is stated as {stated:.3g} {channel.unit}, and its samples show {shown:.3g}",
@@ -246,7 +251,7 @@ def noises(run: Run) -> Iterator[Check]:
 
 
 def motions(run: Run) -> Iterator[Check]:
-    """Nothing moves."""
+    """Find recordings in which nothing moves."""
     moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
     if not moving:
         return
@@ -261,15 +266,15 @@ def motions(run: Run) -> Iterator[Check]:
 def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
-    low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # but for glitches
-    return bool(high - low > max(STILL * quiet_std(channel.time, value), STILL_SIZE))
+    low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # without glitches
+    return bool(high - low > max(MIN_MOTION_DEVIATES * quiet_std(channel.time, value), MIN_MOTION_SIZE))
 
 
 def ranges(run: Run) -> Iterator[Check]:
-    """Values that nothing has in the unit that the channel names."""
+    """Find values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
-        if channel.unit in RANGES:
-            most, kind, unit = RANGES[channel.unit]
+        if channel.unit in PLAUSIBLE_RANGES:
+            most, kind, unit = PLAUSIBLE_RANGES[channel.unit]
             top = float(np.quantile(np.abs(channel.value), 0.99))
             if top > most:
                 yield Check(
@@ -280,13 +285,13 @@ def ranges(run: Run) -> Iterator[Check]:
 
 
 def wraps(run: Run) -> Iterator[Check]:
-    """An endless joint is counted from the other end again after a turn."""
+    """Find endless joints whose angle wraps around after a turn."""
     for name, channel in run.channels.items():
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
             continue
         step = np.diff(channel.value)
-        usual = float(np.quantile(np.abs(step), 1.0 - SELDOM)) if len(step) else 0.0
-        turn = next((t for t in TURNS if usual < NEARLY * t and np.any(_round(step, t))), 0.0)
+        usual = float(np.quantile(np.abs(step), 1.0 - MAX_WRAPPED_SHARE)) if len(step) else 0.0
+        turn = next((t for t in FULL_TURNS if usual < MAX_STEP_TURNS * t and np.any(_round(step, t))), 0.0)
         if not turn:
             continue
         many = int(np.count_nonzero(_round(step, turn)))
@@ -300,15 +305,15 @@ def wraps(run: Run) -> Iterator[Check]:
 
 
 def _round(step: np.ndarray, turn: float) -> np.ndarray:
-    """(n,) bool: steps of a whole turn, give or take the motion, that leave the motion as it was before and after."""
-    once = np.abs(np.abs(step) - turn) < NEARLY * turn
-    small = np.abs(step) < NEARLY * turn
+    """(n,) bool: steps of a whole turn, up to the motion, with the same motion before and after."""
+    once = np.abs(np.abs(step) - turn) < MAX_STEP_TURNS * turn
+    small = np.abs(step) < MAX_STEP_TURNS * turn
     beside = np.concatenate([[True], small[:-1]]) & np.concatenate([small[1:], [True]])
     return np.asarray(once & beside)
 
 
 def unanswered(run: Run) -> Iterator[Check]:
-    """A mapping was proposed, and nobody has said that it is right."""
+    """Find proposed mappings of columns that nobody has confirmed."""
     where = run.source.with_suffix(".toml") if run.source is not None else "the mapping"
     for name, question in run.asked.items():
         yield Check(
@@ -319,12 +324,12 @@ def unanswered(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-TURNS = (2.0 * np.pi, 360.0)
-"""In rad, and in degrees that are called rad."""
-NEARLY, SELDOM = 0.2, 0.05
-"""Of a turn: what a joint moves at most between two samples; and share of the samples at which it is counted anew."""
+FULL_TURNS = (2.0 * np.pi, 360.0)
+"""A full turn in rad, and in degrees that are declared as rad."""
+MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
+"""Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
     rates, noises, unanswered,
 )  # fmt: skip
-"""Who sees another fault of a signal adds a function here."""
+"""All checks of signals; a new check is a further function here."""

@@ -1,9 +1,9 @@
-r"""Recordings of a pendulum against its equations, at a few moments, under every way in which they may be meant.
+r"""Compare a pendulum's recordings with its equations, at a few moments, under every hypothesis on how they were made.
 
     phi'' = (u cos phi - g sin phi)/l - friction,      T = m (g cos phi + l phi'^2 + u sin phi)
 
-with phi, phi' and phi'' from the smoothed angle, or rate, and u from the smoothed pivot. Both are linear in 1/l, m, m l
-and the sizes of effects, so that one evidence serves pendulums and arms.
+with phi, phi' and phi'' from the smoothed angle or rate, and u from the smoothed pivot. Both are linear in 1/l, m, m l
+and the sizes of effects, so that the same evidence serves pendulums and arms.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,12 +13,12 @@ from functools import cache, cached_property
 import numpy as np
 
 from armdyn.inspection.correction import Correction, Reading
-from armdyn.inspection.evidence import FLOOR, Channels, Evidence, evidence, independent
+from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.hypotheses import (
-    DEGREE,
+    CLOCK_RATE_ERRORS,
     LENGTH_UNITS,
-    PACES,
-    QUARTERS,
+    RAD_PER_DEGREE,
+    ZERO_OFFSETS,
     Hypothesis,
     read_as,
     stamped,
@@ -27,35 +27,36 @@ from armdyn.inspection.hypotheses import (
 from armdyn.inspection.kinematics import averages
 from armdyn.model import Model
 from armdyn.run import Run
-from armdyn.smoothing import ORDERS, Curve, best_smoothing, smoothed
+from armdyn.smoothing import SPLINE_ORDERS, Curve, best_smoothing, smoothed
 
-MOMENTS = 240
-"""At which a recording is looked at."""
-GUESSED = {"length": 3.0, "mass": 30.0}
-"""Relative width of what is a guess: few pendulums are longer than a metre, and loads are of any size."""
-MEASURED = 0.1
-"""Relative width of what was measured by hand, other effects being there."""
-THINNED = 3000
-"""Samples of a channel from which a motion is smoothed."""
-BEYOND, LIGHT = 30.0, 0.3
-"""Nats, and share of the load's weight from which a load cell may be wrong, or another load hang there."""
+SWING_MOMENTS = 240
+"""Number of moments at which a recording is evaluated."""
+GUESS_RELATIVE_STD = {"length": 3.0, "mass": 30.0}
+"""Relative standard deviation of a guessed value: few pendulums are longer than a metre, and loads have any size."""
+MEASURED_RELATIVE_STD = 0.1
+"""Relative standard deviation of a value measured by hand, where other effects may be present."""
+MAX_SMOOTHED_SAMPLES = 3000
+"""Largest number of samples of a channel from which a motion is smoothed."""
+WRONG_LOAD_PRICE_NATS, WRONG_LOAD_SHARE = 30.0, 0.3
+"""Price in nats, and share of the load's weight, of an error of the load cell or of another load."""
 FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
-"""N."""
-LATE = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
-"""s; what is late by less is a delay of a sensor, an effect."""
-ASTRAY = 0.05
-"""Of a gripper's acceleration: what its scale is typically wrong by. With 0.15 it is as good as free to be reversed."""
-KNOWN = 0.03
-"""Of a channel's root mean square: error that the equations of a pendulum may have, known better than an arm's. The
-motion of a gripper is told where it makes a tenth of the swing's acceleration, which 0.1 hides."""
-LENGTHS, FADES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
-"""Of the model's length, half a percent apart, and 1/s of a swing's decay: with which a swing is tried that no sensor
-shows. In 30 s the phases of neighbours come half a radian apart."""
-SOON = 0.5
-"""Of a swing's period over 2 pi: between two looks that show whether a reading is more than noise."""
-STEP = 0.02
-"""s, of the integration of such a swing."""
-_TREND = np.linspace(-1.0, 1.0, MOMENTS)
+"""Force units in N."""
+SWING_CLOCK_SHIFTS = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+"""Clock shifts that are tried, s; a smaller delay is an effect, that of a sensor."""
+GRIPPER_SCALE_ERROR = 0.05
+"""Typical error of a gripper's scale, as a share of its acceleration. With 0.15 it could as well be reversed."""
+PENDULUM_MODEL_ERROR = 0.03
+"""Model error of a pendulum's equations, as a share of a channel's root mean square: they are known better than an
+arm's. A gripper's motion is identified where it causes a tenth of the swing's acceleration, which 0.1 would hide."""
+LENGTH_FACTORS, DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
+"""Lengths, over the model's, half a percent apart, and decay rates, 1/s, for which a swing that no sensor measures is
+simulated. In 30 s the phases of neighbouring lengths differ by half a radian.
+"""
+MOMENT_SPACING_PERIODS = 0.5
+"""Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
+SWING_STEP_SECONDS = 0.02
+"""Step of the integration of such a swing, s."""
+_TREND = np.linspace(-1.0, 1.0, SWING_MOMENTS)
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -64,8 +65,8 @@ class SwingRun:
     """One recording of a pendulum at a few moments.
 
     Args:
-        model: of the load.
-        run: as recorded, without a gap.
+        model: the model of the load.
+        run: the recording, without a gap.
     """
 
     model: Model
@@ -73,22 +74,22 @@ class SwingRun:
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """What is compared: the angle (or else the rate), and the force."""
+        """The compared channels: the angle (or else the rate), and the force."""
         swing = next((n for n in ("swing_angle", "swing_rate") if n in self.run.channels), None)
         return (*((swing,) if swing else ()), *(("load_force",) if "load_force" in self.run.channels else ()))
 
     @property
     def swing(self) -> str | None:
-        """The channel that shows the motion."""
+        """The channel that measures the swing; None where there is none."""
         return self.channels[0] if self.channels and self.channels[0] != "load_force" else None
 
     @cached_property
     def moments(self) -> np.ndarray:
-        """(n,) s."""
+        """(n,) moments, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
         edge = 0.03 * (end - begin)
-        return np.linspace(begin + edge, end - edge, MOMENTS)
+        return np.linspace(begin + edge, end - edge, SWING_MOMENTS)
 
     @cached_property
     def _curves(self) -> dict[str, Curve]:
@@ -96,17 +97,17 @@ class SwingRun:
         for name in ("swing_angle", "swing_rate", "gripper_x"):
             if name in self.run.channels and name in (self.swing, "gripper_x"):
                 whole = self.run.channels[name]
-                c = whole.averaged(-(-len(whole) // THINNED))
-                found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, ORDERS[:2]))
+                c = whole.averaged(-(-len(whole) // MAX_SMOOTHED_SAMPLES))
+                found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
         return found
 
     @cached_property
     def motion(self) -> Callable[[float, float], Motion]:
-        """(n,) angle, rate and acceleration of the angle as recorded, by how late and fast its stamps are; kept."""
+        """Cached (n,) angle, rate and angular acceleration, for a delay and a rate error of the stamps."""
         return cache(self._motion)
 
     def _stamps(self, channel: str, late: float, pace: float) -> np.ndarray:
-        """(n,) stamps that a channel has at the moments."""
+        """(n,) stamps of a channel at the moments."""
         begin = float(self.run.channels[channel].time[0])
         return Reading(channel, late=late, pace=pace).stamped(self.moments, begin)
 
@@ -117,7 +118,7 @@ class SwingRun:
             angle, rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3))
             return angle, rate, bend
         rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(2))
-        fine = np.linspace(time[0], time[-1], 8 * MOMENTS)
+        fine = np.linspace(time[0], time[-1], 8 * SWING_MOMENTS)
         values = curve(fine, 0)[:, 0]
         angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(fine))]) / (1.0 + pace)
         angle -= np.polyval(np.polyfit(fine, angle, 1), fine)
@@ -126,26 +127,26 @@ class SwingRun:
     def pull(self, late: float, pace: float = 0.0) -> np.ndarray:
         """(n,) acceleration of the pivot as recorded, m/s^2."""
         if "gripper_x" not in self._curves:
-            return np.zeros(MOMENTS)
+            return np.zeros(SWING_MOMENTS)
         stamps = self._stamps("gripper_x", late, pace)
         return np.asarray((1.0 + pace) ** 2 * self._curves["gripper_x"](stamps, 2)[:, 0])
 
     def force(self, late: float, pace: float = 0.0) -> np.ndarray:
-        """(n,) of the load cell as recorded, averaged around the moments."""
+        """(n,) force of the load cell as recorded, averaged around the moments."""
         return averages(self.run.channels["load_force"], self._stamps("load_force", late, pace))
 
     @cached_property
     def driven(self) -> Callable[[float], list[Motion]]:
-        """What a load does that hangs still at first under the gripper times a factor, for `LENGTHS` and `FADES`."""
+        """Simulated motions of a load, at rest at first, under a scaled gripper motion, by length and decay rate."""
         return cache(self._driven)
 
     def _driven(self, factor: float) -> list[Motion]:
         gravity, begin = self._known("gravity")[0], float(self.run.channels["gripper_x"].time[0])
-        h = STEP
+        h = SWING_STEP_SECONDS
         steps = int((self.moments[-1] - begin) / h) + 2
         fine = begin + 0.5 * h * np.arange(2 * steps + 1)
         u = factor * self._curves["gripper_x"](np.minimum(fine, self.run.channels["gripper_x"].time[-1]), 2)[:, 0]
-        length, fade = (x.ravel() for x in np.meshgrid(self._known("length")[0] * LENGTHS, FADES))
+        length, fade = (x.ravel() for x in np.meshgrid(self._known("length")[0] * LENGTH_FACTORS, DECAY_RATES))
 
         def rates(angle: np.ndarray, rate: np.ndarray, u: float) -> tuple[np.ndarray, np.ndarray]:
             return rate, (u * np.cos(angle) - gravity * np.sin(angle)) / length - fade * rate
@@ -169,41 +170,43 @@ class SwingRun:
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
-        soon = SOON * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
+        soon = MOMENT_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
         return independent(given.measured, evidence(given).left, given.least, after)
 
     def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
-        """(h,) as `sure`: a pendulum has few effects."""
+        """(h,) evidence as in `sure`: a pendulum has few effects, so that no faster method is needed."""
         return np.array([self.sure(*meaning).value for meaning in meanings])
 
     def sure(self, correction: Correction, description: object = None) -> Evidence:
-        """Evidence with every effect that there may be."""
+        """Evidence of a hypothesis, with every effect that may be present."""
         del description
         given = self._given(correction, self.weights)
         found = evidence(given)
         return replace(found, value=found.value - self._outside(correction))
 
     def _outside(self, correction: Correction) -> float:
-        """Nats that a force costs with which no string holds this load."""
+        """Price in nats of a force with which no string holds this load."""
         if "load_force" not in self.channels:
             return 0.0
         mass, weighed = self._known("mass")
         mean = correction.reading("load_force").factor * float(np.mean(self.run.channels["load_force"].value))
         share = mean / (mass * self._known("gravity")[0])
-        return BEYOND * (float(share < 0.0) + float(weighed and not LIGHT < abs(share) < 1.0 / LIGHT))
+        return WRONG_LOAD_PRICE_NATS * (
+            float(share < 0.0) + float(weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE)
+        )
 
     def nothing(self) -> float:
-        """Evidence of equations that say nothing: none, as a pendulum's are known."""
+        """Evidence of equations that explain nothing; zero, because a pendulum's equations are known."""
         return -np.inf
 
     def with_run(self, run: Run) -> "SwingRun":
-        """The same of another recording."""
+        """The same model and moments for another recording."""
         return replace(self, run=run)
 
     def _known(self, name: str) -> tuple[float, bool]:
-        """SI value of length, mass or gravity, and whether somebody measured it."""
+        """SI value of length, mass or gravity, and whether it was measured."""
         known, parameter = self.run.known.get(name), self.model.parameters[name]
         return (known.value, True) if known is not None else (parameter.value, parameter.prior is not None)
 
@@ -224,12 +227,12 @@ class SwingRun:
             angle, rate, bend = (r.factor * x for x in self.motion(r.late, r.pace))
             angle = angle + r.offset
             drive, weightless = u * np.cos(angle) / length, -gravity * np.sin(angle) / length
-            width = MEASURED if measured else GUESSED["length"]
+            width = MEASURED_RELATIVE_STD if measured else GUESS_RELATIVE_STD["length"]
             pace = gravity / length
             rows.append(bend)
             described.append((drive + weightless) if measured else np.zeros(n))
             X = [
-                width * (drive + weightless), ASTRAY * drive, -0.5 * rate, -np.tanh(20.0 * rate),
+                width * (drive + weightless), GRIPPER_SCALE_ERROR * drive, -0.5 * rate, -np.tanh(20.0 * rate),
                 -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
                 0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
             ]  # fmt: skip
@@ -240,7 +243,7 @@ class SwingRun:
         if "load_force" in self.channels:
             r = correction.reading("load_force")
             mass, weighed = self._known("mass")
-            width = MEASURED if weighed else GUESSED["mass"]
+            width = MEASURED_RELATIVE_STD if weighed else GUESS_RELATIVE_STD["mass"]
             static = gravity * np.cos(angle) + u * np.sin(angle)
             rows.append(r.factor * self.force(r.late, r.pace))
             described.append(mass * (static + length * rate**2) if weighed else np.zeros(n))
@@ -266,13 +269,13 @@ class SwingRun:
             weight,
             np.array(volume),
             np.array(least),
-            KNOWN,
+            PENDULUM_MODEL_ERROR,
         )
 
     def _given_by_force(self, correction: Correction, weight: np.ndarray, u: np.ndarray) -> Channels:
-        """Where nothing but the force shows the swing: that of the load which explains the force best.
+        """Channels for a recording in which only the force measures the swing, of the simulated motion that fits best.
 
-        What the force is on average says what the load weighs, and no more; so it is left out.
+        The mean force determines only the load's weight; so it is left out.
         """
         (mass, weighed), (gravity, _) = self._known("mass"), self._known("gravity")
         r = correction.reading("load_force")
@@ -284,12 +287,12 @@ class SwingRun:
         along = np.maximum(shapes @ y, 0.0) ** 2 / np.maximum(np.sum(shapes**2, axis=1), 1e-300)
         best = int(np.argmax(along))
         shape, aside = shapes[best], np.sin(swings[best][0])
-        around = shapes.reshape(len(FADES), len(LENGTHS), -1)
-        j, i = divmod(best, len(LENGTHS))
+        around = shapes.reshape(len(DECAY_RATES), len(LENGTH_FACTORS), -1)
+        j, i = divmod(best, len(LENGTH_FACTORS))
         size = mass if weighed else float(shape @ y) / max(float(shape @ shape), 1e-300)
-        longer = around[j, min(i + 1, len(LENGTHS) - 1)] - around[j, max(i - 1, 0)]
-        fading = around[min(j + 1, len(FADES) - 1), i] - around[max(j - 1, 0), i]
-        width = MEASURED if weighed else GUESSED["mass"]
+        longer = around[j, min(i + 1, len(LENGTH_FACTORS) - 1)] - around[j, max(i - 1, 0)]
+        fading = around[min(j + 1, len(DECAY_RATES) - 1), i] - around[max(j - 1, 0), i]
+        width = MEASURED_RELATIVE_STD if weighed else GUESS_RELATIVE_STD["mass"]
         X = [
             width * mass * shape, 0.03 * mass * gravity * (aside - aside.mean()), 0.02 * mass * gravity * _TREND,
             size * longer, size * fading,
@@ -297,19 +300,19 @@ class SwingRun:
         return Channels(
             y[None], (mass * shape if weighed else np.zeros(len(y)))[None], np.column_stack(X)[None],
             np.array([not weighed, *([False] * 4)]), weight, np.array([np.log(abs(r.factor))]),
-            np.array([1e-3 * mass * gravity]), FLOOR,
+            np.array([1e-3 * mass * gravity]), MODEL_ERROR_FLOOR,
         )  # fmt: skip
 
 
 def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
-    """What people do to recordings of pendulums by mistake."""
+    """Hypotheses on the mistakes in recordings of pendulums."""
     has, force = run.run.channels, ("load_force",)
     angular = tuple(n for n in ("swing_angle", "swing_rate") if n in has)
     both = " and ".join(angular)
     if run.swing is not None:
-        yield read_as("angle_unit", angular, f"{both} is in degrees and called rad", DEGREE)
-        yield read_as("angle_unit", angular, f"{both} is in rad and called degrees", 1 / DEGREE)
-    for said, offset in QUARTERS.items() if run.swing == "swing_angle" else ():
+        yield read_as("angle_unit", angular, f"{both} is in degrees and called rad", RAD_PER_DEGREE)
+        yield read_as("angle_unit", angular, f"{both} is in rad and called degrees", 1 / RAD_PER_DEGREE)
+    for said, offset in ZERO_OFFSETS.items() if run.swing == "swing_angle" else ():
         zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
         yield read_as("position_offset", ("swing_angle",), zero, offset=-offset)
     if "gripper_x" in has:
@@ -320,11 +323,11 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
             said = f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m")
             yield read_as("scale", ("gripper_x",), said, factor)
         yield from stamped(
-            (n for n in has if n != "gripper_x"), LATE, "what swings is stamped {} against gripper_x", 2.0
+            (n for n in has if n != "gripper_x"), SWING_CLOCK_SHIFTS, "what swings is stamped {} against gripper_x", 2.0
         )
         others = tuple(n for n in has if n != "gripper_x")
         said = "what swings is stamped {} against gripper_x"
-        for pace in PACES:
+        for pace in CLOCK_RATE_ERRORS:
             found = read_as("clock_shift", others, said.format(stamps(0.0, pace)), pace=pace, price=2.0)
             yield replace(found, clock=said)
     if "load_force" in has:
@@ -332,4 +335,4 @@ def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
             yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)
         yield read_as("torque_sign", force, "load_force has the wrong sign: a string pulls", -1.0)
         if run.swing is not None:
-            yield from stamped(force, LATE, "load_force is stamped {} against the swing", 2.0)
+            yield from stamped(force, SWING_CLOCK_SHIFTS, "load_force is stamped {} against the swing", 2.0)

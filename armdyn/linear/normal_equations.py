@@ -1,4 +1,4 @@
-"""A linearised model as sums over samples, from which every subset's fit and its errors follow."""
+"""Normal equations: a linearised model as sums over samples, which give the fit and the errors of every subset."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Sums of U units, such as one channel in one recording, over P unknowns.
+    """Sums of U units, such as one channel in one recording, for P unknowns.
 
     Attributes:
         gram: (U, P, P) X'X, X the derivatives of the predictions.
         slope: (U, P) X'r, r measured minus predicted.
         square: (U,) r'r.
-        count: (U,) samples.
+        count: (U,) number of samples.
     """
 
     gram: np.ndarray

@@ -3,9 +3,9 @@ r"""Positive definite systems, and the minimum of a quadratic function within bo
     x = argmin  x' A x / 2 - b' x,      lower <= x <= upper,      A positive definite
 
 Karush-Kuhn-Tucker: with the gradient g = A x - b, every unknown is free with g = 0, on its lower bound with g >= 0, or
-on its upper bound with g <= 0. Which is which is found by block principal pivoting: all unknowns that break a condition
-change sides at once while their number falls, and one alone where it does not, by which the search ends
-(Judice & Pires, Comput. Oper. Res. 21, 1994).
+on its upper bound with g <= 0. The case of each unknown is found by block principal pivoting: all unknowns that violate
+a condition change sides at once while their number falls, and one alone otherwise, so that the search ends (Judice &
+Pires, Comput. Oper. Res. 21, 1994).
 """
 
 import math
@@ -14,27 +14,27 @@ from itertools import count
 
 import numpy as np
 
-ROUNDING = 1e-13
-"""Added to the diagonal of a matrix whose diagonal is one: rounding may have taken as much from its eigenvalues."""
-EXACT = 1e-11
-"""By how much a condition may be broken by rounding, where A has a diagonal of ones, relative to the unknowns."""
-PATIENCE = 3
-"""Exchanges of all at once that may fail to lower the number of broken conditions, before one unknown changes alone."""
-MOST_EXCHANGES = 20
-"""Per unknown, after which a matrix counts as indefinite by rounding, which may go round for ever; positive definite
-ones needed 2.4 at most in 20,000 random problems of 1 to 20 unknowns."""
-LEAST = 1e-9
-"""Eigenvalue, where A has a diagonal of ones, to which the smallest one of an indefinite matrix is lifted."""
+DIAGONAL_LOADING = 1e-13
+"""Added to the diagonal of a matrix whose diagonal is one: rounding may have reduced its eigenvalues by as much."""
+KKT_TOLERANCE = 1e-11
+"""Violation of a condition that is due to rounding, where A has a diagonal of ones, relative to the unknowns."""
+MAX_FAILED_EXCHANGES = 3
+"""Exchanges of all unknowns at once that may fail to reduce the number of violations, before one changes alone."""
+MAX_EXCHANGES_PER_UNKNOWN = 20
+"""Exchanges per unknown after which a matrix counts as indefinite by rounding, which may cycle for ever; positive
+definite ones needed at most 2.4 in 20,000 random problems of 1 to 20 unknowns."""
+MIN_EIGENVALUE = 1e-9
+"""Smallest eigenvalue that an indefinite matrix gets, where A has a diagonal of ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundedSolution:
-    """The minimum of one problem or of many.
+    """The minimum of one bounded problem, or of many.
 
     Attributes:
-        x: (..., n) the unknowns.
+        x: (..., n) unknowns at the minimum.
         held: (..., n) -1 on the lower bound, 1 on the upper bound, 0 between them.
-        gradient: (..., n) A x - b.
+        gradient: (..., n) gradient A x - b.
     """
 
     x: np.ndarray
@@ -43,12 +43,12 @@ class BoundedSolution:
 
 
 def scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(..., n) roots of the diagonals of (..., n, n) positive definite matrices, and the matrices divided by them.
+    """(..., n) square roots of the diagonals of (..., n, n) positive definite matrices, and the scaled matrices.
 
-    The diagonal of what is returned is one, so that unknowns of any unit are alike.
+    The diagonal of the scaled matrices is one, so that the units of the unknowns do not matter.
     """
     size = np.sqrt(np.diagonal(A, axis1=-2, axis2=-1))
-    return size, A / (size[..., :, None] * size[..., None, :]) + ROUNDING * np.eye(A.shape[-1])
+    return size, A / (size[..., :, None] * size[..., None, :]) + DIAGONAL_LOADING * np.eye(A.shape[-1])
 
 
 def solve_positive(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -64,13 +64,13 @@ def log_det(A: np.ndarray) -> np.ndarray:
 
 
 def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray | float) -> BoundedSolution:
-    """The minimum within bounds, of one problem or of many of one size at once.
+    """Minimise within bounds: one problem, or many of one size at once.
 
     Args:
-        A: (..., n, n) symmetric, positive definite.
-        b: (..., n).
-        lower: (..., n) may be minus infinity.
-        upper: (..., n) or one for all; may be infinity; not below `lower`.
+        A: (..., n, n) symmetric positive definite matrices.
+        b: (..., n) right-hand sides.
+        lower: (..., n) lower bounds, which may be minus infinity.
+        upper: (..., n) upper bounds, or one for all, which may be infinity; not below `lower`.
     """
     size, unit = scaled(A)
     shape = np.broadcast_shapes(size.shape, b.shape)
@@ -82,12 +82,12 @@ def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.nda
 
 
 def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(k, n) minima of k problems whose matrices have diagonals of one, and (k, n) bounds that hold the unknowns."""
+    """(k, n) minima of k problems whose matrices have diagonals of one, and (k, n) bounds on which the unknowns are."""
     x, held = np.linalg.solve(A, b[..., None])[..., 0], np.zeros(b.shape, dtype=int)
     gradient = np.zeros_like(x)
-    fewest, patience = np.full(len(b), b.shape[1] + 1), np.full(len(b), PATIENCE)
+    fewest, patience = np.full(len(b), b.shape[1] + 1), np.full(len(b), MAX_FAILED_EXCHANGES)
     for exchange in count(1):
-        room = EXACT * (1.0 + np.abs(x))
+        room = KKT_TOLERANCE * (1.0 + np.abs(x))
         beyond = (x > upper + room).astype(int) - (x < lower - room)
         moved = np.where(held == 0, beyond, np.where(gradient * held > room, 0, held))
         broken = moved != held
@@ -95,10 +95,10 @@ def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray)
         left = np.flatnonzero(many)
         if len(left) == 0:
             break
-        if exchange % (MOST_EXCHANGES * b.shape[1]) == 0:
+        if exchange % (MAX_EXCHANGES_PER_UNKNOWN * b.shape[1]) == 0:
             A, least = A.copy(), np.linalg.eigvalsh(A[left])[:, 0]
-            A[left] += np.maximum(LEAST, 2.0 * LEAST - least)[:, None, None] * np.eye(b.shape[1])
-        patience = np.where(many < fewest, PATIENCE, patience - 1)
+            A[left] += np.maximum(MIN_EIGENVALUE, 2.0 * MIN_EIGENVALUE - least)[:, None, None] * np.eye(b.shape[1])
+        patience = np.where(many < fewest, MAX_FAILED_EXCHANGES, patience - 1)
         fewest = np.minimum(many, fewest)
         last = broken & (np.cumsum(broken[:, ::-1], axis=1)[:, ::-1] == 1)
         held = np.where(np.where((patience < 0)[:, None], last, broken), moved, held)
@@ -109,7 +109,7 @@ def _pivoted(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray)
 def _with_held(
     A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(k, n) best unknowns, those on their bounds staying there, and (k, n) the gradient there."""
+    """(k, n) best unknowns with those on bounds fixed there, and (k, n) the gradient there."""
     free = held == 0
     fixed = np.where(free, 0.0, np.where(held < 0, lower, upper))
     right = np.where(free, b - (A @ fixed[..., None])[..., 0], fixed)

@@ -1,8 +1,8 @@
-"""A load on a string with any effects: its stages at whatever expressions a formulation has for its motion.
+"""A load on a string with any effects, as stages of expressions that each formulation evaluates for its motion.
 
 The continuous equations (`dynamics`) and the variational integrator (`variational`) ask the same stages for the
-Lagrangian in the load's Cartesian position, the forces and the readings, and the tension follows from them, so that no
-effect can enter one and be forgotten in another.
+Lagrangian in the load's Cartesian position, the forces and the readings, and the tension follows from them. So an
+effect cannot enter one of them and be forgotten in another.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,36 +17,36 @@ from armdyn.parameter import RecordedColumn
 from armdyn.pendulum.physics import Expression, Gripper, Load, Sensor, String, Tension
 from armdyn.physics.definition import Moment
 
-STAGES = ("gripper", "string", "load", "tension", "sensor")
-"""What effects may act on, in the order in which nature applies them."""
+PENDULUM_STAGES = ("gripper", "string", "load", "tension", "sensor")
+"""Stages on which effects may act, in the order in which nature applies them."""
 BASE_PARAMETERS = ("length", "mass", "gravity")
-RIGID = 1e-12
-"""m/N; added to a compliance by which is divided."""
+ADDED_COMPLIANCE = 1e-12
+"""Compliance, m/N, added to one by which is divided."""
 
 
 class Composition:
-    """A pendulum with `effects`, in their natural order whatever the order in which they were added.
+    """A pendulum with effects; their order is the natural one, not that in which they were added.
 
     Attributes:
-        names: parameters in the order of theta.
-        theta: (p,) symbols of the parameters, of which all expressions below are made.
-        compliance: (2,) of the string and of the gripper, m/N.
-        bounce: (2,) of the load on its string: 1/w^2, s^2, and damping ratio; None where the string is rigid.
-        sensor_lag: (3,) of the readings of force, angle and rate, s.
-        sensor_delay: (3,) of these, s.
-        gripper_lag: by which the gripper trails its measured position, s.
-        transverse: (3,) swing across the line at the start, see `physics.Load`.
+        names: names of the parameters in the order of theta.
+        theta: (p,) symbols of the parameters; all expressions below are functions of them.
+        compliance: (2,) compliances of the string and of the gripper, m/N.
+        bounce: (2,) vibration of the load on its string: 1/w^2, s^2, and damping ratio; None where the string is rigid.
+        sensor_lag: (3,) lags of the readings of force, angle and rate, s.
+        sensor_delay: (3,) delays of these readings, s.
+        gripper_lag: lag of the gripper behind its measured position, s.
+        transverse: (3,) moments of the swing across the line at the start, see `physics.Load`.
         heavy: whether the string has mass.
         rubs: whether there is dry friction.
         yields: whether string or gripper give way to the tension.
-        crosses: whether the load swings across the line as well.
-        trails: whether the gripper trails its measured position.
-        remembers: number of states that effects bring.
+        crosses: whether the load also swings across the line.
+        trails: whether the gripper lags behind its measured position.
+        remembers: number of states that effects add.
         recorded: symbols of the further recorded quantities that effects read.
 
     Raises:
-        InputError: a state of an effect, or a recorded quantity, acts otherwise than by a force, a torque or a reading,
-            or a length depends on the swing rate.
+        InputError: a state of an effect, or a recorded quantity, changes something other than a force, a torque or a
+            reading, or a length depends on the swing rate.
     """
 
     def __init__(self, effects: Sequence[Effect]) -> None:
@@ -61,7 +61,7 @@ class Composition:
         load = load_at(at, ca.SX.sym("q", 3), ca.SX.sym("qd", 3), phi, rate)
         tension, sensor = tension_at(at, pull, phi, rate, string.length, ca.SX.sym("a")), sensor_at(at, pull, phi, rate)
         self.compliance = ca.vertcat(string.compliance, gripper.compliance)
-        damping = string.damped / (string.compliance + RIGID)
+        damping = string.damped / (string.compliance + ADDED_COMPLIANCE)
         self.bounce = None if string.compliance.is_zero() else ca.vertcat(string.compliance * load.mass, damping)
         self.sensor_lag, self.sensor_delay, self.gripper_lag = sensor.lag, sensor.delay, gripper.lag
         self.transverse = ca.densify(load.transverse)
@@ -82,37 +82,37 @@ class Composition:
             raise InputError("an effect lets the string's length depend on the swing rate")
 
     def at(self, time: Expression, recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({})) -> Moment:
-        """A moment, s since the start of the run, at which the stages of this module can be asked for.
+        """The moment at `time`, s since the start of the run, at which the stages of this module can be evaluated.
 
-        What effects read and is not among `recorded` has its usual value.
+        Quantities that effects read and that are not in `recorded` have their usual values.
         """
         return Moment(time, self._by_name, {}, self._effects, self._by_name, recorded)
 
 
 def gripper_at(at: Moment, x: Expression, v: Expression, z: Expression, phi: Expression) -> Gripper:
-    """The gripper, with effects, at measured position m, velocity m/s and height m and at swing angle phi rad."""
+    """The gripper with its effects, from measured position m, velocity m/s and height m, and swing angle phi, rad."""
     return at.stage("gripper", Gripper(at.time, x, v, z, phi, ca.vertcat(x, 0, z)))
 
 
 def string_at(at: Moment, phi: Expression, rate: Expression) -> String:
-    """The string, with effects, at swing angle phi rad and rate rad/s."""
+    """The string with its effects, from swing angle phi, rad, and rate, rad/s."""
     return at.stage("string", String(at.time, phi, rate, at["mass"], at["length"], at["gravity"]))
 
 
 def load_at(at: Moment, q: Expression, qd: Expression, phi: Expression, rate: Expression) -> Load:
-    """The load, with effects, at position q (3,) m and velocity qd (3,) m/s."""
+    """The load with its effects, from position q (3,), m, and velocity qd (3,), m/s."""
     return at.stage("load", Load(at.time, at["mass"], q, qd, phi, rate))
 
 
 def tension_at(
     at: Moment, value: Expression, phi: Expression, rate: Expression, length: Expression, acceleration: Expression
 ) -> Expression:
-    """The string's pull, N, after effects on its formula; `acceleration` of the gripper along its line, m/s^2."""
+    """The tension, N, after effects on its formula; `acceleration`, m/s^2, is that of the gripper along its line."""
     return at.stage("tension", Tension(value, phi, rate, at["mass"], length, acceleration, at["gravity"])).value
 
 
 def sensor_at(at: Moment, tension: Expression, phi: Expression, rate: Expression) -> Sensor:
-    """The sensors, with effects, of the string's pull N, angle rad and rate rad/s."""
+    """The sensors with their effects, from tension N, angle rad and rate rad/s."""
     return at.stage("sensor", Sensor(at.time, tension, phi, tension, phi, rate))
 
 
@@ -132,21 +132,21 @@ def lagrangian(gripper: Gripper, string: String, load: Load, g: Expression, gd: 
 
 
 def upwards(gripper: Gripper) -> Expression:
-    """Unit vector against gravity, (3,) in the frame of the line."""
+    """Unit vector (3,) against gravity, in the frame of the line."""
     return ca.vertcat(-ca.sin(gripper.tilt), 0, ca.cos(gripper.tilt))
 
 
 def direction(phi: Expression) -> Expression:
-    """Unit vector from the pivot to the load, (3,)."""
+    """Unit vector (3,) from the pivot to the load."""
     return ca.vertcat(-ca.sin(phi), 0, -ca.cos(phi))
 
 
 def quasi_static(
     composition: Composition, at: Moment, position: Expression, length: Expression, phi: Expression
 ) -> tuple[Expression, Expression]:
-    """The string's upper end (3,) m and its length m where what is compliant gives way to the weight, for control.
+    """For control: the string's upper end (3,), m, and its length, m, with compliant parts displaced by the weight.
 
-    Compliance enters to first order: the pull is the weight's component along the string.
+    Compliance enters to first order: the tension is the weight's component along the string.
     """
     if not composition.yields:
         return position, length

@@ -8,9 +8,9 @@ so that a measured gripper path is differentiated once. The string's tension is 
 
     T = dL/drho - d/dt dL/drho' + Q_rho,
 
-and only there the acceleration enters. For the bare pendulum T = m (g cos phi + l phi'^2 + u sin phi). A string with
-mass is pulled at its upper end by all of it, m_s [e . (g - g'') / 2 + l phi'^2 / 6] more; that is what the cell feels.
-(Goldstein, Classical Mechanics, 3rd ed., §2.4 for constraint forces, §8.1 for momenta.)
+and only this formula contains the acceleration. For the bare pendulum T = m (g cos phi + l phi'^2 + u sin phi). A
+string with mass adds m_s [e . (g - g'') / 2 + l phi'^2 / 6] at its upper end, where the load cell is. (Goldstein,
+Classical Mechanics, 3rd ed., §2.4 for constraint forces, §8.1 for momenta.)
 """
 
 from dataclasses import dataclass
@@ -38,14 +38,14 @@ from armdyn.physics.simulate import System
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
-STATE_SIZE = 2
-INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
-OUTPUTS = ("load_force", "swing_angle", "swing_rate")
+PLANAR_STATE_SIZE = 2
+PENDULUM_INPUTS = ("t", "x", "v", "a", "z", "vz", "az")
+PENDULUM_OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Dynamics(System):
-    """Functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
+    """The equations as functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
     the load also swings across the line, s goes on with the three moments of `transverse`; last come the states that
@@ -53,13 +53,13 @@ class Dynamics(System):
     whose time derivative adds to the force. Where effects read further recorded quantities, w goes on with the jerk as
     well, and ends in these.
 
-    `initial` takes phi and p = P/M, the swing rate seen from rest in space: phi' = p + (v/l) cos(phi). A load at rest
+    `initial` takes phi and p = P/M, the swing rate in a frame at rest: phi' = p + (v/l) cos(phi). A load at rest
     has p = 0 whatever the gripper does.
 
     Attributes:
-        tension: ``(s, w, theta) -> ()`` N, before the sensor.
-        rate: ``(s, w, theta) -> ()`` phi', rad/s.
-        energy: ``(s, w, theta) -> ()`` kinetic + potential, J.
+        tension: ``(s, w, theta) -> ()`` tension before the sensor, N.
+        rate: ``(s, w, theta) -> ()`` swing rate phi', rad/s.
+        energy: ``(s, w, theta) -> ()`` kinetic and potential energy, J.
     """
 
     tension: ca.Function
@@ -68,7 +68,7 @@ class Dynamics(System):
 
 
 def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
-    """Equations of motion, readings and tension of a composition.
+    """Derive the equations of motion, readings and tension of a composition.
 
     Args:
         composition: the pendulum with its effects.
@@ -78,13 +78,13 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     """
     yields, crosses = composition.yields and not planar, composition.crosses and not planar
     theta = composition.theta
-    t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in INPUTS)
+    t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in PENDULUM_INPUTS)
     jerk, phi, rate, momentum = (ca.SX.sym(name) for name in ("jerk", "phi", "rate", "P"))
-    moments = ca.SX.sym("moments", transverse.MOMENTS)
+    moments = ca.SX.sym("moments", transverse.TRANSVERSE_MOMENTS)
     stretch, stretching, give, giving = (ca.SX.sym(s) for s in ("d", "dd", "e", "de"))
 
     def along_motion(expression: Expression, rate_of_rate: Expression = None) -> Expression:
-        """Total time derivative, without the second derivatives of what yields."""
+        """Total time derivative, without the second derivatives of compliant parts."""
         total = (
             ca.jtimes(expression, phi, rate)
             + ca.jtimes(expression, x, v)
@@ -113,7 +113,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     kinetic, potential = lagrangian(gripper, string, load, g, gd)
 
     def on_string(expression: Expression) -> Expression:
-        """With no stretch where the string is rigid; else the stretch is substituted later."""
+        """The expression with zero stretch where the string is rigid; otherwise the stretch is substituted later."""
         if yields or crosses:
             return expression
         return ca.substitute(expression, ca.vertcat(stretch, stretching), ca.SX.zeros(2))
@@ -128,7 +128,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     pulled = ca.gradient(kinetic - potential, stretch) + ca.dot(ca.jacobian(q, stretch), load.force)
     tension = on_string(pulled) - along_motion(radial, rate_of_rate)
     if composition.heavy:
-        # The constraint force counts the string by its stretching; the upper end carries all of it.
+        # The constraint force includes the string's mass by its stretching; the upper end carries all of the string.
         weight = string.mass * (-string.gravity * upwards(gripper) - along_motion(gd, rate_of_rate))
         tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
@@ -184,14 +184,16 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     if not planar:
         start += [m.start for m in at.memory]
     bounce = None if composition.bounce is None else ca.Function("bounce", [theta], [composition.bounce])
-    timing = zip(OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True)
+    timing = zip(
+        PENDULUM_OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True
+    )
     return Dynamics(
         names=composition.names,
         states=state.numel(),
-        starts=STATE_SIZE,
+        starts=PLANAR_STATE_SIZE,
         inputs=given.numel(),
         columns=tuple(recorded),
-        outputs=OUTPUTS,
+        outputs=PENDULUM_OUTPUTS,
         impulse_adds_to="load_force" if yields else None,
         impulse_rings=Vibration(bounce) if yields and bounce is not None else None,
         input_lag=ca.Function("gripper_lag", [theta], [composition.gripper_lag]) if composition.trails else None,
@@ -209,7 +211,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
 def _initial(
     phi: Expression, p: Expression, momentum: Expression, w: Expression, theta: Expression, start: list[Expression]
 ) -> ca.Function:
-    """State from angle and p.
+    """The start state from angle and p.
 
     Where the inertia depends on the tension, and so on the momentum, one step of fixed-point iteration is exact to
     second order in the compliance.
@@ -222,7 +224,7 @@ def _initial(
 
 
 def _without_needless(expression: Expression, variable: Expression) -> Expression:
-    """The expression at variable = 0 where it does not depend on the variable, as in sin^2 + cos^2.
+    """The expression at variable = 0, where it does not depend on the variable, as in sin^2 + cos^2.
 
     CasADi does not see such identities; without this the sensitivities cost twice as much. A derivative that vanishes
     to rounding at random points is zero: the expressions are analytic.

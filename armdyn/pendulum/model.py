@@ -1,4 +1,4 @@
-"""The pendulum as a model: what a load cell and an angle sensor should have read in a run."""
+"""The pendulum as a model: it predicts what a load cell and an angle sensor should have read in a run."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
-from armdyn.pendulum.composition import STAGES, Composition
+from armdyn.pendulum.composition import PENDULUM_STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
@@ -22,7 +22,7 @@ from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, s
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulated import (
-    REACH,
+    LOCAL_FIT_PERIODS,
     SimulatedModel,
     end_of_motion,
     local_motion,
@@ -33,35 +33,35 @@ from armdyn.run import Channel, Run
 
 KEYS = ()
 """Keys of a model file that belong to this base."""
-INITIAL = ("initial_angle", "initial_rate")
-GRIPPER = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
-SLOWEST = 1.5
-"""Periods of small swings that a swing lasts at most; the length is a guess."""
-STEEPEST = 1.5
-"""rad; no load hangs at rest beyond."""
+START_PARAMETERS = ("initial_angle", "initial_rate")
+GRIPPER_CHANNELS = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
+MAX_SWING_PERIODS = 1.5
+"""Longest period of a swing, in periods of small swings; the length may be a guess."""
+MAX_REST_ANGLE = 1.5
+"""Largest angle at which a load can hang at rest, rad."""
 
 
 @dataclass(frozen=True, repr=False)
 class PendulumModel(SimulatedModel):
-    """A load on a string below a moving gripper."""
+    """A load on a string below a moving gripper, with any effects."""
 
     base = "pendulum"
-    stages = STAGES
-    inputs = GRIPPER
-    start_names = INITIAL
+    stages = PENDULUM_STAGES
+    inputs = GRIPPER_CHANNELS
+    start_names = START_PARAMETERS
 
     @property
     def kicked(self) -> list[int]:
-        """See `SimulatedModel`: the rate."""
-        return [INITIAL.index("initial_rate")]
+        """Index of the start value that a force changes: the rate; see `SimulatedModel.kicked`."""
+        return [START_PARAMETERS.index("initial_rate")]
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """See `SimulatedModel`: from the angle; else from the rate, whose derivative shows the angle."""
+        """Start values at (J,) times, from the measured angle, or else from the rate and its derivative."""
         length = float(theta[self.names.index("length")])
         if "swing_angle" in run.channels:
-            motion = local_motion(run.channels["swing_angle"], times, REACH * swing)
+            motion = local_motion(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
         elif "swing_rate" in run.channels:
-            rate = local_motion(run.channels["swing_rate"], times, REACH * swing)
+            rate = local_motion(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
             mean = float(np.mean(run.channels["swing_rate"].value))
             pace = 2.0 * np.pi / swing
             motion = np.column_stack([np.arcsin(np.clip(-rate[:, 1] / pace**2, -1.0, 1.0)), rate[:, 0] - mean])
@@ -74,7 +74,7 @@ class PendulumModel(SimulatedModel):
     def shown_against(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """See `SimulatedModel`; the load is the string's pull on a point mass."""
+        """Quantities on which a missing acceleration may depend; the load is the tension of a point mass."""
         del speed
         length, mass, gravity = (float(theta[self.names.index(name)]) for name in ("length", "mass", "gravity"))
         path = run_path(run)
@@ -86,32 +86,32 @@ class PendulumModel(SimulatedModel):
         return found | ({"pivot_acceleration": (a, "m/s^2")} if "gripper_x" in run.channels else {})
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
-        """See `SimulatedModel`; below a fixed pivot."""
+        """Time at which a swing below a fixed pivot has come to rest, s; see `SimulatedModel.comes_to_rest`."""
         name = swing_shown(run)
         return np.inf if name is None or "gripper_x" in run.channels else end_of_motion(run.channels[name], swing)
 
     def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
-        """See `SimulatedModel`: a free swing's period shows the length, nearly, where the swing is not small."""
+        """The length, nearly, from the period of a free swing; see `SimulatedModel.shown_by`."""
         if "gripper_x" in run.channels or swing_shown(run) is None:
             return {}
         return {"length": float(theta[self.names.index("gravity")]) * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
-        """See `SimulatedModel`; where only a force was measured, that of small swings.
+        """Period of the swing, s; that of small swings where only a force was measured; see `SimulatedModel.swing`.
 
-        What goes round and round has no period that its angle shows.
+        A load that goes round and round has no period in its angle.
         """
         name, small = swing_shown(run), self.start_window(theta)
-        return small if name is None else min(main_period(run.channels[name]), SLOWEST * small)
+        return small if name is None else min(main_period(run.channels[name]), MAX_SWING_PERIODS * small)
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
-        """See `Model.guess_start`: angle and rate where an angle was measured."""
+        """Start angle and rate, where an angle was measured; see `Model.guess_start`."""
         if "swing_angle" not in run.channels:
             return {}
         return seen_from_rest(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """See `Model.possible_starts`: orbits in the phase plane, near the measured angle where there is one."""
+        """Start values to try: orbits in the phase plane, near the measured angle where there is one."""
         pace = 2.0 * np.pi / self.start_window(theta)
         plane = phase_plane(pace)
         if "swing_angle" in run.channels:
@@ -120,17 +120,17 @@ class PendulumModel(SimulatedModel):
         return seen_from_rest(run, float(theta[self.names.index("length")]), plane)
 
     def start_window(self, theta: np.ndarray) -> float:
-        """See `Model.start_window`: a period of small swings."""
+        """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""
         length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
         return float(2 * np.pi * np.sqrt(length / gravity))
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """See `start.pieces`, and below a fixed pivot `start.free_swing`."""
+        """The run, cut at blind gaps of the gripper (`start.pieces`); below a fixed pivot its free swing."""
         return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
 
     @cached_property
     def formulation(self) -> str:
-        """See `SimulatedModel`."""
+        """Identifier of the equations; see `SimulatedModel.formulation`."""
         return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
 
     def dynamics(self) -> Dynamics:
@@ -152,28 +152,28 @@ class PendulumModel(SimulatedModel):
         def moment(angle: float) -> float:
             return float(dynamics.derivative(np.array([angle, 0.0]), still, theta)[1])
 
-        if not moment(-STEEPEST) > 0.0 > moment(STEEPEST):
+        if not moment(-MAX_REST_ANGLE) > 0.0 > moment(MAX_REST_ANGLE):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
-        return float(brentq(moment, -STEEPEST, STEEPEST, xtol=1e-12))
+        return float(brentq(moment, -MAX_REST_ANGLE, MAX_REST_ANGLE, xtol=1e-12))
 
     def driven_by(self, path: Path, physics: np.ndarray) -> Path:
-        """The path of the string's upper end where the gripper's was recorded; see `SimulatedModel`."""
+        """The path of the string's upper end, from the recorded path of the gripper; see `SimulatedModel`."""
         trails = self.system.input_lag is not None
         return super().driven_by(trailing(path, self.gripper_lag(physics)) if trails else path, physics)
 
     def gripper_lag(self, physics: np.ndarray) -> float:
-        """Time by which the string's upper end trails the measured gripper, s; `physics` as `physics_theta`."""
+        """Lag of the string's upper end behind the measured gripper, s; `physics` is (p,) as `physics_theta`."""
         return 0.0 if self.system.input_lag is None else float(self.system.input_lag(physics))
 
     def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
-        """Speed of the string's upper end (m/s), angle (rad) and rate (rad/s) after a path, with the present values."""
+        """Speed of the string's upper end, m/s, swing angle, rad, and rate, rad/s, at the end of a path."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
         motion = self.driven_by(path, physics).nodes[: dynamics.inputs, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
     def path(self, run: Run) -> GripperPath:
-        """See `SimulatedModel`."""
+        """The gripper's recorded path on an even grid; see `SimulatedModel.path`."""
         return run_path(run)
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
@@ -182,16 +182,16 @@ class PendulumModel(SimulatedModel):
 
     @property
     def remembering(self) -> frozenset[str]:
-        """See `SimulatedModel`."""
+        """Names of the effects that add states; see `SimulatedModel.remembering`."""
         return frozenset(effect.name for effect in self.effects if _brings(effect)[0])
 
     @property
     def slow(self) -> frozenset[str]:
-        """See `SimulatedModel`: what brings states or inputs."""
+        """Names of the effects that add states or inputs and make simulations slow; see `SimulatedModel.slow`."""
         return frozenset(effect.name for effect in self.effects if any(_brings(effect)))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Swing angle and rate as predicted, and the gripper's motion; see `Model.covariates`."""
+        """Predicted swing angle and rate, and the gripper's motion; see `Model.covariates`."""
         path = run_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
         reduced = self.without_null_effects(values)
@@ -209,7 +209,7 @@ class PendulumModel(SimulatedModel):
 
     @cached_property
     def system(self) -> Dynamics:
-        """See `SimulatedModel`."""
+        """The equations with their effects; see `SimulatedModel.system`."""
         return _dynamics(natural_order(self.effects))
 
 
@@ -220,7 +220,7 @@ def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> Dynamics:
 
 @lru_cache(maxsize=256)
 def _brings(effect: Effect) -> tuple[bool, bool]:
-    """Whether an effect brings states, and whether it brings inputs."""
+    """Whether an effect adds states, and whether it adds inputs."""
     with_it = Composition([effect])
     return with_it.crosses or with_it.remembers > 0, with_it.yields or with_it.trails
 
@@ -231,15 +231,15 @@ def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
 
 
 def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:
-    """A pendulum with effects at their null values.
+    """Build a pendulum with effects at their null values.
 
     Args:
-        length: pivot to the load's centre, m.
-        mass: of the load, kg.
-        effects: to start with.
+        length: distance from the pivot to the load's centre, m.
+        mass: mass of the load, kg.
+        effects: effects of the model.
 
     Raises:
-        InputError: a length or mass that no pendulum has.
+        InputError: the length or mass is physically impossible.
     """
     base = (
         Parameter("length", "m", length, 0.3, null=length, lower=0.02, upper=5.0, source="pivot to the load's centre"),
@@ -262,6 +262,6 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
 
 
 def read_base(table: Mapping[str, Any], folder: File) -> tuple[PendulumModel, dict[str, Any]]:
-    """The model without effects, and what else of the file belongs to the base."""
+    """The model without effects, and further entries of the file that belong to the base."""
     del table, folder
     return pendulum_model(0.35, 0.1), {}

@@ -1,4 +1,4 @@
-"""The gripper's path: whole, still growing, or trailed by what hangs from it; in a run, recorded or being recorded."""
+"""The gripper's path: complete, still growing, or with a lag; in a run, recorded or being recorded."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armdyn.kept import cached_with_first_argument
-from armdyn.pendulum.dynamics import OUTPUTS
+from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
 from armdyn.physics.recorded import (
-    COARSEST_GRID,
-    FINEST_GRID,
-    ORDER,
+    MAX_GRID_STEP,
+    MIN_GRID_STEP,
+    WHITTAKER_ORDER,
     Path,
     best_strength,
     differentiated,
@@ -23,14 +23,15 @@ from armdyn.physics.recorded import (
 from armdyn.readout import lagged
 from armdyn.run import Channel, Run
 
-CHOOSE_EVERY, CHOOSE_FROM = 100, 300
-"""Samples after which the strength for a growing path is chosen anew, and from how many of the last."""
-SETTLED = 60
-"""Samples after which a later one no longer changes the smoothed path noticeably."""
+STRENGTH_INTERVAL_SAMPLES, STRENGTH_WINDOW_SAMPLES = 100, 300
+"""Number of samples after which the smoothing strength of a growing path is chosen again, and of the last samples
+used."""
+SETTLED_SAMPLES = 60
+"""Number of samples after which later ones no longer change the smoothed path noticeably."""
 
 
 class GripperPath(Path):
-    """The gripper along its line on an even grid of K nodes.
+    """Path of the gripper along its line on an even grid of K nodes.
 
     Its inputs are the time since the recording began, x, v, a along the line, z, vz, az of the height, and the jerk
     along the line.
@@ -38,11 +39,12 @@ class GripperPath(Path):
     Args:
         start: time of the first node, s.
         dt: grid step, s.
-        x: (K,) m.
-        v: (K,) m/s.
-        a: (K,) m/s^2.
-        height: (3, K) z m, its velocity m/s and acceleration m/s^2; a level line where it is not given.
-        elapsed: time since the recording began at the first node, s; 0 but in a later piece of it.
+        x: (K,) position, m.
+        v: (K,) velocity, m/s.
+        a: (K,) acceleration, m/s^2.
+        height: (3, K) height m, its velocity m/s and acceleration m/s^2; by default a level line.
+        elapsed: time from the beginning of the recording to the first node, s; 0 except in a later piece of a
+            recording.
         extra: further recorded quantities, see `Path`.
     """
 
@@ -64,61 +66,61 @@ class GripperPath(Path):
 
     @property
     def x(self) -> np.ndarray:
-        """(K,) m."""
+        """(K,) position along the line, m."""
         return self.nodes[1]
 
     @property
     def v(self) -> np.ndarray:
-        """(K,) m/s."""
+        """(K,) velocity along the line, m/s."""
         return self.nodes[2]
 
     @property
     def a(self) -> np.ndarray:
-        """(K,) m/s^2."""
+        """(K,) acceleration along the line, m/s^2."""
         return self.nodes[3]
 
     @property
     def along(self) -> np.ndarray:
-        """(3, K) x, v and a."""
+        """(3, K) position, velocity and acceleration along the line."""
         return self.nodes[1:4]
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration of the path, s."""
         return float(self.dt * (len(self.x) - 1))
 
     @property
     def peaks(self) -> np.ndarray:
-        """(3,) largest position, speed and acceleration."""
+        """(3,) largest absolute position, speed and acceleration."""
         return np.asarray(np.abs(self.along).max(axis=1))
 
     @property
     def effort(self) -> float:
-        """Integral of the squared acceleration, m^2/s^3: what SAC and the planner call energy."""
+        """Integral of the squared acceleration, m^2/s^3, which SAC and the planner call energy."""
         return float(np.sum(self.a**2) * self.dt)
 
     @property
     def height(self) -> np.ndarray:
-        """(3, K) z m, its velocity m/s and acceleration m/s^2."""
+        """(3, K) height m, its velocity m/s and acceleration m/s^2."""
         return self.nodes[4:7]
 
 
 def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs at the nodes (8, K) and halfway between (8, K-1), the last row being the rate of the acceleration."""
+    """Inputs at the nodes (8, K) and halfway between (8, K-1); the last row is the rate of the acceleration."""
     jerk = slope(along[2], dt)
     between = (t[:-1] + t[1:]) / 2, halfway(along, dt), halfway(level, dt), (jerk[:-1] + jerk[1:]) / 2
     return np.vstack([t, along, level, jerk]), np.vstack(between)
 
 
 def trailing(path: Path, lag: float) -> Path:
-    """The path of what follows a gripper with a lag, and its derivative with respect to the lag.
+    """The path of a body that follows a gripper with a lag, and its derivative with respect to the lag.
 
-    tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
+    It solves tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
     acceleration pass the same lag, each exactly for the signal that is linear between the nodes.
 
     Args:
-        path: what the encoders say, with the inputs of a `GripperPath`.
-        lag: tau, s.
+        path: recorded path, with the inputs of a `GripperPath`.
+        lag: time constant tau, s.
     """
     (x, v, a), tau = path.nodes[1:4, 0], lag
     starts, slopes = (x - tau * v + tau**2 * a, v - tau * a, a), (2 * tau * a - v, -a, 0.0)
@@ -138,16 +140,16 @@ def trailing(path: Path, lag: float) -> Path:
 def fixed_path(
     start: float, end: float, dt: float, elapsed: float = 0.0, extra: Mapping[str, Channel] | None = None
 ) -> GripperPath:
-    """A pivot that does not move, from `start` to `end` s; for the other arguments see `GripperPath`."""
+    """Path of a pivot that does not move, from `start` to `end`, s; for the other arguments see `GripperPath`."""
     still = np.zeros(grid_size(start, end, dt))
     return GripperPath(start, dt, still, still, still, None, elapsed, extra)
 
 
 class GrowingPath:
-    """Smooths a path while it is being measured: what is older than `SETTLED` samples is smoothed once and kept.
+    """Smooths a path while it is measured: samples older than `SETTLED_SAMPLES` are smoothed once and cached.
 
     Args:
-        dt: interval of the samples, s.
+        dt: interval between samples, s.
     """
 
     def __init__(self, dt: float) -> None:
@@ -157,15 +159,15 @@ class GrowingPath:
         self._strength, self._chosen_at = 0.0, 0
 
     def extend(self, x: np.ndarray) -> np.ndarray:
-        """Take in new positions (k,), m; return x, v, a of all so far, (3, n)."""
-        kept = max(0, self._smooth.shape[1] - SETTLED)
+        """Add new positions (k,), m; return position, velocity and acceleration of all so far, (3, n)."""
+        kept = max(0, self._smooth.shape[1] - SETTLED_SAMPLES)
         self._raw = np.concatenate([self._raw, x])
         n = len(self._raw)
-        if n < 2 * ORDER:
+        if n < 2 * WHITTAKER_ORDER:
             return np.vstack([self._raw, np.zeros((2, n))])
-        if n >= 2 * self._chosen_at or n >= self._chosen_at + CHOOSE_EVERY:
-            self._strength, self._chosen_at = best_strength(self._raw[-CHOOSE_FROM:]), n
-        first = max(0, kept - SETTLED)
+        if n >= 2 * self._chosen_at or n >= self._chosen_at + STRENGTH_INTERVAL_SAMPLES:
+            self._strength, self._chosen_at = best_strength(self._raw[-STRENGTH_WINDOW_SAMPLES:]), n
+        first = max(0, kept - SETTLED_SAMPLES)
         smooth = penalised(self._raw[first:], self._strength)
         fresh = np.vstack([smooth, *differentiated(smooth, self._dt)])
         self._smooth = np.hstack([self._smooth[:, :kept], fresh[:, kept - first :]])
@@ -177,7 +179,7 @@ class GrowingRun(Run):
     """A run that is still being recorded, with the gripper's path smoothed as it grew.
 
     Attributes:
-        path: on a grid that starts at the first sample.
+        path: smoothed path, on a grid that starts at the first sample.
     """
 
     path: GripperPath = field(kw_only=True)
@@ -190,14 +192,16 @@ def run_path(run: Run) -> GripperPath:
 
 @cached_with_first_argument
 def _recorded_path(run: Run) -> GripperPath:
-    ends = [(c.time[0], c.time[-1]) for name, c in run.channels.items() if name in OUTPUTS or name == "gripper_x"]
+    ends = [
+        (c.time[0], c.time[-1]) for name, c in run.channels.items() if name in PENDULUM_OUTPUTS or name == "gripper_x"
+    ]
     start, end = float(min(e[0] for e in ends)), max(e[1] for e in ends)
     if "gripper_x" not in run.channels:
-        interval = min(float(np.median(np.diff(run.channels[n].time))) for n in OUTPUTS if n in run.channels)
+        interval = min(float(np.median(np.diff(run.channels[n].time))) for n in PENDULUM_OUTPUTS if n in run.channels)
         elapsed = 0.0 if run.began is None else start - run.began
-        return fixed_path(start, end, float(np.clip(interval, FINEST_GRID, COARSEST_GRID)), elapsed, run.extra)
+        return fixed_path(start, end, float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), elapsed, run.extra)
     x = run.channels["gripper_x"]
-    start, dt = float(x.time[0]), float(np.clip(np.median(np.diff(x.time)), FINEST_GRID, COARSEST_GRID))
+    start, dt = float(x.time[0]), float(np.clip(np.median(np.diff(x.time)), MIN_GRID_STEP, MAX_GRID_STEP))
     elapsed = 0.0 if run.began is None else start - run.began
     grid = start + dt * np.arange(grid_size(start, x.time[-1], dt))
     height = None

@@ -1,15 +1,15 @@
 """The symbolic physics of a load on a string, stage by stage: gripper, string, load, tension, sensor.
 
-Each stage is an immutable bundle of CasADi expressions; an effect takes one and returns a changed one.
-Vectors are (3,) in the frame of the line: x along it, y across it, z up. The angle is 0 hanging, and the
-load is at x = -l sin(angle): a positive angle puts it on the negative side.
+Each stage is an immutable bundle of CasADi expressions; an effect takes a stage and returns a changed one. Vectors are
+(3,) in the frame of the line: x along the line, y across it, z up. The angle is 0 where the load hangs straight down,
+and the load is at x = -l sin(angle): a positive angle puts the load on the negative side.
 """
 
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import NONE, Expression, Stage
+from armdyn.physics.definition import ZERO, Expression, Stage
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
@@ -18,40 +18,40 @@ __all__ = [
 
 NO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
-"""m/s^2; of a pendulum where nobody says where it stands."""
+"""Default gravity of a pendulum, m/s^2."""
 GRAVITY_SPREAD = 0.02
-"""m/s^2; standard deviation of gravity on Earth about that: 9.780 at the equator and 9.832 at the poles, less 0.003 for
-every kilometre of height."""
-STANDSTILL = 0.02
-"""rad/s; where forces must be smooth, dry friction changes its sign over about this swing rate."""
+"""Standard deviation of gravity on Earth about that value, m/s^2: 9.780 at the equator and 9.832 at the poles, less
+0.003 for every kilometre of height."""
+STANDSTILL_RATE = 0.02
+"""Swing rate over which dry friction changes its sign where forces must be smooth, rad/s."""
 SPEED_FLOOR = 1e-9
-"""m/s added in quadrature to the speed, so that its derivative exists at rest."""
+"""Speed, m/s, added in quadrature to the speed of the load, so that its derivative exists at rest."""
 
 
 def smooth_sign(rate: Expression, width: float) -> Expression:
-    """tanh(rate / width): the sign with a transition that has derivatives."""
+    """Smooth sign function tanh(rate / width), which has derivatives everywhere."""
     return ca.tanh(rate / width)
 
 
 def smoothly_resisted(torque: Expression, dry: Expression, rate: Expression) -> Expression:
-    """A torque less dry friction of size `dry`, N m, where derivatives are needed and a slow creep does no harm."""
-    return torque - dry * smooth_sign(rate, STANDSTILL)
+    """A torque with smooth dry friction of size `dry`, N m, where derivatives are needed and slow creep is allowed."""
+    return torque - dry * smooth_sign(rate, STANDSTILL_RATE)
 
 
 @dataclass(frozen=True)
 class Gripper(Stage):
-    """The string's upper end.
+    """The gripper: the string's upper end.
 
     Attributes:
-        time: s since the start of the run.
+        time: time since the start of the run, s.
         x: measured position along the line, m.
-        v: its velocity, m/s.
+        v: velocity along the line, m/s.
         z: measured height, m.
         angle: swing angle, rad.
-        position: (3,) where the string is attached, m.
-        lag: first-order time constant with which the real gripper trails the measured one, s.
+        position: (3,) point at which the string is attached, m.
+        lag: first-order time constant of the real gripper behind the measured one, s.
         compliance: displacement along the line per force, m/N.
-        tilt: of the line against the horizontal, rad; positive lets gravity pull towards +.
+        tilt: angle of the line against the horizontal, rad; with a positive angle gravity pulls towards +.
     """
 
     time: Expression
@@ -60,43 +60,43 @@ class Gripper(Stage):
     z: Expression
     angle: Expression
     position: Expression
-    lag: Expression = NONE
-    compliance: Expression = NONE
-    tilt: Expression = NONE
+    lag: Expression = ZERO
+    compliance: Expression = ZERO
+    tilt: Expression = ZERO
 
     def with_position(self, position: Expression) -> "Gripper":
         """Attach the string at another point, (3,) m."""
         return replace(self, position=position)
 
     def with_lag(self, time_constant: Expression) -> "Gripper":
-        """Let the gripper trail its measured position, s."""
+        """Give the gripper a lag behind its measured position, s."""
         return replace(self, lag=self.lag + time_constant)
 
     def with_compliance(self, compliance: Expression) -> "Gripper":
-        """Let the gripper give way along the line to the string's pull, m/N."""
+        """Let the gripper yield to the tension along the line, m/N."""
         return replace(self, compliance=self.compliance + compliance)
 
     def with_tilt(self, angle: Expression) -> "Gripper":
-        """Turn gravity towards the positive end of the line, rad."""
+        """Tilt the line by an angle, rad, so that gravity pulls towards its positive end."""
         return replace(self, tilt=self.tilt + angle)
 
 
 @dataclass(frozen=True)
 class String(Stage):
-    """What connects gripper and load.
+    """The string, which connects gripper and load.
 
     Attributes:
-        time: s since the start of the run.
-        angle: rad.
-        rate: rad/s.
-        load_mass: kg.
+        time: time since the start of the run, s.
+        angle: swing angle, rad.
+        rate: swing rate, rad/s.
+        load_mass: mass of the load, kg.
         length: pivot to the load's centre, m.
-        gravity: of free fall, m/s^2.
+        gravity: acceleration of free fall, m/s^2.
         torque: sum of the torques about the pivot that act along the angle, N m.
         dry: sum of the sizes of the dry frictions at the pivot, N m.
-        mass: of the string, uniform along its length, kg.
-        compliance: by how much it stretches, m/N.
-        damped: compliance times the damping of the load's bounce on it over the critical damping, m/N.
+        mass: mass of the string, uniform along its length, kg.
+        compliance: stretch per tension, m/N.
+        damped: compliance times the damping ratio of the load's bounce on the string, m/N.
     """
 
     time: Expression
@@ -105,20 +105,20 @@ class String(Stage):
     load_mass: Expression
     length: Expression
     gravity: Expression
-    torque: Expression = NONE
-    dry: Expression = NONE
-    mass: Expression = NONE
-    compliance: Expression = NONE
-    damped: Expression = NONE
+    torque: Expression = ZERO
+    dry: Expression = ZERO
+    mass: Expression = ZERO
+    compliance: Expression = ZERO
+    damped: Expression = ZERO
 
     @property
     def pull(self) -> Expression:
-        """What the pivot carries, N, as if it stood still and the string were rigid: m (g cos phi + l phi'^2)."""
+        """Force on the pivot, N, for a pivot at rest and a rigid string: m (g cos phi + l phi'^2)."""
         weight = (self.load_mass + self.mass) * self.gravity * ca.cos(self.angle)
         return weight + (self.load_mass + self.mass / 2) * self.length * self.rate**2
 
     def with_length(self, length: Expression) -> "String":
-        """Another length, m; it may depend on time and angle."""
+        """Replace the length, m; it may depend on time and angle."""
         return replace(self, length=length)
 
     def with_torque(self, torque: Expression) -> "String":
@@ -126,32 +126,33 @@ class String(Stage):
         return replace(self, torque=self.torque + torque)
 
     def with_dry_torque(self, size: Expression) -> "String":
-        """Add dry friction at the pivot: a torque of this size, >= 0 N m, against the swing, which holds it at rest."""
+        """Add dry friction of this size, >= 0 N m, at the pivot: it resists the swing and holds a load at rest."""
         return replace(self, dry=self.dry + size)
 
     def with_mass(self, mass: Expression) -> "String":
         """Add mass spread evenly along the string, kg."""
         return replace(self, mass=self.mass + mass)
 
-    def with_compliance(self, compliance: Expression, damping: Expression = NONE) -> "String":
-        """Let the string stretch in proportion to its tension, m/N, and damp the bounce, over the critical damping."""
+    def with_compliance(self, compliance: Expression, damping: Expression = ZERO) -> "String":
+        """Let the string stretch by `compliance`, m/N, and damp the bounce with a damping ratio."""
         return replace(self, compliance=self.compliance + compliance, damped=self.damped + compliance * damping)
 
 
 @dataclass(frozen=True)
 class Load(Stage):
-    """What hangs on the string.
+    """The load on the string.
 
     Attributes:
-        time: s since the start of the run.
-        mass: kg.
+        time: time since the start of the run, s.
+        mass: mass, kg.
         position: (3,) of its centre, m.
-        velocity: (3,) m/s.
-        angle: rad.
-        rate: rad/s.
+        velocity: (3,) velocity, m/s.
+        angle: swing angle, rad.
+        rate: swing rate, rad/s.
         force: (3,) sum of the forces besides weight and string, N.
-        inertia: about its own centre, turning with the string, kg m^2.
-        transverse: (3,) of the swing across the line at the start of the run: angle squared, angle times rate, rate
+        inertia: moment of inertia about the load's centre, which turns with the string, kg m^2.
+        transverse: (3,) second moments of the swing across the line at the start of the run: angle squared, angle times
+            rate, rate
             squared.
     """
 
@@ -162,12 +163,12 @@ class Load(Stage):
     angle: Expression
     rate: Expression
     force: Expression = NO_VECTOR
-    inertia: Expression = NONE
+    inertia: Expression = ZERO
     transverse: Expression = NO_VECTOR
 
     @property
     def speed(self) -> Expression:
-        """|velocity|, m/s."""
+        """Speed |velocity|, m/s."""
         return speed(self.velocity)
 
     def with_force(self, force: Expression) -> "Load":
@@ -179,22 +180,22 @@ class Load(Stage):
         return replace(self, inertia=self.inertia + inertia)
 
     def with_transverse(self, square_angle: Expression, product: Expression, square_rate: Expression) -> "Load":
-        """Start the load with a swing across the line: second moments, rad^2, rad^2/s, rad^2/s^2."""
+        """Start the load with a swing across the line, by second moments: rad^2, rad^2/s, rad^2/s^2."""
         return replace(self, transverse=self.transverse + ca.vertcat(square_angle, product, square_rate))
 
 
 @dataclass(frozen=True)
 class Tension(Stage):
-    """The string's pull, which follows from the equations of motion.
+    """The tension of the string, which follows from the equations of motion.
 
     Attributes:
-        value: N.
-        angle: rad.
-        rate: rad/s.
-        mass: of the load, kg.
-        length: of the string, m.
-        acceleration: of the gripper along its line, m/s^2.
-        gravity: of free fall, m/s^2.
+        value: tension, N.
+        angle: swing angle, rad.
+        rate: swing rate, rad/s.
+        mass: mass of the load, kg.
+        length: length of the string, m.
+        acceleration: acceleration of the gripper along its line, m/s^2.
+        gravity: acceleration of free fall, m/s^2.
     """
 
     value: Expression
@@ -206,23 +207,23 @@ class Tension(Stage):
     gravity: Expression
 
     def with_value(self, value: Expression) -> "Tension":
-        """Another formula, N."""
+        """Replace the formula of the tension, N."""
         return replace(self, value=value)
 
 
 @dataclass(frozen=True)
 class Sensor(Stage):
-    """What is measured.
+    """The sensors: a load cell, an angle sensor and a rate sensor.
 
     Attributes:
-        time: s since the start of the run.
-        tension: of the string, N.
-        true_angle: of the string, rad.
+        time: time since the start of the run, s.
+        tension: tension of the string, N.
+        true_angle: angle of the string, rad.
         force: reading of the load cell, N.
         angle: reading of the angle sensor, rad.
         rate: reading of the rate sensor, rad/s.
         lag: (3,) first-order time constants of the readings of force, angle and rate, s.
-        delay: (3,) how late these are, s.
+        delay: (3,) delays of these readings, s.
     """
 
     time: Expression
@@ -234,12 +235,12 @@ class Sensor(Stage):
     lag: Expression = NO_VECTOR
     delay: Expression = NO_VECTOR
 
-    def with_lag(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
-        """Let the readings of force, angle and rate pass a first-order lag each, s."""
+    def with_lag(self, force: Expression = ZERO, angle: Expression = ZERO, rate: Expression = ZERO) -> "Sensor":
+        """Give the readings of force, angle and rate a first-order lag each, s."""
         return replace(self, lag=self.lag + ca.vertcat(force, angle, rate))
 
-    def with_delay(self, force: Expression = NONE, angle: Expression = NONE, rate: Expression = NONE) -> "Sensor":
-        """Let the readings of force, angle and rate arrive late, s."""
+    def with_delay(self, force: Expression = ZERO, angle: Expression = ZERO, rate: Expression = ZERO) -> "Sensor":
+        """Delay the readings of force, angle and rate, s."""
         return replace(self, delay=self.delay + ca.vertcat(force, angle, rate))
 
     def with_force(self, force: Expression) -> "Sensor":
@@ -256,5 +257,5 @@ class Sensor(Stage):
 
 
 def speed(velocity: Expression) -> Expression:
-    """|velocity| with a derivative at rest, m/s."""
+    """Speed |velocity|, m/s, with a derivative at rest."""
     return ca.sqrt(ca.sumsqr(velocity) + SPEED_FLOOR**2)

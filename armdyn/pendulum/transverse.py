@@ -1,4 +1,4 @@
-r"""The swing across the line, by its second moments.
+r"""The swing across the line, described by its second moments.
 
 With y the load's displacement across the line, Y = y^2, Z = y y', W = y'^2 obey
 
@@ -19,18 +19,18 @@ import casadi as ca
 
 from armdyn.pendulum.physics import Expression
 
-MOMENTS = 3
+TRANSVERSE_MOMENTS = 3
 
 
 class Across(NamedTuple):
-    """Shortening of the string seen along y: stretch m, and stretching m/s."""
+    """Shortening of the string as seen along y: stretch, m, and its rate, m/s."""
 
     stretch: Expression
     stretching: Expression
 
 
 def shortening(moments: Expression, length: Expression) -> Across:
-    """What (Y, Z, W) take from the string's length in the plane of the line."""
+    """Shortening of the string in the plane of the line, by the moments (Y, Z, W)."""
     square, product, _ = ca.vertsplit(moments)
     visible = ca.sqrt(length**2 - square)
     return Across(-square / (length + visible), -product / visible)
@@ -39,7 +39,7 @@ def shortening(moments: Expression, length: Expression) -> Across:
 def tensions(
     moments: Expression, in_plane: Expression, mass: Expression, length: Expression
 ) -> tuple[Expression, Expression]:
-    """Rates (3,) of the moments and tension T, from N0."""
+    """Rates (3,) of the moments, and tension T, from N0."""
     square, product, square_rate = ca.vertsplit(moments)
     visible = length + shortening(moments, length).stretch
     pull = (in_plane + mass * square_rate / visible + mass * product**2 / visible**3) / (1 + square / visible**2)

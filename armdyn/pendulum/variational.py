@@ -28,23 +28,23 @@ from armdyn.pendulum.composition import (
 )
 from armdyn.pendulum.physics import Expression, Gripper, smoothly_resisted
 
-STATE_SIZE = 4
-NEWTON_STEPS = 4
-"""From the extrapolated angle the residual of one step falls below rounding within three at dt <= 0.02 s."""
+VARIATIONAL_STATE_SIZE = 4
+VARIATIONAL_NEWTON_STEPS = 4
+"""Newton steps per step: from the extrapolated angle the residual falls below rounding within three at dt <= 0.02 s."""
 
 
 @dataclass(frozen=True)
 class VariationalStep:
-    """Functions of state s (4,), control u, node time t, step dt and parameters theta.
+    """The integrator as functions of state s (4,), control u, node time t, step dt and parameters theta.
 
     Attributes:
-        names: parameters in the order of theta.
+        names: names of the parameters in the order of theta.
         step: ``(s, u, t, dt, theta) -> s_next``.
         linearised: ``(s, u, t, dt, theta, s_next) -> A (4, 4), B (4,)`` exact, by the implicit function theorem.
         curvature: ``(s, u, t, dt, theta, s_next, p) -> (5, 5)`` Hessian of p' s_next(s, u) with respect to (s, u).
         tension: ``(s, u, t, dt, theta, s_next) -> ()`` N at node k.
         load: ``(s, t, dt, theta) -> position (3,), velocity (3,)``, the velocity over the interval that ends at s.
-        lag: ``theta -> ()`` s; x is where the string hangs, which trails the gripper by this.
+        lag: ``theta -> ()`` lag of the string's upper end, whose position is x, behind the gripper, s.
     """
 
     names: tuple[str, ...]
@@ -60,10 +60,10 @@ def derive_variational(composition: Composition) -> VariationalStep:
     """The integrator and its exact first and second derivatives.
 
     Compliance enters to first order (`quasi_static`) and dry friction with a smooth sign; a swing across the line and
-    states of effects are left out, and what they read of a recording has its usual value.
+    states of effects are left out, and recorded quantities that effects read have their usual values.
     """
     theta = composition.theta
-    s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
+    s, u, t, dt = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
     following = ca.SX.sym("phi_next")
     before, here, after = ca.SX.sym("phi_b"), ca.SX.sym("phi_h"), ca.SX.sym("phi_a")
     stretch = ca.SX.sym("d")  # of the string at node k, for the tension
@@ -113,12 +113,12 @@ def derive_variational(composition: Composition) -> VariationalStep:
     slope = ca.gradient(residual, following)
     newton = ca.Function("newton", [following, s, u, t, dt, theta], [following - residual / slope])
     solution = phi + dt * rate
-    for _ in range(NEWTON_STEPS):
+    for _ in range(VARIATIONAL_NEWTON_STEPS):
         solution = newton(solution, s, u, t, dt, theta)
     arguments = [s, u, t, dt, theta]
     step = ca.Function("step", arguments, [_advance(x_next, v_next, phi, solution, dt)])
 
-    s_next = ca.SX.sym("s_next", STATE_SIZE)
+    s_next = ca.SX.sym("s_next", VARIATIONAL_STATE_SIZE)
     z = ca.vertcat(s, u)
     next_of_z = _advance(x_next, v_next, phi, following, dt)
 
@@ -129,7 +129,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
     total = at_solution(ca.jacobian(next_of_z, z) + ca.jacobian(next_of_z, following) @ sensitivity)  # (4, 5)
 
     # p' s_next is linear in phi_next; its curvature is that of the residual, by differentiating R(z, phi(z)) = 0 twice.
-    p = ca.SX.sym("p", STATE_SIZE)
+    p = ca.SX.sym("p", VARIATIONAL_STATE_SIZE)
     weight = -ca.gradient(ca.dot(p, next_of_z), following) / slope
     joint = ca.vertcat(z, following)
     second, _ = ca.hessian(residual, joint)

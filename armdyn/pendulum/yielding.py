@@ -1,4 +1,4 @@
-r"""What gives way to the tension, string or gripper, followed on its slow manifold.
+r"""Compliance of the string or gripper, whose displacement follows the tension on its slow manifold.
 
 A compliant string or gripper oscillates far above the swing (13 Hz against 0.8 Hz for 2 mm/N and 80 g). Between these
 oscillations it follows the tension T0 of the rigid pendulum:
@@ -28,20 +28,20 @@ from armdyn.pendulum.composition import Composition
 from armdyn.pendulum.physics import Expression
 from armdyn.physics.definition import Moment
 
-QUICKEST = 1e-4
-"""s; added in quadrature to the period of the bounce over 2 pi, so that derivatives exist where the string is rigid."""
+MIN_YIELD_TIME = 1e-4
+"""Time, s, added in quadrature to the period of the bounce over 2 pi, so that derivatives exist for a rigid string."""
 
 
 class Yielding(NamedTuple):
-    """Displacements as expressions of angle, rate, gripper acceleration and jerk.
+    """Displacements of string and gripper, as expressions of angle, rate, gripper acceleration and jerk.
 
     Attributes:
-        stretch: sigma, m.
-        stretching: m/s.
-        give: delta, m.
-        giving: m/s.
-        impulse: kg m/s; its time derivative belongs to the tension.
-        correction: N; belongs to the tension as it is.
+        stretch: stretch sigma of the string, m.
+        stretching: rate of the stretch, m/s.
+        give: displacement delta of the gripper, m.
+        giving: rate of that displacement, m/s.
+        impulse: impulse whose time derivative is added to the tension, kg m/s.
+        correction: force added to the tension directly, N.
     """
 
     stretch: Expression
@@ -66,7 +66,7 @@ def slow_manifold(
     late = ca.SX(0)
     if composition.bounce is not None:
         square, damping = ca.vertsplit(composition.bounce)
-        late = 2 * damping * ca.sqrt(square + QUICKEST**2)
+        late = 2 * damping * ca.sqrt(square + MIN_YIELD_TIME**2)
     return Yielding(
         stretch=string * (tension - late * tension_rate),
         stretching=stretching,

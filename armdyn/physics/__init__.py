@@ -1,4 +1,4 @@
-"""What a physics is, and how it is simulated, read by sensors and compared with recordings.
+"""Define a physics, simulate it, read it with sensors, and compare it with recordings.
 
 A user's own base needs only what is named here; see ``examples/double_pendulum.py`` and ``examples/crane.py``.
 """

@@ -1,4 +1,4 @@
-r"""How a sum over the samples of a rollout changes with the recorded inputs, by one reverse pass.
+r"""Gradient of a sum over the samples of a rollout with respect to the recorded inputs, by one reverse pass.
 
 With s_{k+1} = f(s_k, w_k) and y_k = h(s_k, w_k) the sum S = sum_k c_k' y_k has the gradient
 
@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.physics.recorded import Path, slope
-from armdyn.physics.simulate import BLOCK, System, advanced
+from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
 
 
 class Adjoint:
@@ -38,17 +38,17 @@ class Adjoint:
     def gradient(
         self, path: Path, theta: np.ndarray, states: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient of the sum of weights times outputs with respect to the inputs.
+        """Gradient of the weighted sum of outputs with respect to the inputs.
 
         Args:
             path: the inputs of the rollout, on its grid of K nodes.
-            theta: (p,) in the order of the system's names.
-            states: (K, n) of the rollout; the state at the start counts as given.
-            weights: (K, c) one column for each channel.
+            theta: (p,) parameters in the order of the system's names.
+            states: (K, n) states of the rollout; the state at the start is fixed.
+            weights: (K, c) weights, one column for each channel.
 
         Returns:
-            (i, K) with respect to the inputs at the nodes, and (i, K-1) halfway between; where something yields, the
-            jerk comes after the others.
+            (i, K) derivatives by the inputs at the nodes, and (i, K-1) by those halfway between; where something
+            yields, the jerk is the last input.
         """
         s = self._system
         nodes, middle = path.nodes[: s.inputs], path.middle[: s.inputs]
@@ -58,8 +58,8 @@ class Adjoint:
             if s.impulse_rings is not None:
                 impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
-        padded = -(-K // BLOCK) * BLOCK
-        first = padded - K  # from the last node back to the first, behind steps of no length
+        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
+        first = padded - K  # from the last node back to the first, after steps of length zero
         inputs, state = np.zeros((3 * s.inputs, padded)), np.zeros((s.states, padded))
         step, weight = np.zeros((1, padded)), np.zeros((weights.shape[1], padded))
         inputs[: s.inputs, first:] = nodes[:, ::-1]
@@ -70,8 +70,8 @@ class Adjoint:
         state[:, first:], state[:, :first] = states.T[:, ::-1], states[-1][:, None]
         weight[:, first:] = weights.T[:, ::-1]
         gradient, co = np.empty((3 * s.inputs, padded)), np.zeros((s.states, 1))
-        for begin in range(0, padded, BLOCK):
-            block = slice(begin, begin + BLOCK)
+        for begin in range(0, padded, STEPS_PER_CALL):
+            block = slice(begin, begin + STEPS_PER_CALL)
             co, part = self._back(co, state[:, block], inputs[:, block], step[:, block], weight[:, block], theta)
             gradient[:, block] = part
         gradient = gradient[:, first:][:, ::-1]
@@ -82,7 +82,7 @@ class Adjoint:
 
 
 def _back(system: System, rows: list[int]) -> ca.Function:
-    """One block of steps back in time: costates, and gradients by the inputs here, halfway and there."""
+    """One block of steps back in time: adjoint states, and gradients by the inputs at both nodes and halfway."""
     n, width = system.states, system.inputs
     s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
     w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
@@ -92,15 +92,15 @@ def _back(system: System, rows: list[int]) -> ca.Function:
     step = ca.Function(
         "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]
     )
-    over = step.mapaccum("over", BLOCK)
+    over = step.mapaccum("over", STEPS_PER_CALL)
     co0, P = ca.MX.sym("co", n), ca.MX.sym("theta", len(system.names))
-    S, W = ca.MX.sym("s", n, BLOCK), ca.MX.sym("w", 3 * width, BLOCK)
-    DT, C = ca.MX.sym("dt", 1, BLOCK), ca.MX.sym("c", len(rows), BLOCK)
-    costates, gradient = over(co0, S, W, DT, C, ca.repmat(P, 1, BLOCK))
+    S, W = ca.MX.sym("s", n, STEPS_PER_CALL), ca.MX.sym("w", 3 * width, STEPS_PER_CALL)
+    DT, C = ca.MX.sym("dt", 1, STEPS_PER_CALL), ca.MX.sym("c", len(rows), STEPS_PER_CALL)
+    costates, gradient = over(co0, S, W, DT, C, ca.repmat(P, 1, STEPS_PER_CALL))
     return ca.Function("back", [co0, S, W, DT, C, P], [costates[:, -1], gradient])
 
 
 @lru_cache(maxsize=4)
 def _slope_matrix(size: int) -> csr_matrix:
-    """(size, size) that takes even samples to their first derivative, for a step of 1."""
+    """(size, size) matrix that takes even samples to their first derivative, for a step of 1."""
     return csr_matrix(slope(np.eye(size), 1.0))

@@ -18,8 +18,8 @@ def spring(at: Moment) -> Equations:
     )
 ```
 
-A stage is any frozen dataclass that inherits `Stage`; its name, and the joints on which it occurs, are those with which
-the equations ask for it. All expressions are CasADi's, so that every derivative is exact.
+A stage is any frozen dataclass that inherits `Stage`. The equations define its name, and the joints on which it occurs,
+by asking for it. All expressions are CasADi's, so every derivative is exact.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -37,17 +37,17 @@ from armdyn.recording.channels import channel_kind, channel_units, is_auxiliary
 from armdyn.recording.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
-NONE: Expression = ca.SX(0)
-"""What a stage has none of before effects add to it."""
+ZERO: Expression = ca.SX(0)
+"""Zero, the value of an additive field of a stage before effects add to it."""
 
 
 class Memory(NamedTuple):
-    """A state that an effect brings.
+    """A state that an effect adds to the model.
 
     Attributes:
-        symbol: the state.
+        symbol: symbol of the state.
         rate: its time derivative.
-        start: its value at the start of a run.
+        start: value of the state at the start of a run.
     """
 
     symbol: Expression
@@ -57,20 +57,20 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """Where effects may act: an immutable bundle of expressions; an effect takes one and returns a changed one.
+    """A place where effects act: an immutable bundle of expressions. An effect takes a stage and returns a changed one.
 
     Attributes:
-        memory: states that effects have brought.
+        memory: states that effects have added.
     """
 
     memory: tuple[Memory, ...] = field(default=(), kw_only=True)
 
     def with_state(self, rate: Callable[[Expression], Expression], start: Expression = 0) -> tuple[Self, Expression]:
-        """The stage with one state more, such as a bristle's deflection, and the state.
+        """The stage with one more state, such as a bristle's deflection, and the symbol of the state.
 
         Args:
-            rate: from the state to its time derivative.
-            start: its value at the start of a run.
+            rate: function from the state to its time derivative.
+            start: value of the state at the start of a run.
         """
         symbol = ca.SX.sym("memory")
         return replace(self, memory=(*self.memory, Memory(symbol, rate(symbol), ca.SX(start)))), symbol
@@ -81,49 +81,49 @@ S = TypeVar("S", bound=Stage)
 
 @dataclass(frozen=True)
 class Timed(Stage):
-    """A stage that ends in a sensor with a lag and a delay; both depend on parameters only.
+    """A stage that ends in a sensor with a lag and a delay, both of which depend on parameters only.
 
     Attributes:
         lag: first-order time constant, s.
-        delay: how late the reading is, s.
+        delay: delay of the reading, s.
     """
 
-    lag: Expression = field(default=NONE, kw_only=True)
-    delay: Expression = field(default=NONE, kw_only=True)
+    lag: Expression = field(default=ZERO, kw_only=True)
+    delay: Expression = field(default=ZERO, kw_only=True)
 
     def with_lag(self, time_constant: Expression) -> Self:
-        """Let the reading pass a first-order lag, s."""
+        """Give the reading a first-order lag with a time constant, s."""
         return replace(self, lag=self.lag + time_constant)
 
     def with_delay(self, time: Expression) -> Self:
-        """Let the reading arrive late, s."""
+        """Delay the reading, s."""
         return replace(self, delay=self.delay + time)
 
 
 @dataclass(frozen=True)
 class Reading(Timed):
-    """What a sensor reads of a quantity; return it among the outputs to give the quantity a lag and a delay.
+    """Reading of a quantity by a sensor; return it as an output to give the quantity a lag and a delay.
 
     Attributes:
-        value: in the channel's unit.
+        value: value of the quantity, in the channel's unit.
     """
 
     value: Expression
 
     def with_value(self, value: Expression) -> Self:
-        """Let the sensor read `value`."""
+        """Replace the value that the sensor reads."""
         return replace(self, value=value)
 
 
 @dataclass(frozen=True, eq=False)
 class Rate(Stage):
-    """The rate of a state: a stage, called ``"rate"``, that every base has for each state whose rate is no state.
+    """Rate of a state: a stage, called ``"rate"``, of every base, for each state whose rate is no state itself.
 
     Attributes:
         state: name of the state.
         value: its time derivative, in the state's unit per s.
-        time: s since the start of the run.
-        given: states and inputs, by name.
+        time: time since the start of the run, s.
+        given: states and inputs by name.
     """
 
     state: str
@@ -132,28 +132,28 @@ class Rate(Stage):
     given: Mapping[str, Expression]
 
     def __getitem__(self, name: str) -> Expression:
-        """A state, or an input such as ``"extra.voltage"``."""
+        """A state, or an input such as ``"extra.voltage"``, by name."""
         if name not in self.given:
             raise UnknownNameError("state or input", name, self.given)
         return self.given[name]
 
     def with_rate(self, more: Expression) -> Self:
-        """Let the state change faster, by `more` of its unit per s."""
+        """Add `more`, in the state's unit per s, to the rate of the state."""
         return replace(self, value=self.value + more)
 
 
-RATE = "rate"
-"""Name of that stage."""
+RATE_STAGE = "rate"
+"""Name of the stage `Rate`."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A recorded input.
+    """A recorded input, with its derivatives.
 
     Attributes:
-        value: in the channel's unit.
-        rate: per second.
-        acceleration: per second squared.
+        value: value in the channel's unit.
+        rate: first time derivative, per s.
+        acceleration: second time derivative, per s^2.
     """
 
     value: Expression
@@ -167,9 +167,9 @@ class Equations:
 
     Attributes:
         rates: time derivative of every state, by name.
-        outputs: what is measured, by channel.
-        against: covariates of a residual, with units; states and inputs where they are not given. For a channel
-            ``"q.<joint>"`` only names that end in the joint are looked at.
+        outputs: predicted readings, by channel.
+        against: covariates of a residual, with units; by default states and inputs. For a channel ``"q.<joint>"`` only
+            names that end in the joint are used.
     """
 
     rates: Mapping[str, Expression]
@@ -178,15 +178,15 @@ class Equations:
 
 
 class Moment:
-    """What the equations are given: the time, and by name parameters, states and inputs.
+    """Arguments of the equations at one moment: the time, and parameters, states and inputs by name.
 
     Args:
-        time: s since the start of the run.
-        values: of parameters and states, by name.
-        inputs: by channel.
-        effects: that act, in their order.
-        by_name: values of the effects' parameters.
-        recorded: further recorded quantities that effects read; those that are not among them have their usual values.
+        time: time since the start of the run, s.
+        values: values of parameters and states, by name.
+        inputs: inputs by channel.
+        effects: effects that act, in their order.
+        by_name: values of the effects' parameters, by name.
+        recorded: further recorded quantities that effects read; missing ones have their usual values.
     """
 
     def __init__(
@@ -206,24 +206,24 @@ class Moment:
         self._recorded = recorded
 
     def __getitem__(self, name: str) -> Expression:
-        """A parameter or a state."""
+        """Value of a parameter or a state, by name."""
         if name not in self._values:
             raise UnknownNameError("parameter or state", name, self._values)
         return self._values[name]
 
     def input(self, channel: str) -> Signal:
-        """A recorded input."""
+        """A recorded input, by channel."""
         if channel not in self._inputs:
             raise UnknownNameError("input", channel, self._inputs)
         return self._inputs[channel]
 
     def stage(self, name: str, stage: S, joint: str = "") -> S:
-        """The stage after the effects that act on it.
+        """The stage after all effects that act on it.
 
         Args:
-            name: what effects call it in `acts_on`.
-            stage: without any effect.
-            joint: which of several it is, ``""`` where there is one only.
+            name: name of the stage, which effects state in `acts_on`.
+            stage: the stage without any effect.
+            joint: name of the joint, ``""`` where the stage occurs only once.
         """
         self.stages.setdefault(name, []).append(joint)
         self.kinds[name] = type(stage)
@@ -240,20 +240,21 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Physics:
-    """A physics: what is its own.
+    """A physics: its parameters, states, inputs, outputs and equations.
 
     Attributes:
-        name: for a person and in answers.
-        summary: one sentence.
-        source: where the equations come from.
-        parameters: of all runs.
-        states: by name, what each is at the start of a run, one parameter per run; none where all is algebra.
+        name: its name.
+        summary: one sentence about it.
+        source: source of the equations.
+        parameters: parameters that all runs share.
+        states: by name, the value at the start of a run, one parameter per run; empty where the equations are
+            algebraic.
         inputs: channels that must be recorded, with their units.
-        held: those of them that stay as they are from each sample to the next one.
+        held: inputs that keep their value from each sample to the next one.
         outputs: channels that are predicted, with their units.
-        equations: from a moment to what holds there.
-        period: s; about one swing: the length of a run from which its start can be found.
-        step: s; longest step of the integration.
+        equations: function from a moment to the equations.
+        period: about one period of the motion, s: its start can be found from a run of this length.
+        step: longest step of the integration, s.
     """
 
     name: str
@@ -284,16 +285,16 @@ def physics(
 ) -> Callable[[Callable[[Moment], Equations]], Physics]:
     """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
 
-    Between its samples an input is a smooth curve, with a rate and an acceleration. One that is `held`, such as the
-    command of a controller, keeps its value until the next sample, and both are 0; so are a recorded ``q_cmd`` or
-    ``v_cmd``, and an input that changes in single jumps of unlike sizes and stands still between them.
+    Between its samples an input is a smooth curve with a rate and an acceleration. An input that is `held`, such as the
+    command of a controller, keeps its value until the next sample, and both derivatives are 0; so do a recorded
+    ``q_cmd`` or ``v_cmd``, and an input that changes only in single jumps of unequal sizes.
 
     Raises:
         InputError: a channel is unknown or has another unit, a name is used twice, or there is nothing to fit.
     """
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
-    step = USUAL_STEP * period if step is None else step
+    step = DEFAULT_STEP_PERIODS * period if step is None else step
     for channel, unit in (*inputs.items(), *outputs.items()):
         if is_auxiliary(channel):
             with at(f"physics '{name}': {channel}"):
@@ -303,10 +304,10 @@ def physics(
     for channel in held:
         if channel not in inputs:
             raise UnknownNameError(f"held input of '{name}'", channel, inputs)
-    if not SHORTEST <= period <= LONGEST or not SHORTEST / 100 <= step <= period:
+    if not MIN_PERIOD <= period <= MAX_PERIOD or not MIN_PERIOD / 100 <= step <= period:
         raise InputError(
-            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {SHORTEST:g} "
-            f"to {LONGEST:g} s, and a step that is no longer"
+            f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from {MIN_PERIOD:g} "
+            f"to {MAX_PERIOD:g} s, and a step that is no longer"
         )
     names = [p.name for p in (*parameters, *states)]
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:
@@ -323,10 +324,10 @@ def physics(
 
 
 _START = "initial_"
-USUAL_STEP = 0.01
-"""Of a period, the step of the integration where none is given: a Runge-Kutta step is exact to 1e-7 there."""
-SHORTEST, LONGEST = 1e-6, 1e7
-"""s of a swing or of whatever a base does again and again; what is faster no recording shows."""
+DEFAULT_STEP_PERIODS = 0.01
+"""Default step of the integration, as a share of a period: a Runge-Kutta step of this length is exact to 1e-7."""
+MIN_PERIOD, MAX_PERIOD = 1e-6, 1e7
+"""Shortest and longest period of a base, s; no recording contains a faster motion."""
 
 
 def constant(
@@ -342,13 +343,13 @@ def constant(
     """Declare a parameter of a physics.
 
     Args:
-        name: without a dot.
+        name: name without a dot.
         unit: SI unit as text.
         value: first guess.
-        typical: a realistic size; the first guess where it is not given.
+        typical: a realistic size; by default the first guess.
         lower: smallest physical value.
         upper: largest physical value.
-        summary: one phrase on what the number is.
+        summary: one phrase on the meaning of the number.
     """
     size = abs(value) if typical is None else typical
     if not size > 0:
@@ -362,7 +363,7 @@ def state(
     """Declare a state of a physics; its value at the start of a run is fitted to every run.
 
     Args:
-        name: without a dot.
+        name: name without a dot.
         unit: SI unit as text.
         typical: a realistic size.
         start: first guess of the value at the start of a run.

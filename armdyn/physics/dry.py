@@ -1,14 +1,14 @@
-r"""Dry friction that holds what stands still, in steps of Runge-Kutta.
+r"""Dry friction that holds a load at rest, in Runge-Kutta steps.
 
-The friction -D sign(p) jumps where the momentum p of the sliding changes its sign, and at rest it is whatever holds the
-load, up to D. Within a step the sign is that of p at the step's start, so that the equations are smooth there; then the
-step is mended where the sliding came to an end h before the step's own end:
+The friction -D sign(p) jumps where the momentum p of the sliding changes its sign, and at rest it takes any value up to
+D that holds the load. Within a step the sign is that of p at the step's start, so that the equations are smooth; then
+the step is corrected where the sliding came to an end h before the step's end:
 
     h = dt p1/(p1 - p0),      p = soft(p1, 2 D h),      q = q1 + (p - p1) h/(2 M),
 
-with soft(p, d) = sign(p) max(|p| - d, 0): past the turn the friction acted with the wrong sign, by 2 D h. What rests at
-the start of a step feels no friction in it, and p = soft(p1, D dt) at its end; where that is 0 nothing has moved. All
-this is exact to second order in dt, continuous in the state and the parameters, and has exact derivatives.
+with soft(p, d) = sign(p) max(|p| - d, 0): after the reversal the friction acted with the wrong sign, by 2 D h. A load
+at rest at the start of a step feels no friction in it, and p = soft(p1, D dt) at its end; where that is 0 nothing has
+moved. The scheme is exact to second order in dt, continuous in the state and the parameters, and has exact derivatives.
 
 (Moreau, Unilateral Contact and Dry Friction in Finite Freedom Dynamics, 1988, for the soft threshold of impulses;
 Acary & Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, §10 for time-stepping, §8 for events.)
@@ -21,12 +21,12 @@ import casadi as ca
 from armdyn.physics.definition import Expression
 
 COORDINATE, MOMENTUM = 0, 1
-"""Rows of the state: what slides, and its momentum."""
-AT_REST = 1e-6
-"""Share of the impulse of friction in one step below which a momentum is none: far above rounding, and a friction that
-ends it does so within a millionth of a step."""
-SETTLINGS = 3
-"""Steps of a fixed-point iteration that gains more than two digits each."""
+"""Rows of the state: the sliding coordinate, and its momentum."""
+REST_MOMENTUM_SHARE = 1e-6
+"""Momentum that counts as zero, as a share of the friction's impulse in one step: far above rounding, and a friction
+that stops it does so within a millionth of a step."""
+FIXED_POINT_STEPS = 3
+"""Steps of a fixed-point iteration that gains more than two digits in each step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ class DryFriction:
     """Dry friction on the first state, whose momentum is the second; functions of states s, inputs w and theta.
 
     Attributes:
-        sliding: ``(s, w, theta) -> ()`` the part of the momentum that is 0 at rest.
-        inertia: ``(s, w, theta) -> ()`` that part per rate of the first state.
-        size: ``(s, w, theta) -> ()`` of the friction, >= 0.
-        linear: whether `sliding` is the momentum less something that does not depend on it.
-        followed: whether further states change as it slides, and must not where it is held; else their rates may be
-            those of a load that gets away in a step by the friction's impulse, D dt, before it is held.
+        sliding: ``(s, w, theta) -> ()`` part of the momentum that is 0 at rest.
+        inertia: ``(s, w, theta) -> ()`` that part over the rate of the first state.
+        size: ``(s, w, theta) -> ()`` size of the friction, >= 0.
+        linear: whether `sliding` is the momentum minus a term that does not depend on the momentum.
+        followed: whether further states change while the load slides, and must not change while it is held; otherwise
+            their rates may include one step's impulse of friction, D dt, before the load is held.
     """
 
     sliding: ca.Function
@@ -49,20 +49,20 @@ class DryFriction:
     followed: bool
 
     def direction(self, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        """Sign of the sliding at the start of a step, 0 at rest."""
+        """Sign of the sliding at the start of a step; 0 at rest."""
         p = self.sliding(s, w, theta)
         return ca.if_else(self._rests(p, s, w, theta, dt), 0, ca.sign(p))
 
     def slowed(
         self, rate: Expression, direction: Expression, s: Expression, w: Expression, theta: Expression
     ) -> Expression:
-        """Rates of the states, with the friction against a sliding in `direction`."""
+        """Rates of the states, with friction against a sliding in `direction`."""
         slowed = ca.SX(rate)
         slowed[MOMENTUM] -= direction * self.size(s, w, theta)
         return slowed
 
     def at_rest(self, s: Expression, w: Expression, theta: Expression) -> Expression:
-        """The state with the momentum of a load that does not slide."""
+        """The state of a load that does not slide, with its momentum."""
         return self._with_sliding(0, s, w, theta)
 
     def settled(
@@ -75,16 +75,16 @@ class DryFriction:
         theta: Expression,
         dt: Expression,
     ) -> Expression:
-        """The state after a step; see the head of this file.
+        """Correct the state after a step for friction; see the head of this file.
 
         Args:
-            before: (n,) at its start.
-            after: (n,) at its end, with the friction in the direction at its start.
-            held: (n,) at its end if nothing slides; looked at where that is `followed` only.
-            here: inputs at its start.
+            before: (n,) state at the start of the step.
+            after: (n,) state at its end, with the friction in the direction at its start.
+            held: (n,) state at its end if nothing slides; only used where `followed`.
+            here: inputs at the start of the step.
             there: inputs at its end.
             theta: parameters.
-            dt: its length, s.
+            dt: length of the step, s.
         """
         p0, p1 = self.sliding(before, here, theta), self.sliding(after, there, theta)
         rests = self._rests(p0, before, here, theta, dt)
@@ -102,10 +102,10 @@ class DryFriction:
         return self._with_sliding(p, settled, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        return ca.fabs(p) <= AT_REST * dt * self.size(s, w, theta)
+        return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.size(s, w, theta)
 
     def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
         state = ca.SX(s)
-        for _ in range(1 if self.linear else SETTLINGS):
+        for _ in range(1 if self.linear else FIXED_POINT_STEPS):
             state[MOMENTUM] += p - self.sliding(state, w, theta)
         return state

@@ -1,4 +1,4 @@
-"""A physics with any effects, as the functions that the simulator and the sensors need."""
+"""Compile a physics with its effects into the functions that the simulator and the sensors need."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,30 +8,29 @@ import casadi as ca
 
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.physics.definition import RATE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
+from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment, Physics, Rate, Reading, Signal
 from armdyn.physics.simulate import System
 from armdyn.readout import Sensor
 
-MOTION = 3
+ROWS_PER_INPUT = 3
 """Value, rate and acceleration of every input."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Formulation(System):
-    """What is derived once per set of effects.
+    """Functions derived once for a set of effects.
 
-    The states are those of the physics, which also say how the motion begins, then those that effects bring. The inputs
-    are the time, then value, rate and acceleration of each recorded channel, then the further quantities that effects
-    read.
+    The states are those of the physics, which also define the start of a motion, then those of effects. The inputs are
+    the time, then value, rate and acceleration of each recorded channel, then the further quantities that effects read.
 
     Attributes:
-        slopes: ``(s, w, theta) -> (n, n)`` of the rates by the states.
+        slopes: ``(s, w, theta) -> (n, n)`` derivatives of the rates by the states.
         against: ``(s, w, theta) -> (n,)`` covariates of a residual.
-        against_units: its names, with their units.
-        depends: parameters on which anything depends.
-        measured: by state, the channel that reads it as it is.
+        against_units: names of the covariates, with their units.
+        depends: parameters on which any function depends.
+        measured: by state, the channel that measures it directly.
         rates: by state, the state that is its rate.
-        stages: where effects may act, with the joints of each.
+        stages: stages on which effects may act, with the joints of each.
         kinds: classes of the stages.
     """
 
@@ -50,9 +49,9 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     """Derive a physics with effects.
 
     Args:
-        physics: states its equations.
-        effects: in their natural order.
-        names: of all parameters but those of the start, in the order of theta.
+        physics: the physics.
+        effects: effects in their natural order.
+        names: parameters in the order of theta, without those of the start.
 
     Raises:
         InputError: the equations or an effect cannot be used.
@@ -62,7 +61,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     nothing = ca.SX(0, 1)
     own = {p.name: by_name[p.name] for p in physics.parameters}
     states = {name: ca.SX.sym(name) for name in physics.states}
-    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), MOTION) for channel in physics.inputs}
+    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), ROWS_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
     recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
@@ -111,20 +110,20 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
 def _with_rates(
     moment: Moment, found: Equations, states: Mapping[str, Expression], signals: Mapping[str, Signal]
 ) -> dict[str, Expression]:
-    """The rate of every state; of those that are no state, what effects make of it."""
+    """The rate of every state; effects may change those that are no state themselves."""
     given = {**states, **{channel: signal.value for channel, signal in signals.items()}}
-    own = RATE in moment.stages
+    own = RATE_STAGE in moment.stages
     rates = dict[str, Expression]()
     for name in states:
         rate = found.rates[name]
         if not own and not any(_same(rate, other) for other in states.values()):
-            rate = moment.stage(RATE, Rate(name, rate, moment.time, given), name).value
+            rate = moment.stage(RATE_STAGE, Rate(name, rate, moment.time, given), name).value
         rates[name] = rate
     return rates
 
 
 def _asked(physics: Physics, moment: Moment) -> Equations:
-    """The equations, with errors of the user's file as sentences."""
+    """Evaluate the equations; errors of the user's file become messages."""
     try:
         found = physics.equations(moment)
     except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:

@@ -1,4 +1,4 @@
-"""A physics as a model: what its sensors should have read in a run, for any composition of effects."""
+"""A physics as a model: it predicts what the sensors should have read in a run, for any set of effects."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,32 +16,32 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
-from armdyn.physics.definition import USUAL_STEP, Physics
+from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
-from armdyn.physics.simulated import FIRST_STRETCH, REACH, SimulatedModel, local_motion, measured_start
+from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
 from armdyn.recording.channels import MIN_SAMPLES
 from armdyn.recording.spikes import HIGHEST_RATE, clean
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
-"""By number of states that no channel measures: how many values of each are tried as the start of a run."""
-MOVED = 0.01
-"""Typical sizes by which values are moved together to see which states tell it."""
-FARTHEST = 2.0
-"""The largest of these, in typical sizes."""
+START_LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
+"""Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
+VALUE_CHANGE_SIZES = 0.01
+"""Change of all values, in typical sizes, that shows which states depend on them."""
+MAX_VALUE_CHANGE_SIZES = 2.0
+"""Largest such change, in typical sizes."""
 
 
 @dataclass(frozen=True, repr=False)
 class PhysicsModel(SimulatedModel):
-    """A physics, such as one from a user's own file, and effects.
+    """A model made of a physics, such as one from a user's file, and effects.
 
     Attributes:
-        physics: its equations.
-        own_effects: effects that come with it.
-        file: from which it was read.
+        physics: the physics.
+        own_effects: effects that come with the physics.
+        file: file from which it was read.
     """
 
     physics: Physics
@@ -50,14 +50,14 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def base(self) -> str:
-        """Name of the physics."""
+        """Name of the physics, which is the base of its model."""
         return self.physics.name
 
     def described(self, folder: File) -> Mapping[str, Any]:
-        """See `Model.described`: where the user's file is.
+        """Entries of a model file for this base: the path of the user's file; see `Model.described`.
 
         Raises:
-            InputError: the physics comes from no file.
+            InputError: the physics was not read from a file.
         """
         if self.file is None:
             raise InputError(f"the physics '{self.base}' comes from no file: read it with load_base to keep its model")
@@ -65,79 +65,79 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """What its equations ask for."""
+        """Names of the stages for which the equations ask."""
         return tuple(_bare(self.physics).stages)
 
     @property
     def step(self) -> float:
-        """See `Model.step`: as its physics says."""
+        """Longest step of the integration, s; see `Model.step`."""
         return self.physics.step
 
     @property
     def settled_window(self) -> float:
-        """See `Model.settled_window`: three periods."""
+        """Length of a run in which a fit has settled, s: three periods; see `Model.settled_window`."""
         return 3.0 * self.physics.period
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """See `SimulatedModel`."""
+        """Channels that drive the motion; see `SimulatedModel.inputs`."""
         return tuple(self.physics.inputs)
 
     @property
     def start_names(self) -> tuple[str, ...]:
-        """See `SimulatedModel`."""
+        """Parameters of the start of a motion; see `SimulatedModel.start_names`."""
         return tuple(p.name for p in self.physics.states.values())
 
     @property
     def formulation(self) -> str:
-        """See `SimulatedModel`."""
+        """Identifier of the equations; see `SimulatedModel.formulation`."""
         return self.base
 
     @cached_property
     def system(self) -> Formulation:
-        """See `SimulatedModel`."""
+        """The equations with their effects; see `SimulatedModel.system`."""
         starts = set(self.start_names)
         return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
-        """See `Model.guess_start`: what a channel measures of the states, and of the states that are their rates."""
+        """Start values from measured states and from measured rates of states; see `Model.guess_start`."""
         states = self.physics.states
-        guess = self._shown(run, lambda channel: measured_start(channel, FIRST_STRETCH * self.physics.period))
+        guess = self._shown(run, lambda channel: measured_start(channel, START_FIT_SECONDS * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
-        """By state, what channels show of it: `look` gives value and rate of a channel."""
+        """Values of states from channels: `look` gives value and rate of a channel."""
         bare, values, rates = _bare(self.physics), {}, {}
         for name, channel in bare.measured.items():
             if channel in run.channels:
                 values[name], rate = look(run.channels[channel])
                 if name in bare.rates:
                     rates[bare.rates[name]] = rate
-        return {**rates, **values}  # what is measured itself is better than a slope
+        return {**rates, **values}  # a measured value is better than a slope
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """See `Model.possible_starts`: a lattice of the states that no channel measures."""
+        """Start values to try: a grid over the unmeasured states; see `Model.possible_starts`."""
         del theta
         guess = self.guess_start(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in LEVELS:
+        if len(unknown) not in START_LEVELS:
             return []
-        levels = np.linspace(-FARTHEST, FARTHEST, LEVELS[len(unknown)])
+        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_LEVELS[len(unknown)])
         values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
 
     def start_window(self, theta: np.ndarray) -> float:
-        """See `Model.start_window`: a period."""
+        """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""
         del theta
         return self.physics.period
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
-        """See `Model.reachable`: the joints of its stage on which an effect changes something.
+        """Joints of an effect's stage on which it changes something; see `Model.reachable`.
 
         Raises:
-            UnknownNameError: it names a joint that the stage lacks.
-            InputError: it changes nothing there.
+            UnknownNameError: the effect names a joint that the stage lacks.
+            InputError: the effect changes nothing there.
         """
         found = _reached(self.physics, effect)
         joints = _bare(self.physics).stages[effect.acts_on]
@@ -147,10 +147,10 @@ class PhysicsModel(SimulatedModel):
         return found
 
     def with_effect(self, effect: Effect) -> "PhysicsModel":
-        """See `Model.with_effect`.
+        """The model with one more effect; see `Model.with_effect`.
 
         Raises:
-            InputError: the effect changes nothing that this physics uses.
+            InputError: the effect changes nothing in this physics.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
             raise InputError(f"the effect '{effect.name}' changes nothing in a model of base '{self.base}'")
@@ -158,11 +158,11 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def remembering(self) -> frozenset[str]:
-        """See `SimulatedModel`."""
+        """Effects that add states; see `SimulatedModel.remembering`."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
     def taking(self, run: Run) -> Run:
-        """See `Model.taking`; in the units of the equations."""
+        """Convert a run to the units of the equations; see `Model.taking`."""
         declared = {**self.physics.inputs, **self.physics.outputs}
         found, noise = dict[str, Channel](), dict(run.noise)
         for name, channel in run.extra.items():
@@ -180,7 +180,7 @@ class PhysicsModel(SimulatedModel):
         return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """See `Model.predicted_channels`."""
+        """Channels of a run that the model predicts; see `Model.predicted_channels`."""
         channels = super().predicted_channels(run)
         for name, unit in (*self.physics.inputs.items(), *((n, self.physics.outputs[n]) for n in channels)):
             if name not in run.channels:
@@ -190,7 +190,7 @@ class PhysicsModel(SimulatedModel):
         return channels
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """See `Model.prepared`; what was measured before or after the inputs were is left out."""
+        """The run without outputs recorded before or after its inputs; see `Model.prepared`."""
         del beside
         run = self.taking(run)
         names = self.predicted_channels(run)
@@ -202,10 +202,12 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return clean(run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * USUAL_STEP / self.physics.step)
+        return clean(
+            run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * DEFAULT_STEP_PERIODS / self.physics.step
+        )
 
     def jumps(self, run: Run) -> np.ndarray:
-        """See `Model.jumps`: where an input that is held changes."""
+        """Times at which a held input changes; see `Model.jumps`."""
         held = [run.channels[name] for name in self._held(run)]
         return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
 
@@ -215,17 +217,17 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def kicked(self) -> list[int]:
-        """See `SimulatedModel`: states whose rate is no state."""
+        """Indices of the states whose rate is no state itself; see `SimulatedModel.kicked`."""
         names = list(self.physics.states)
         return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
 
     @property
     def rated(self) -> list[str]:
-        """States whose rate is no state."""
+        """States whose rate is no state itself."""
         return [name for name in self.physics.states if name not in _bare(self.physics).rates]
 
     def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """By state, (K,) its time derivative along the motion that (p,) `theta` makes of a prepared run."""
+        """(K,) time derivative of each state along the motion of a prepared run simulated with (p,) `theta`."""
         path, physics = self.path(run), theta[self.places[1]]
         states = self.rollout(path, theta, self.predicted_channels(run)).states
         found = self.system.derivative.map(len(states))(states.T, self.driven_by(path, physics).nodes, physics)
@@ -233,24 +235,24 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def guessed(self) -> tuple[str, ...]:
-        """See `SimulatedModel`: those of the physics."""
+        """Parameters with guessed values: those of the physics; see `SimulatedModel.guessed`."""
         return tuple(p.name for p in self.physics.parameters)
 
     @property
     def first_guesses(self) -> tuple[str, ...]:
-        """See `Model.first_guesses`: all of the physics, and how motions begin."""
+        """Parameters with first guesses: all of the physics, and the start; see `Model.first_guesses`."""
         return (*self.guessed, *self.start_names)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
-        """See `SimulatedModel`: as its physics says."""
+        """Period of the motion as the physics states it, s; see `SimulatedModel.swing`."""
         del run, theta
         return self.physics.period
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """See `SimulatedModel`: where every state, or what it is the rate of, has a channel of its own."""
+        """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
         if not self.physics.states:
             return super().measured_motion(run, times, theta, swing)
-        found = self._shown(run, lambda channel: local_motion(channel, times, REACH * swing).T)
+        found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
@@ -258,7 +260,7 @@ class PhysicsModel(SimulatedModel):
     def shown_against(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """See `SimulatedModel`: a state that is the rate of another one is a speed, others have their own names."""
+        """Quantities on which a missing acceleration may depend: states and their rates; see `SimulatedModel`."""
         del run, time, theta
         states = list(self.physics.states.items())
         found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
@@ -266,22 +268,23 @@ class PhysicsModel(SimulatedModel):
         return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
 
     def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
-        """See `SimulatedModel`: of which the range changes by a hundredth where values change by a hundredth."""
+        """Unmeasured states whose range changes by 1 % for a change of 1 % along a direction; see `SimulatedModel`."""
         channels, starts = self.predicted_channels(run), len(self.physics.states)
         shown = {name for name, channel in _bare(self.physics).measured.items() if channel in channels}
         here, there = (
-            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts] for step in (0.0, MOVED)
+            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts]
+            for step in (0.0, VALUE_CHANGE_SIZES)
         )
-        moved = np.abs(there - here).max(axis=0) > 0.1 * MOVED * np.ptp(here, axis=0)
+        moved = np.abs(there - here).max(axis=0) > 0.1 * VALUE_CHANGE_SIZES * np.ptp(here, axis=0)
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 
     def path(self, run: Run) -> Path:
-        """See `SimulatedModel`."""
+        """Recorded inputs on an even grid; see `SimulatedModel.path`."""
         return _recorded(run, self.physics, longest_step(self.physics, self.effects))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """The physics' own choice; see `Model.covariates`."""
+        """Signals on which residuals may depend, as the physics chooses them; see `Model.covariates`."""
         path, formulation = self.path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
@@ -298,16 +301,16 @@ class PhysicsModel(SimulatedModel):
 def physics_model(
     physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: File | None = None
 ) -> PhysicsModel:
-    """A physics with effects at their null values.
+    """Build a model from a physics, with effects at their null values.
 
     Args:
-        physics: its equations.
-        effects: to start with.
-        own_effects: that come with it, beside the catalogue's.
-        file: from which it was read.
+        physics: the physics.
+        effects: effects of the model.
+        own_effects: effects that come with the physics, besides the catalogue's.
+        file: file from which it was read.
 
     Raises:
-        InputError: its equations cannot be used.
+        InputError: the equations cannot be used.
     """
     _bare(physics)
     parameters: Mapping[str, Parameter] = MappingProxyType(
@@ -328,7 +331,7 @@ def _bare(physics: Physics) -> Formulation:
 
 @lru_cache(maxsize=512)
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
-    """Joints of its stage on which an effect changes something; none where another kind of thing is called as that."""
+    """Joints of its stage on which an effect changes something; empty where the stage is of another type."""
     kind = _bare(physics).kinds.get(effect.acts_on)
     if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
         return ()

@@ -1,8 +1,8 @@
-r"""A motion in pieces: each simulated from a state of its own, with exact derivatives by that state.
+r"""A motion in pieces: each is simulated from its own start state, with exact derivatives by that state.
 
-A simulation over a whole recording carries every error of the model on to the end. In pieces that begin at the measured
-motion nothing is carried on: predictions are nearly linear in all unknowns, as an arm's are. What the end of one piece
-lacks to the beginning of the next is what the model lacks (multiple shooting: Bock, Proc. IFAC 1981).
+In a simulation over a whole recording an error of the model grows to the end. In pieces that start at the measured
+motion it does not: predictions are nearly linear in all unknowns, as an arm's are. The difference between the end of a
+piece and the beginning of the next is the model's error (multiple shooting: Bock, Proc. IFAC 1981).
 """
 
 from copy import copy
@@ -19,27 +19,28 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
-INVERSIONS = 3
-"""Newton steps from a state to the values that begin a motion with it; a momentum is linear in its rate."""
-NEXT_TO = 3
-"""Pieces on which one sample may depend: its own, the one that a sensor remembers, the one that is interpolated to."""
-AT_ONCE = 2**13
-"""Samples whose derivatives are worked with at a time: a few MB."""
-FEWEST_NODES = 4
-"""Steps of the shortest piece, so that samples between its nodes can be interpolated."""
+INVERSION_STEPS = 3
+"""Newton steps from a state to the start values of its motion; a momentum is linear in its rate."""
+PIECES_PER_SAMPLE = 3
+"""Number of pieces on which one sample may depend: its own, the one before by a sensor's memory, the next by
+interpolation."""
+SAMPLES_AT_ONCE = 2**13
+"""Samples whose derivatives are computed at once: a few MB."""
+MIN_PIECE_NODES = 4
+"""Steps of the shortest piece, so that samples can be interpolated between its nodes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A run around a motion in J pieces; n states, k parameters of the model.
+    """A run linearised around a motion of J pieces; n states, k parameters of the model.
 
     Attributes:
         transition: (J, n, n) derivative of the state at the end of a piece by that at its beginning.
-        by_theta: (J, n, k) derivative of the state at the end of a piece by the parameters that were asked for.
+        by_theta: (J, n, k) derivative of the state at the end of a piece by the wanted parameters.
         ends: (J, n) states at the ends of the pieces.
-        definition: (2, J, n, k) how the states at the beginnings and at the ends change with these parameters where the
-            motion stays: a momentum is a mass times a rate.
-        samples: by channel, what is compared; see `Samples`.
+        definition: (2, J, n, k) derivatives of the states at the beginnings and at the ends by these parameters for a
+            fixed motion: a momentum is a mass times a rate.
+        samples: samples and predictions by channel; see `Samples`.
     """
 
     transition: np.ndarray
@@ -51,15 +52,15 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The samples of one channel, with what the pieces say of them.
+    """The samples of one channel, with their predictions from the pieces.
 
     Attributes:
-        piece: (N,) index of the piece.
-        time: (N,) s.
-        measured: (N,).
-        predicted: (N,).
+        piece: (N,) index of each sample's piece.
+        time: (N,) times, s.
+        measured: (N,) measured values.
+        predicted: (N,) predicted values.
         by_state: (N, n) derivative by the state at the beginning of the piece.
-        by_theta: (N, k).
+        by_theta: (N, k) derivative by the wanted parameters.
     """
 
     piece: np.ndarray
@@ -74,9 +75,9 @@ class Pieces:
     """A run cut into pieces of about equal length.
 
     Args:
-        model: with all its effects.
-        run: prepared.
-        length: of a piece, s.
+        model: the model with all its effects.
+        run: the prepared run.
+        length: length of a piece, s.
 
     Attributes:
         starts: (J,) times at which the pieces begin, s.
@@ -94,11 +95,11 @@ class Pieces:
         first = int(np.clip(np.floor((begin - path.start) / path.dt + 1e-6), 0, most - 1))
         last = int(np.clip(np.ceil((end - path.start) / path.dt - 1e-6), first + 1, most))
         count = max(1, round((last - first) * path.dt / length))
-        count = min(count, max(1, (last - first) // FEWEST_NODES))
+        count = min(count, max(1, (last - first) // MIN_PIECE_NODES))
         self._cut(np.unique(np.round(np.linspace(first, last, count + 1)).astype(int)))
 
     def _cut(self, edges: np.ndarray) -> None:
-        """Let pieces begin and end at these nodes of the inputs."""
+        """Set the nodes of the inputs at which pieces begin and end."""
         self.edges = edges
         self.starts = self._path.start + self._path.dt * edges[:-1]
         self._of = {c: self._placed(self.run.channels[c].time) for c in self.channels}
@@ -107,14 +108,14 @@ class Pieces:
         self._matrices = {c: Interpolated(nodes, time, spread).matrix(0.0) for c, time, spread in given}
 
     def halve(self, which: np.ndarray) -> bool:
-        """Cut those of the pieces, (J,) bool, in two that are long enough; whether there was one."""
-        long = which & (np.diff(self.edges) >= 2 * FEWEST_NODES)
+        """Cut the pieces marked in (J,) bool in two, where they are long enough; return whether any was cut."""
+        long = which & (np.diff(self.edges) >= 2 * MIN_PIECE_NODES)
         if long.any():
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
 
     def of(self, model: SimulatedModel) -> "Pieces":
-        """The same pieces of a model with other effects and the same states."""
+        """The same pieces for a model with other effects and the same states."""
         found = copy(self)
         found.model, found._driven = model, None
         return found
@@ -123,7 +124,7 @@ class Pieces:
         return len(self.starts)
 
     def _placed(self, time: np.ndarray) -> np.ndarray:
-        """(N,) the piece of each sample; what was measured outside the inputs belongs to the first and last."""
+        """(N,) piece of each sample; samples outside the inputs belong to the first or last piece."""
         inner = self._path.start + self._path.dt * (self.edges[1:-1] - 1e-6)
         return np.searchsorted(inner, time, side="right")
 
@@ -131,8 +132,8 @@ class Pieces:
         """(J, n) states at the beginning of the pieces.
 
         Args:
-            theta: (q,) in the order of the model's names.
-            begin: (J, starts) values that say how a motion begins, at the beginning of every piece.
+            theta: (q,) parameters in the order of the model's names.
+            begin: (J, starts) start values of the motion, at the beginning of every piece.
         """
         system, physics, path = self._given(theta)
         many = np.repeat(physics[:, None], len(begin), axis=1)
@@ -140,12 +141,12 @@ class Pieces:
         return np.asarray(found).T
 
     def rolled(self, theta: np.ndarray, first: int = 0, state: np.ndarray | None = None) -> np.ndarray:
-        """(J - first, n) states at the beginning of the pieces in a simulation from one of them on.
+        """(J - first, n) states at the beginning of the pieces in a simulation that starts at piece `first`.
 
         Args:
-            theta: (q,) in the order of the model's names.
-            first: the piece at which it begins.
-            state: (n,) there; that of the model's start where None.
+            theta: (q,) parameters in the order of the model's names.
+            first: index of the piece at which it starts.
+            state: (n,) state there; None means that of the model's start.
         """
         system, physics, path = self._given(theta)
         if not system.states:
@@ -157,12 +158,12 @@ class Pieces:
         return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
     def cut(self, theta: np.ndarray, edges: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(J', n) states at the beginning of the pieces as they are now.
+        """(J', n) states at the beginning of the present pieces, from those before some pieces were cut.
 
         Args:
-            theta: (q,) in the order of the model's names.
-            edges: (J + 1,) as they were before some of the pieces were cut.
-            states: (J, n) at the beginning of those pieces; where one was cut, its motion goes on.
+            theta: (q,) parameters in the order of the model's names.
+            edges: (J + 1,) edges before the cut.
+            states: (J, n) states at the beginning of the pieces before the cut; the motion of a cut piece is continued.
         """
         if len(edges) == len(self.edges):
             return states
@@ -177,10 +178,10 @@ class Pieces:
         return np.concatenate(found)
 
     def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The state at the start of the run as the model has it.
+        """The state at the start of the run by the model's start values.
 
         Returns:
-            (n,) the state; (n, starts) its derivatives by the values that say how the motion begins; (n, q) by theta.
+            (n,) state; (n, starts) its derivatives by the start values; (n, q) by theta.
         """
         system, physics, path = self._given(theta)
         start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
@@ -190,12 +191,12 @@ class Pieces:
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
 
     def motion(self, theta: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(J, starts) values that begin a motion with (J, n) states of the pieces, and (J, n, starts) their slopes."""
+        """(J, starts) start values of motions with (J, n) states, and (J, n, starts) derivatives of the states."""
         starts, by_start, _ = self._inverted(theta, states, self.edges[:-1])
         return starts, by_start
 
     def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(K, n, k) see `Linearised.definition`, for (K, n) states at (K,) nodes; zeros where it diverged."""
+        """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `Linearised`."""
         result = np.zeros((*states.shape, len(wanted)))
         if len(wanted) and np.isfinite(states).all():
             own, of_physics = self._physical(wanted)
@@ -207,12 +208,12 @@ class Pieces:
     def _inverted(
         self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(K, starts) values that begin a motion with (K, n) states; derivatives of states by them and by physics."""
+        """(K, starts) start values of motions with (K, n) states; derivatives of the states by them and by physics."""
         system, physics, path = self._given(theta)
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
         starts = np.zeros((K, system.starts))
-        for _ in range(INVERSIONS):
+        for _ in range(INVERSION_STEPS):
             found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.inputs, nodes], many)
             slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
@@ -225,12 +226,12 @@ class Pieces:
         return self.model.system, physics, self._driven[1]
 
     def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> Linearised:
-        """The run around (J, n) states at the beginning of the pieces, and (q,) parameters.
+        """Linearise the run at (J, n) states at the beginning of the pieces, and (q,) parameters.
 
         Args:
-            theta: (q,).
-            states: (J, n).
-            wanted: (k,) the parameters by which derivatives are wanted; all where None.
+            theta: (q,) parameters.
+            states: (J, n) states at the beginning of the pieces.
+            wanted: (k,) indices of the parameters with derivatives; None means all.
         """
         system, physics, path = self._given(theta)
         wanted = np.arange(len(theta)) if wanted is None else wanted
@@ -240,11 +241,11 @@ class Pieces:
         n, q, J = system.states, len(physics), len(self)
         shot = engine.shoot(path, self.edges, physics, states)
         transition, ends = shot.transition, shot.ends
-        signal = np.zeros((*shot.outputs.shape, 1 + q + NEXT_TO * n))
+        signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
         piece = np.minimum(np.searchsorted(self.edges, self.edges[0] + np.arange(len(signal)), side="right") - 1, J - 1)
-        for k in range(NEXT_TO):
-            own = piece % NEXT_TO == k
+        for k in range(PIECES_PER_SAMPLE):
+            own = piece % PIECES_PER_SAMPLE == k
             signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
         simulator = engine.simulator
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
@@ -255,7 +256,7 @@ class Pieces:
         by_theta[:, :, own] = shot.by_theta[:, :, of_physics]
         edges = np.concatenate([self.edges[:-1], self.edges[1:]])
         definition = self._defined(theta, np.concatenate([states, ends]), edges, wanted).reshape(2, J, n, -1)
-        # A sample that depends on a neighbour as well depends on that one's motion, which is at another state.
+        # A sample that also depends on a neighbouring piece depends on its motion, at another state.
         following = np.append(definition[0, 1:], definition[1, -1:], axis=0)
         join = _Join(transition, by_theta - definition[1] + following, ends - np.append(states[1:], ends[-1:], axis=0))
         samples = {c: self._samples(c, signal[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
@@ -269,7 +270,7 @@ class Pieces:
         return own, order[np.searchsorted(physics[order], wanted[own])]
 
     def _algebra(self, system: System, path: Path, physics: np.ndarray, wanted: np.ndarray) -> Linearised:
-        """A run without states, of which every piece is free of the others."""
+        """Linearise a run without states, whose pieces are independent."""
         found, J = evaluated(system, path, physics, self.channels), len(self)
         inside = slice(self.edges[0], self.edges[-1] + 1)
         join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, len(wanted))), np.zeros((J, 0)))
@@ -281,7 +282,7 @@ class Pieces:
     def _samples(
         self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
     ) -> Samples:
-        """What a sensor makes of (K, 1 + q + NEXT_TO n) signals at the nodes of all pieces, by `wanted` parameters."""
+        """Sensor readings of (K, 1 + q + NEXT_TO n) signals at the pieces' nodes, with `wanted` derivatives."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
         if sensor.lags or sensor.delays:
             nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
@@ -294,10 +295,10 @@ class Pieces:
         own, of_physics = self._physical(wanted)
         kept = np.concatenate([[0], 1 + of_physics, np.arange(1 + len(physics), signal.shape[1])])
         signal = signal[:, kept] if read is None else signal
-        for some in (slice(first, first + AT_ONCE) for first in range(0, N, AT_ONCE)):
+        for some in (slice(first, first + SAMPLES_AT_ONCE) for first in range(0, N, SAMPLES_AT_ONCE)):
             these = self._matrices[channel][some] @ signal if read is None else read[some][:, kept]
             by_theta[some, own] = these[:, 1 : 1 + len(own)]
-            around = these[:, 1 + len(own) :].reshape(len(these), NEXT_TO, n)
+            around = these[:, 1 + len(own) :].reshape(len(these), PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
         return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)
@@ -305,12 +306,12 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class _Join:
-    """How pieces meet: the end of one is the beginning of the next but for a gap.
+    """Continuity of pieces: the end of one is the beginning of the next, up to a gap.
 
     Attributes:
-        transition: (J, n, n) A.
-        by_theta: (J, n, q) B, of the next piece's motion.
-        gap: (J, n) from the next piece's beginning to the end, 0 of the last.
+        transition: (J, n, n) matrices A.
+        by_theta: (J, n, q) matrices B, for the next piece's motion.
+        gap: (J, n) difference between the next piece's beginning and the end; 0 for the last.
     """
 
     transition: np.ndarray
@@ -326,20 +327,20 @@ class _Join:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Samples as functions of the beginning of their own piece alone.
 
-        What a sensor remembers of the piece before is a function of that one's beginning, and what is interpolated
-        across the end of a piece one of the next one's. With s' = A s + B theta + gap both follow from the own one.
+        A sensor's memory of the piece before is a function of that piece's beginning, and an interpolation across the
+        end of a piece depends on the next one's beginning. With s' = A s + B theta + gap both follow from the own one.
 
         Args:
-            piece: (N,).
-            value: (N,) predicted.
-            around: (N, NEXT_TO, n) derivatives by the beginnings of pieces, of piece j at j modulo NEXT_TO.
-            back: (J, n, n) inverse of the transitions.
+            piece: (N,) index of each sample's piece.
+            value: (N,) predicted values.
+            around: (N, NEXT_TO, n) derivatives by the beginnings of pieces, with piece j at index j modulo NEXT_TO.
+            back: (J, n, n) inverse transitions.
 
         Returns:
-            (N,) predicted; (N, n) derivatives by the own beginning; (N, q) what is added to those by the parameters.
+            (N,) predicted values; (N, n) derivatives by the own beginning; (N, q) additions to those by the parameters.
         """
         rows = np.arange(len(piece))
-        own, before, after = (around[rows, (piece + k) % NEXT_TO] for k in (0, -1, 1))
+        own, before, after = (around[rows, (piece + k) % PIECES_PER_SAMPLE] for k in (0, -1, 1))
         last = np.maximum(piece - 1, 0)
         before = np.einsum("Ni,Nij->Nj", np.where(piece[:, None] > 0, before, 0.0), back[last])
         after = np.where(piece[:, None] < len(self.gap) - 1, after, 0.0)
@@ -352,14 +353,14 @@ class _Join:
 
 
 def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
-    """Of (..., n, m) matrices; zeros where a simulation has diverged, which shows elsewhere."""
+    """Pseudo-inverses of (..., n, m) matrices; zeros where a simulation has diverged, which is detected elsewhere."""
     finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0)))
 
 
 @lru_cache(maxsize=64)
 def _beginning(system: System) -> ca.Function:
-    """``(start, ..., w, theta) -> state, its derivatives by the starts, by theta``."""
+    """A function ``(start, ..., w, theta) -> state, its derivatives by the starts, by theta``."""
     start = [ca.SX.sym(f"start{i}") for i in range(system.starts)]
     given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
     state = system.initial(*start, given, theta)

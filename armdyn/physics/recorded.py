@@ -13,41 +13,41 @@ from scipy.linalg import solveh_banded
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
-from armdyn.smoothing import FEWEST, best_smoothing, difference_penalty, smoothed
+from armdyn.smoothing import MIN_SMOOTHED_SAMPLES, best_smoothing, difference_penalty, smoothed
 
-ORDER = 4
-"""Order of the differences that are penalised: piecewise-constant jerk costs nothing at the limit."""
-WEAKEST = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
-"""Halves what moves at a tenth of the sampling rate: faster than that no gripper moves, but an encoder's steps do."""
-SEARCH = WEAKEST * np.logspace(0, 8, 17)
+WHITTAKER_ORDER = 4
+"""Order of the penalised differences: piecewise-constant jerk costs nothing in the limit."""
+MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
+"""Smoothing that halves a motion at a tenth of the sampling rate: no gripper is faster, but an encoder's steps are."""
+STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
 
 def smoothed_motion(
     time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False, spread: float = 0.0
 ) -> np.ndarray:
-    """(3, K) position, velocity and acceleration from noisy positions, on an even grid that begins at the first stamp.
+    """(3, K) position, velocity and acceleration from noisy positions, on an even grid that starts at the first stamp.
 
-    By penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003).
-    Minimises |y - x|^2 + lambda |D^4 x|^2 with the strength that `best_strength` finds. Stamps that are not on the
-    grid, such as slow or uneven ones, get the spline of `armdyn.smoothing`, which needs no grid.
+    It is penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003): the minimum of |y - x|^2 + lambda |D^4
+    x|^2 with the strength that `best_strength` finds. Stamps that are not on the grid, such as slow or uneven ones, get
+    the spline of `armdyn.smoothing`, which needs no grid.
 
     Args:
-        time: (n,) increasing stamps, s.
-        x: (n,).
+        time: (n,) increasing time stamps, s.
+        x: (n,) positions.
         dt: grid step, s.
-        exact: the positions have no noise.
+        exact: whether the positions have no noise.
         spread: variance of the stamps over which each position was averaged, s^2; see `Run.spread`.
     """
-    if len(time) < ORDER + 2:
-        raise InputError(f"a recorded motion has {len(time)} samples: {ORDER + 2} or more are needed")
+    if len(time) < WHITTAKER_ORDER + 2:
+        raise InputError(f"a recorded motion has {len(time)} samples: {WHITTAKER_ORDER + 2} or more are needed")
     grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
     if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
         motion = np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
     else:
         smooth = x if exact else penalised(x, best_strength(x))
         motion = np.vstack([smooth, *differentiated(smooth, dt)])
-    if spread > 0.0:  # the mean of what bends lies inside the bend
+    if spread > 0.0:  # the mean of a curved stretch lies inside the curve
         jerk = slope(motion[2], dt)
         motion = motion - spread / 2.0 * np.vstack([motion[2], jerk, slope(jerk, dt)])
     return motion
@@ -56,8 +56,8 @@ def smoothed_motion(
 def _off_grid(
     time: np.ndarray, x: np.ndarray, grid: np.ndarray, *, exact: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(K,) position, velocity and acceleration at `grid`, from positions at any stamps."""
-    if exact or len(time) < FEWEST:
+    """(3, K) position, velocity and acceleration at `grid`, (K,), from positions at any stamps."""
+    if exact or len(time) < MIN_SMOOTHED_SAMPLES:
         spline = make_interp_spline(time, x, 5)
         return spline(grid), spline(grid, 1), spline(grid, 2)
     curve = smoothed(time, x, best_smoothing(time, x))
@@ -65,7 +65,7 @@ def _off_grid(
 
 
 def grid_size(start: float, end: float, dt: float) -> int:
-    """Nodes of a uniform grid that covers [start, end]."""
+    """Number of nodes of a uniform grid that covers [start, end]."""
     return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
 
 
@@ -82,27 +82,27 @@ def halfway(motion: np.ndarray, dt: float) -> np.ndarray:
 
 
 def best_strength(y: np.ndarray) -> float:
-    """The strength of least generalised cross-validation error, n |r|^2 / (n - tr H)^2 (Craven & Wahba 1979).
+    """The smoothing strength with the least generalised cross-validation error (Craven & Wahba 1979).
 
-    It needs no noise level: asking for a residual of the size of a stated noise does not smooth at all where the
-    statement is 30 % too low. The trace of the smoother H is that of the periodic one, with eigenvalues
-    1/(1 + lambda (2 sin(w/2))^8).
+    The error is n |r|^2 / (n - tr H)^2. It needs no noise level: requiring a residual of the size of a stated noise
+    does not smooth at all where the statement is 30 % too low. The trace of the smoother H is that of the periodic one,
+    with eigenvalues 1/(1 + lambda (2 sin(w/2))^8).
     """
     n = len(y)
-    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * ORDER)
+    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * WHITTAKER_ORDER)
 
     def validation_error(strength: float) -> float:
         residual = y - penalised(y, strength)
         return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
 
-    best = 4 * int(np.argmin([validation_error(strength) for strength in SEARCH[::4]]))
-    near = SEARCH[max(0, best - 3) : best + 4]
+    best = 4 * int(np.argmin([validation_error(strength) for strength in STRENGTHS_TRIED[::4]]))
+    near = STRENGTHS_TRIED[max(0, best - 3) : best + 4]
     return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
 
 
 def penalised(y: np.ndarray, strength: float) -> np.ndarray:
     """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
-    bands = strength * difference_penalty(len(y), ORDER, ORDER + 1)
+    bands = strength * difference_penalty(len(y), WHITTAKER_ORDER, WHITTAKER_ORDER + 1)
     bands[0] += 1.0
     return solveh_banded(bands, y, lower=True, check_finite=False)
 
@@ -115,7 +115,7 @@ def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slope(x: np.ndarray, dt: float) -> np.ndarray:
-    """First derivative of even samples, or of columns of them; see `differentiated`, but also for fewer than five."""
+    """First derivative of even samples, or of columns of them, as `differentiated`, but also for fewer than five."""
     return differentiated(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
 
 
@@ -127,24 +127,24 @@ def _extrapolated(near: np.ndarray) -> np.ndarray:
     return np.array([first, second])
 
 
-ALIKE = 1.5
-"""Factor by which a coarse sensor's steps differ at most: where they are not all its resolution, one is twice that."""
-FINEST_GRID, COARSEST_GRID = 0.005, 0.01
-"""s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
+MAX_STEP_RATIO = 1.5
+"""Largest ratio of a coarse sensor's steps: where they are not all its resolution, one is twice that."""
+MIN_GRID_STEP, MAX_GRID_STEP = 0.005, 0.01
+"""Grid steps, s; at 0.01 s a Runge-Kutta step of a 0.15 m pendulum is exact to 1e-7."""
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """What drives a simulation, on an even grid of K nodes.
+    """Inputs of a simulation on an even grid of K nodes.
 
     Attributes:
         start: time of the first node, s.
         dt: grid step, s.
         nodes: (i, K) inputs at the nodes.
         middle: (i, K-1) inputs halfway between.
-        by_lag: derivatives of both by a lag with which the inputs trail what was recorded; None where they do not.
+        by_lag: derivatives of both by a lag of the inputs behind the recording; None where they have no lag.
         extra: further recorded quantities by name, see `Run.extra`.
-        ends: (i, K-1) inputs at the end of each step, where they may jump at the nodes; None where none does.
+        ends: (i, K-1) inputs at the end of each step, where they may jump at the nodes; None where no input jumps.
     """
 
     start: float
@@ -157,13 +157,13 @@ class Path:
 
     @property
     def time(self) -> np.ndarray:
-        """(K,) s."""
+        """(K,) times of the nodes, s."""
         return np.asarray(self.start + self.dt * np.arange(self.nodes.shape[1]))
 
     def rows(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first `count` inputs at the nodes, halfway between and at the steps' ends, then their derivatives by lag.
+        """The first `count` inputs at the nodes, halfway between, at the steps' ends; then their derivatives by lag.
 
-        At a node they are what they are after it.
+        Where an input jumps at a node, the value after the jump is used.
         """
         nodes, middle = self.nodes[:count], self.middle[:count]
         if self.by_lag is not None:
@@ -172,14 +172,14 @@ class Path:
         return nodes, middle, nodes[:, 1:] if self.ends is None else self.ends[:count]
 
     def part(self, first: int, last: int | None = None) -> "Path":
-        """The path from one node to another one, its end where none is given."""
+        """The part of the path from one node to another, by default to its end."""
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         ends = None if self.ends is None else self.ends[:, middle]
         return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut, ends=ends)
 
     def with_columns(self, columns: Sequence[RecordedColumn]) -> "Path":
-        """The path with these further quantities as its last inputs; they do not trail."""
+        """The path with further quantities as its last inputs, which have no lag."""
         if not columns:
             return self
         between = self.time[:-1] + self.dt / 2
@@ -198,13 +198,13 @@ def recorded_inputs(
 ) -> Path:
     """Time since the start of a run, then value, rate and acceleration of each input.
 
-    It begins where the outputs do and ends where an input ends; without inputs it covers the outputs.
+    The grid starts with the outputs and ends where an input ends; without inputs it covers the outputs.
 
     Args:
-        run: with the channels.
+        run: the run with the channels.
         inputs: names of the channels that drive the motion.
-        held: those of them that keep their value until the next sample; so does what `moves_in_steps`.
-        outputs: names of those that are predicted, as far as the run has them.
+        held: inputs that keep their value until the next sample; so does an input that `moves_in_steps`.
+        outputs: names of the predicted channels, as far as the run has them.
         step: longest grid step, s.
 
     Raises:
@@ -218,10 +218,10 @@ def recorded_inputs(
     else:
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
-    dt = min(step, max(interval, FINEST_GRID / COARSEST_GRID * step))
+    dt = min(step, max(interval, MIN_GRID_STEP / MAX_GRID_STEP * step))
     steady = [name for name, channel in driving.items() if name in held or moves_in_steps(channel)]
     for every in (float(np.median(np.diff(driving[name].time))) for name in steady):
-        dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # a motion bends where a command steps
+        dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # the motion has a kink where a command steps
     if not end > start + 4 * dt:
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))
@@ -249,18 +249,18 @@ def recorded_inputs(
 
 
 def moves_in_steps(channel: Channel) -> bool:
-    """Whether a signal stands still, but for single jumps of unlike sizes: nothing that is measured does.
+    """Whether a signal is constant except for single jumps of unequal sizes; no measured signal is.
 
-    The steps of a coarse sensor that hardly moves are all of its resolution.
+    The steps of a coarse sensor that hardly moves all have the size of its resolution.
     """
     jumps = np.diff(channel.value)
     there = jumps != 0.0
     sizes = np.abs(jumps[there])
-    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > ALIKE * sizes.min())
+    return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_STEP_RATIO * sizes.min())
 
 
 def mean_held(channel: Channel, grid: np.ndarray) -> np.ndarray:
-    """(K-1,) mean between the nodes (K,) of a signal that keeps its value until the next sample."""
+    """(K-1,) mean, between the nodes (K,), of a signal that keeps its value until the next sample."""
     time = np.append(channel.time, max(channel.time[-1], grid[-1]) + 1.0)
     sums = np.concatenate([[0.0], np.cumsum(channel.value * np.diff(time))])
     return np.asarray(np.diff(np.interp(grid, time, sums)) / np.diff(grid))

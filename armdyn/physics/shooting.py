@@ -1,4 +1,4 @@
-"""Many short simulations at once, each from a state of its own: multiple shooting (Bock & Plitt, IFAC 1984)."""
+"""Many short simulations at once, each from its own start state: multiple shooting (Bock & Plitt, IFAC 1984)."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -9,22 +9,22 @@ import numpy as np
 
 from armdyn.codegen import Buffered
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import SHORT, Simulator, System
+from armdyn.physics.simulate import STEPS_PER_BLOCK, Simulator, System
 
-TOGETHER = 64
-"""Pieces per compiled call, at most."""
+PIECES_PER_CALL = 64
+"""Largest number of pieces per compiled call."""
 
 
 class Shots(NamedTuple):
-    """J pieces over K nodes; n states, c outputs, q parameters of the equations. A shared node is the later piece's.
+    """J pieces over K nodes; n states, c outputs, q parameters. A shared node belongs to the later piece.
 
     Attributes:
         ends: (J, n) states at the ends.
         transition: (J, n, n) derivative of `ends` by the states at the beginnings.
         by_theta: (J, n, q) derivative of `ends` by the parameters.
-        outputs: (K, c), before impulse, lag, delay and sampling; see `Simulator.integrated`.
+        outputs: (K, c) outputs before impulse, lag, delay and sampling; see `Simulator.integrated`.
         by_state: (K, c, n) derivative by the state at the beginning of the piece.
-        outputs_by_theta: (K, c, q).
+        outputs_by_theta: (K, c, q) derivatives by the parameters.
     """
 
     ends: np.ndarray
@@ -41,10 +41,10 @@ class Shooting:
     Args:
         system: the equations.
         name: identifier of the composition, for the cache of compiled code.
-        channels: the outputs that are wanted.
+        channels: the wanted outputs.
 
     Attributes:
-        simulator: of one piece, which begins anywhere, with derivatives by the whole state.
+        simulator: simulator of one piece from any state, with derivatives by the whole state.
     """
 
     def __init__(self, system: System, name: str, channels: tuple[str, ...]) -> None:
@@ -57,19 +57,19 @@ class Shooting:
         self._together: dict[int, Buffered] = {}
 
     def _steps(self, pieces: int) -> Buffered:
-        """The compiled steps of so many pieces."""
+        """The compiled steps for a number of pieces."""
         if pieces not in self._together:
             self._together[pieces] = Buffered(self.simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
         return self._together[pieces]
 
     def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
-        """Simulate from each edge to the next.
+        """Simulate each piece from its edge to the next.
 
         Args:
-            path: what drives the motion.
+            path: inputs of the motion.
             edges: (J + 1,) nodes of the path at which pieces begin and end.
-            theta: (q,) in the order of the system's names.
-            states: (J, n) at the beginnings.
+            theta: (q,) parameters in the order of the system's names.
+            states: (J, n) states at the beginnings.
         """
         s = self.simulator
         J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
@@ -79,24 +79,26 @@ class Shooting:
         outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
         steps = np.diff(edges)
         begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
-        for first in range(0, J, TOGETHER):
-            these = slice(first, min(first + TOGETHER, J))
+        for first in range(0, J, PIECES_PER_CALL):
+            these = slice(first, min(first + PIECES_PER_CALL, J))
             size = these.stop - first
             at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
-            shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end is nobody else's
+            shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end belongs to no other piece
             state, sensitivity = states[these].T, np.tile(begin, size)
-            for done in range(0, int(shown.max()), SHORT):
-                step = done + np.arange(SHORT)
+            for done in range(0, int(shown.max()), STEPS_PER_BLOCK):
+                step = done + np.arange(STEPS_PER_BLOCK)
                 node = at[:, None] + step
                 here = np.minimum(node, nodes.shape[1] - 1)
                 now = np.minimum(here, middle.shape[1] - 1)
-                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(-1, size * SHORT)
+                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(
+                    -1, size * STEPS_PER_BLOCK
+                )
                 moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
                 state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
                 kept = step < shown[:, None]
                 target = (node - edges[0])[kept]
-                outputs[target] = y.T.reshape(size, SHORT, c)[kept]
-                by = dy.T.reshape(size, SHORT, m, c)[kept]
+                outputs[target] = y.T.reshape(size, STEPS_PER_BLOCK, c)[kept]
+                by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
                 sensitivities[target] = by.transpose(0, 2, 1)
             ends[these] = state.T
             slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
@@ -106,5 +108,5 @@ class Shooting:
 
 @lru_cache(maxsize=64)
 def shooting(system: System, name: str, channels: tuple[str, ...]) -> Shooting:
-    """The pieces of a system; kept, since compiling takes long."""
+    """The shooting of a system; cached, because compiling takes long."""
     return Shooting(system, name, channels)

@@ -15,9 +15,9 @@ from armdyn.physics.recorded import Path, slope
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 
-SHORT = 16
-"""Steps that are compiled together: pieces of a motion are short."""
-BLOCK = 8 * SHORT
+STEPS_PER_BLOCK = 16
+"""Number of steps that are compiled together; pieces of a motion are short."""
+STEPS_PER_CALL = 8 * STEPS_PER_BLOCK
 """Steps per call; a run of any length is a sequence of blocks, the last one cut."""
 
 
@@ -26,20 +26,20 @@ class System:
     """Continuous equations in states s, inputs w and parameters theta, as the simulator needs them.
 
     Attributes:
-        names: parameters in the order of theta.
-        states: size of s.
-        starts: number of values that say how the motion begins.
-        inputs: size of w.
-        columns: further recorded quantities that effects read, the last of w.
+        names: names of the parameters in the order of theta.
+        states: number of states s.
+        starts: number of start values of the motion.
+        inputs: number of inputs w.
+        columns: further recorded quantities that effects read, the last ones of w.
         outputs: names of the rows of `output`.
-        derivative: ``(s, w, theta) -> (states,)``, without dry friction.
-        output: ``(s, w, theta) -> (outputs,)``, and the impulse where there is one.
-        initial: ``(start, ..., w, theta) -> s``, one argument for each of `starts`.
-        sensors: by output, what reads it.
-        impulse_adds_to: the output to which the time derivative of one row more is added; None where there is none.
-        impulse_rings: what vibration that row passes first; None where it does not.
-        input_lag: ``theta -> ()`` time by which the inputs trail what was recorded, s; None where they do not.
-        dry: friction that also holds what stands still; None where there is none.
+        derivative: ``(s, w, theta) -> (states,)`` rates of the states, without dry friction.
+        output: ``(s, w, theta) -> (outputs,)`` outputs, followed by the impulse where there is one.
+        initial: ``(start, ..., w, theta) -> s`` start state, with one argument for each of `starts`.
+        sensors: by output, its sensor.
+        impulse_adds_to: output to which the time derivative of the impulse is added; None where there is no impulse.
+        impulse_rings: vibration that the impulse passes first; None where there is none.
+        input_lag: ``theta -> ()`` lag of the inputs behind the recording, s; None where they have none.
+        dry: dry friction, which also holds a load at rest; None where there is none.
     """
 
     names: tuple[str, ...]
@@ -62,10 +62,10 @@ class Rollout(NamedTuple):
     """A simulated run; derivatives are with respect to theta and the values at the start, m of them.
 
     Attributes:
-        states: (K, n).
-        state_sensitivities: (n, m) of the last state.
-        outputs: (K, c) one column per channel of the simulator, before lag, delay and sampling.
-        sensitivities: (K, c, m) of the outputs.
+        states: (K, n) states.
+        state_sensitivities: (n, m) derivatives of the last state.
+        outputs: (K, c) outputs, one column per channel of the simulator, before lag, delay and sampling.
+        sensitivities: (K, c, m) derivatives of the outputs.
     """
 
     states: np.ndarray
@@ -75,7 +75,7 @@ class Rollout(NamedTuple):
 
 
 def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-    """The outputs of a system without states, which is algebra at every node; for the arguments see `Simulator`."""
+    """The outputs of a system without states, which is algebraic at every node; for the arguments see `Simulator`."""
     nodes, _, _ = path.rows(system.inputs)
     at, K = _algebra(system), nodes.shape[1]
     values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
@@ -96,12 +96,12 @@ class Simulator:
     Args:
         dynamics: the equations.
         name: identifier of the composition, for the cache of compiled code.
-        channels: the outputs that are wanted, all when not given; fewer are faster.
+        channels: the wanted outputs; None means all. Fewer are faster.
 
     Attributes:
         active: columns of (theta, start) on which the motion depends.
-        columns: number of outputs, with the impulse.
-        steps: `SHORT` of them, ``(state, derivatives by active, inputs, steps in s, theta) -> (state, derivatives,
+        columns: number of outputs, including the impulse.
+        steps: a block of steps, ``(state, derivatives by active, inputs, steps in s, theta) -> (state, derivatives,
             states before each step, outputs, their derivatives)``.
     """
 
@@ -113,46 +113,46 @@ class Simulator:
         self._impulse = dynamics.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
         rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        steps = _repeated(_step(dynamics, self.active, rows), "steps", SHORT)
+        steps = _repeated(_step(dynamics, self.active, rows), "steps", STEPS_PER_BLOCK)
         self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
         self._start = Buffered(_start(dynamics, self.active))
-        self._advance = Buffered(_repeated(self.steps, "block", BLOCK // SHORT))
+        self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
 
         Args:
-            path: on its grid of K nodes; where the inputs trail, it also holds their derivatives by the lag.
-            theta: (p,) in the order of the system's names.
-            start: values at the first node; those that are not given are 0.
+            path: inputs on a grid of K nodes, with their derivatives by the lag where they have one.
+            theta: (p,) parameters in the order of the system's names.
+            start: start values at the first node; missing ones are 0.
         """
         found = self.integrated(path, theta, *start)
         outputs, sensitivities = self.with_impulse(found.outputs, found.sensitivities, theta, path.dt)
         return found._replace(outputs=outputs, sensitivities=sensitivities)
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
-        """As `rollout`; the impulse, where there is one, is a last output, since its slope needs neighbours."""
+        """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
         nodes, middle, ends = path.rows(self._dynamics.inputs)
         rows, starts = len(nodes), self._dynamics.starts
         K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // BLOCK) * BLOCK
+        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
         inputs = np.zeros((3 * rows, padded))
         inputs[:rows, :K] = nodes
         inputs[rows : 2 * rows, : K - 1] = middle
         inputs[2 * rows :, : K - 1] = ends
-        step = np.zeros((1, padded))  # zero beyond the end: there the state stays
+        step = np.zeros((1, padded))  # zero beyond the end, where the state is constant
         step[0, : K - 1] = path.dt
         columns = self.columns
         states = np.empty((padded, n))
         outputs = np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
-        for first in range(0, padded, BLOCK):
-            block = slice(first, first + BLOCK)
+        for first in range(0, padded, STEPS_PER_CALL):
+            block = slice(first, first + STEPS_PER_CALL)
             along = inputs[:, block], step[:, block], theta
             state, sensitivity, before, y, dy = self._advance(state, sensitivity, *along)
             states[block], outputs[block] = before.T, y.T
-            sensitivities[block] = dy.T.reshape(BLOCK, m, columns)
+            sensitivities[block] = dy.T.reshape(STEPS_PER_CALL, m, columns)
         last = np.zeros((n, m))
         last[:, self.active] = sensitivity
         return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
@@ -160,7 +160,7 @@ class Simulator:
     def with_impulse(
         self, outputs: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs (K, c) and derivatives (K, c, m) of `integrated`, with the impulse's time derivative in the force."""
+        """Outputs (K, c) and derivatives (K, c, m) of `integrated`, with the impulse's derivative in the force."""
         if not self._impulse:
             return outputs, by_theta
         force = self.channels.index(str(self._dynamics.impulse_adds_to))
@@ -177,8 +177,8 @@ def _step(system: System, active: list[int], rows: list[int]) -> ca.Function:
     """One step, with the outputs before it and their derivatives; see `Simulator.steps`.
 
     The derivatives S of the state obey the integrator's own chain rule, stage by stage, and only for the columns in
-    `active`: a parameter of a sensor never moves the load. Where the inputs trail, they are followed by their
-    derivatives with respect to the lag.
+    `active`: a parameter of a sensor never moves the load. Where the inputs have a lag, their derivatives by it follow
+    them.
     """
     parameters, n, width = len(system.names), system.states, _width(system)
     s, S, w = ca.SX.sym("s", n), ca.SX.sym("S", n, len(active)), ca.SX.sym("w", 3 * width)
@@ -186,7 +186,7 @@ def _step(system: System, active: list[int], rows: list[int]) -> ca.Function:
     here, middle, there = ca.vertsplit(w, width)
 
     def with_derivatives(function: Callable[..., Expression], states: int, moments: int) -> Callable[..., Expression]:
-        """A function of states, inputs, theta and a number, of states with S beside them."""
+        """Turn a function of states, inputs, theta and a number into one of states with S appended."""
         points = [ca.SX.sym(f"s{k}", n) for k in range(states)]
         given, number = [ca.SX.sym(f"w{k}", width) for k in range(moments)], ca.SX.sym("number")
         value = function(*points, *(moment[: system.inputs] for moment in given), theta, number)
@@ -211,7 +211,7 @@ def _step(system: System, active: list[int], rows: list[int]) -> ca.Function:
 
 
 def _repeated(steps: ca.Function, name: str, times: int) -> ca.Function:
-    """Steps after steps; see `Simulator.steps`."""
+    """A block of repeated steps; see `Simulator.steps`."""
     s, S, w, dt, theta = (ca.MX.sym("given", *steps.size_in(i)) for i in range(5))
     w, dt = (ca.MX.sym("given", each.size1(), times * each.size2()) for each in (w, dt))
     after, sensitivity, *outputs = steps.mapaccum("over", times, 2)(s, S, w, dt, ca.repmat(theta, 1, times))
@@ -230,11 +230,11 @@ def advanced(
 
     Args:
         system: the equations.
-        z: (n, ...) the state at the start of the step in the first column.
-        inputs: at its start, halfway and at its end.
+        z: (n, ...) state at the start of the step in the first column.
+        inputs: inputs at the start of the step, halfway and at its end.
         theta: parameters.
-        dt: its length, s.
-        lifted: makes a function of so many states and inputs, theta and a number one of what z holds beside the state.
+        dt: length of the step, s.
+        lifted: turns a function of states, inputs, theta and a number into one of all columns of z.
     """
     (here, _, there), dry = inputs, system.dry
     direction = 0 if dry is None else dry.direction(z[:, 0], here[: system.inputs], theta, dt)
@@ -255,10 +255,10 @@ def runge_kutta(
     """One step of the classical Runge-Kutta method.
 
     Args:
-        rate: of z, with the inputs of the moment.
-        z: at the start of the step.
-        inputs: at its start, halfway and at its end.
-        dt: its length, s.
+        rate: rate of z, as a function of z and the inputs.
+        z: value at the start of the step.
+        inputs: inputs at the start of the step, halfway and at its end.
+        dt: length of the step, s.
     """
     here, middle, there = inputs
     total, stage = 0, z
@@ -269,25 +269,25 @@ def runge_kutta(
 
 
 def _rates(system: System, s: Expression, w: Expression, theta: Expression, direction: Expression) -> Expression:
-    """Rates of the states where dry friction acts against a sliding in `direction`."""
+    """Rates of the states, with dry friction against a sliding in `direction`."""
     rate = system.derivative(s, w, theta)
     return rate if system.dry is None else system.dry.slowed(rate, direction, s, w, theta)
 
 
 def _rates_at_rest(system: System, dry: DryFriction, s: Expression, w: Expression, theta: Expression) -> Expression:
-    """Rates of the states that go on where dry friction holds what slides; 0 for the others."""
+    """Rates of the states that change while dry friction holds the load; 0 for the others."""
     rate = system.derivative(dry.at_rest(s, w, theta), w, theta)
     rate[: MOMENTUM + 1] = 0
     return rate
 
 
 def _width(system: System) -> int:
-    """Number of inputs, with their derivatives by a lag where they trail."""
+    """Number of inputs, with their derivatives by a lag where they have one."""
     return system.inputs * (1 if system.input_lag is None else 2)
 
 
 def _by_theta(expression: Expression, theta: Expression, dynamics: System, *given: Expression) -> Expression:
-    """Derivative with respect to theta, through trailing inputs as well."""
+    """Derivative with respect to theta, including the dependence through lagged inputs."""
     by_theta = ca.jacobian(expression, theta)
     if dynamics.input_lag is None:
         return by_theta
@@ -299,7 +299,7 @@ def _by_theta(expression: Expression, theta: Expression, dynamics: System, *give
 
 
 def _active(dynamics: System) -> list[int]:
-    """Columns of (theta, start) on which the motion depends, not only the readings."""
+    """Columns of (theta, start) on which the motion, and not only the readings, depends."""
     theta, s = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("s", dynamics.states)
     w = ca.SX.sym("w", dynamics.inputs)
     start = ca.vertsplit(ca.SX.sym("start", dynamics.starts)) if dynamics.starts else []
@@ -313,7 +313,7 @@ def _active(dynamics: System) -> list[int]:
 
 
 def _start(dynamics: System, active: list[int]) -> ca.Function:
-    """State at the start and its derivatives."""
+    """State at the start, and its derivatives."""
     start = [ca.SX.sym(f"start{i}") for i in range(dynamics.starts)]
     given = ca.SX.sym("w", _width(dynamics))
     theta = ca.SX.sym("theta", len(dynamics.names))

@@ -1,8 +1,8 @@
-"""How short the steps of an integration must be, whatever a base and its effects hold.
+"""Choose the step of an integration so that it is stable for any base and effects.
 
-An explicit Runge-Kutta step h of order 4 damps what decays at the rate r only where r h < 2.78 (Hairer & Wanner,
-Solving Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg that turns round over 1 mm/s
-decays at 5000/s: at steps of 0.01 s the motion would shake by the friction's impulse for ever where it should rest.
+An explicit Runge-Kutta step h of order 4 damps a decay with rate r only where r h < 2.78 (Hairer & Wanner, Solving
+Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg that reverses over 1 mm/s decays at
+5000/s: with steps of 0.01 s the motion would oscillate by the friction's impulse for ever, instead of resting.
 """
 
 from functools import lru_cache
@@ -14,24 +14,27 @@ from armdyn.effects.effect import Effect
 from armdyn.physics.definition import Physics
 from armdyn.physics.formulation import Formulation, formulated
 
-STABLE = 1.4
-"""Of a step times the fastest rate: half of what is stable, since an effect may be twice its typical size."""
-FINEST = 50.0
-"""Times that steps are made shorter at most: what is still faster needs a smoother law."""
-MOST = 729
-"""Combinations of states that are looked at, at and to both sides of where each begins; single ones where more."""
+STABLE_STEP_RATE = 1.4
+"""Step times the fastest rate: half of the stable limit, since an effect may be twice its typical size."""
+MAX_STEP_DIVISION = 50.0
+"""Largest factor by which steps are shortened; a faster motion needs a smoother law."""
+MAX_STATE_COMBINATIONS = 729
+"""Number of combinations of states that are evaluated, at their start and to both sides; above it single states are
+varied."""
 
 
 @lru_cache(maxsize=512)
 def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
-    """Step with which a physics is integrated, s: that which it declares, or a stable one; each effect on by itself."""
+    """Step with which a physics is integrated, s: the declared one, or a stable one with each effect added alone."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
-    return max(min(physics.step, STABLE / fastest if fastest > 0.0 else np.inf), physics.step / FINEST)
+    return max(
+        min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION
+    )
 
 
 @lru_cache(maxsize=512)
 def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
-    """Largest rate, 1/s, at which anything decays or swings near where the states begin; 0 without states."""
+    """Largest rate, 1/s, of decay or oscillation near the start of the states; 0 without states."""
     bare = formulated(physics, (), tuple(p.name for p in physics.parameters))
     sizes = {p.name: p.value for p in physics.parameters}
     for one in effects:
@@ -46,7 +49,7 @@ def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
 
 def _largest_rate(system: Formulation, physics: Physics, theta: np.ndarray) -> float:
     starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0]) for p in physics.states.values()]
-    if 3 ** len(starts) <= MOST:
+    if 3 ** len(starts) <= MAX_STATE_COMBINATIONS:
         points = np.array(list(product(*starts)))
     else:
         middle = np.array([each[0] for each in starts])

@@ -1,4 +1,4 @@
-"""A base of the user's own, from a Python file that defines it with `@physics`."""
+"""A user's own base, from a Python file that defines it with `@physics`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,17 +14,17 @@ KEYS = ()
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PhysicsModel, dict[str, Any]]:
-    """The model of a file whose base is the path of a Python file, from the model file's own folder."""
+    """The model of a file whose base is a path to a Python file, relative to the model file's folder."""
     return load_base(folder / table["base"]), {}
 
 
 def load_base(path: str | Path) -> PhysicsModel:
-    """The model that a file defines: its physics, without effects, and the effects that come with it.
+    """Load the model that a file defines: its physics, without effects, and the effects that come with it.
 
-    The file is run as Python: it may do whatever a Python program may.
+    The file is run as Python: it may do anything that a Python program may do.
 
     Raises:
-        InputError: it cannot be read or run, defines no physics or several, or one that cannot be used.
+        InputError: the file cannot be read or run, or it does not define exactly one usable physics.
     """
     path = Path(path)
     rehearse(path, lambda: _load(path))

@@ -1,11 +1,11 @@
-r"""A vibration that a signal passes: y'' + 2 z w y' + w^2 y = w^2 u, exact for what is linear between even samples.
+r"""A damped vibration that a signal passes, y'' + 2 z w y' + w^2 y = w^2 u, exact for piecewise linear u.
 
-Between two samples y is u - 2 z s/w, s the slope of u, and a decaying oscillation. Two steps of that give a recursion
+Between two samples y is u - 2 z s/w, with s the slope of u, plus a decaying oscillation. Two steps give a recursion
 
     y_k + a1 y_{k-1} + a2 y_{k-2} = b0 u_k + b1 u_{k-1} + b2 u_{k-2}
 
 (Franklin, Powell & Workman, Digital Control, 3rd ed., §6.3, first-order hold). A vibration that is too fast for the
-samples is left out: there y = u, and in between the two are mixed, so that y has derivatives everywhere.
+samples is left out: there y = u, and in between the two are blended, so that y has derivatives everywhere.
 """
 
 import casadi as ca
@@ -13,17 +13,18 @@ import numpy as np
 
 from armdyn.physics.definition import Expression
 
-SLOW, FAST = 1.5, 3.0
-"""Radians per sample up to which a vibration is followed, and from which on it is left out; pi is Nyquist's limit."""
-FINEST = 1.0 / 200.0
-"""Of a sample; added in quadrature to the time 1/w, so that derivatives exist where there is no vibration."""
+SIMULATED_FREQUENCY, IGNORED_FREQUENCY = 1.5, 3.0
+"""Frequencies, in radians per sample, up to which a vibration is simulated, and from which it is left out; pi is
+Nyquist's limit."""
+MIN_VIBRATION_SAMPLES = 1.0 / 200.0
+"""Time, in samples, that is added in quadrature to 1/w, so that derivatives exist where there is no vibration."""
 
 
 class Vibration:
-    """What a damped oscillator makes of a sampled signal that drives it, with exact derivatives by its parameters.
+    """Response of a damped oscillator to a sampled signal, with exact derivatives by its parameters.
 
     Args:
-        settings: ``theta -> (2,)``, 1/w^2 in s^2 and the damping ratio z < 1.
+        settings: function ``theta -> (2,)`` that gives 1/w^2 in s^2 and the damping ratio z < 1.
     """
 
     def __init__(self, settings: ca.Function) -> None:
@@ -39,16 +40,16 @@ class Vibration:
     def passed(
         self, signal: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The signal after the vibration, which is at rest at first.
+        """The signal after the vibration, which starts at rest.
 
         Args:
-            signal: (K,) at even times.
-            by_theta: (K, m) its derivatives, by theta first.
-            theta: (p,) in the order of the settings.
-            dt: between the samples, s.
+            signal: (K,) samples at even times.
+            by_theta: (K, m) derivatives of the signal, those by theta first.
+            theta: (p,) parameters in the order of the settings.
+            dt: interval between the samples, s.
 
         Returns:
-            (K,) and (K, m).
+            (K,) response and (K, m) its derivatives.
         """
         from scipy.signal import lfilter  # brings scipy.stats, half a second, and few sensors vibrate
 
@@ -63,7 +64,7 @@ class Vibration:
         return after[:, 0], after[:, 1:]
 
     def adjoint(self, weights: np.ndarray, theta: np.ndarray, dt: float) -> np.ndarray:
-        """(K,) weights of the signal that give the same sum as (K,) `weights` of what it becomes."""
+        """(K,) weights of the signal that give the same sum as (K,) `weights` of the response."""
         from scipy.signal import lfilter
 
         b, a, *_ = self._numbers(np.asarray(self._settings(theta)[0]), dt)
@@ -72,17 +73,17 @@ class Vibration:
         return np.asarray(earlier)
 
     def _numbers(self, settings: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(3,) b and a, and their derivatives by 1/w^2 and z, (3, 2) and (2, 2)."""
+        """(3,) coefficients b and a, and their derivatives by 1/w^2 and z, (3, 2) and (2, 2)."""
         numbers, slopes = (np.asarray(x) for x in self._recursion(*settings.ravel(), dt))
         return numbers[:3, 0], np.append(1.0, numbers[3:, 0]), slopes[:3], slopes[3:]
 
 
 def _recursion(square: Expression, damping: Expression, dt: Expression) -> Expression:
-    """(5,) b0, b1, b2, a1, a2."""
-    w = 1 / ca.sqrt(square + (FINEST * dt) ** 2)
+    """(5,) coefficients b0, b1, b2, a1, a2."""
+    w = 1 / ca.sqrt(square + (MIN_VIBRATION_SAMPLES * dt) ** 2)
     decay, turn = damping * w, w * ca.sqrt(1 - damping**2)
     size, cos, sin = ca.exp(-decay * dt), ca.cos(turn * dt), ca.sin(turn * dt)
-    # (y, y') minus its course without oscillation, one step on
+    # (y, y') without the non-oscillating part, one step on
     M = size * ca.blockcat([[cos + decay / turn * sin, sin / turn], [-(w**2) * sin / turn, cos - decay / turn * sin]])
     lag = 2 * damping / w
     slope = ca.DM([[-1.0, 1.0]]) / dt  # of u, from u_k and u_{k+1}
@@ -91,7 +92,7 @@ def _recursion(square: Expression, damping: Expression, dt: Expression) -> Expre
     N = end - M @ begin
     a1, a2 = -(M[0, 0] + M[1, 1]), size**2
     b = (N[0, 1], N[0, 0] - M[1, 1] * N[0, 1] + M[0, 1] * N[1, 1], M[0, 1] * N[1, 0] - M[1, 1] * N[0, 0])
-    beyond = ca.fmin(ca.fmax((w * dt - SLOW) / (FAST - SLOW), 0), 1)
+    beyond = ca.fmin(ca.fmax((w * dt - SIMULATED_FREQUENCY) / (IGNORED_FREQUENCY - SIMULATED_FREQUENCY), 0), 1)
     left_out = beyond**2 * (3 - 2 * beyond)
     mixed = [(1 - left_out) * numerator + left_out * same for numerator, same in zip(b, (1, a1, a2), strict=True)]
     return ca.vertcat(*mixed, a1, a2)

@@ -1,4 +1,4 @@
-"""Bytes of a file from outside: never more of them than fit, no device that never ends."""
+"""Read the bytes of an outside file with a limit on their number, also from a device that never ends."""
 
 from pathlib import Path
 
@@ -7,14 +7,14 @@ from urdf.bounds import LARGEST_RECORDING
 
 
 def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
-    """The content of a file or pipe.
+    """Read the content of a file or pipe.
 
-    Args:
+    path: the file or pipe.
         path: of the file.
-        largest: number of bytes beyond which it is refused, before more of it is read.
+        largest: largest number of bytes; a larger file is refused before more of it is read.
 
     Raises:
-        InputError: it is absent, a directory, unreadable or too large.
+        InputError: the file is absent, a directory, unreadable or too large.
     """
     try:
         with path.open("rb") as file:

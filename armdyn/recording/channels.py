@@ -1,4 +1,4 @@
-"""The channels of a recording: their names, their units and what a sane value is."""
+"""The channels of a recording: their names, their units and their plausible sizes."""
 
 import re
 from collections.abc import Iterable
@@ -17,12 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChannelKind:
-    """What a channel means.
+    """Meaning of a channel.
 
     Attributes:
-        units: SI units it may have inside; joints turn or slide, so theirs have two.
-        measured: True where a model predicts it.
-        held: True where it keeps its value until the next stamp.
+        units: SI units that its values may have; a joint channel has two, for revolute and prismatic joints.
+        measured: True where a model predicts the channel.
+        held: True where each value holds until the next stamp.
     """
 
     units: tuple[str, ...]
@@ -66,33 +66,33 @@ LARGEST = {
 }
 """Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
 LARGEST_OF_OTHERS = 1e15
-"""In units that are not among them: a frequency of light, in Hz, is the largest that anybody records."""
+"""Largest plausible size in any other unit: a frequency of light, in Hz, is the largest that anybody records."""
 FURTHER = "extra"
-"""Before the dot, of a column that holds any further quantity, such as ``extra.temperature``."""
+"""Prefix, before the dot, of a column with any further quantity, such as ``extra.temperature``."""
 FURTHER_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
 MIN_SAMPLES = 10
-"""Fewer samples than this cannot tell a model from its noise."""
+"""Least number of samples that can distinguish a model from its noise."""
 
 
 def in_contract(name: str) -> bool:
-    """True where `name` is the name of a channel."""
+    """Whether `name` is the name of a channel in the contract."""
     quantity, dot, joint = name.partition(".")
     return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
 
 
 def is_auxiliary(name: str) -> bool:
-    """True where `name` is that of a further quantity, of any kind, that was recorded beside the channels."""
+    """Whether `name` is the name of a further quantity, of any kind, that was recorded besides the channels."""
     quantity, _, own = name.partition(".")
     return quantity == FURTHER and own.isidentifier()
 
 
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
-    """What the channel `name` means.
+    """The meaning of the channel `name`.
 
     Raises:
-        UnknownNameError: there is no such channel; `where` says what was looked up.
+        UnknownNameError: there is no such channel; `where` names the kind of name in the message.
     """
     quantity, _, joint = name.partition(".")
     if not in_contract(name):
@@ -105,28 +105,28 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
 
 
 def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
-    """SI units that the channel `name`, or ``"time"``, may have inside.
+    """SI units that the values of channel `name`, or of ``"time"``, may have.
 
     Raises:
-        UnknownNameError: there is no such channel; `where` says what was looked up.
+        UnknownNameError: there is no such channel; `where` names the kind of name in the message.
     """
     return ("s",) if name == "time" else channel_kind(name, where).units
 
 
 class Conversion(NamedTuple):
-    """How written values become those of a channel: ``factor * value + zero`` in `unit`, an SI unit."""
+    """Conversion of written values to a channel's: ``factor * value + zero`` in `unit`, an SI unit."""
 
     unit: str
     factor: float = 1.0
     zero: float = 0.0
 
     def __call__(self, value: FloatArray) -> FloatArray:
-        """(n,) written values in `unit`."""
+        """Convert (n,) written values to `unit`."""
         return value if (self.factor, self.zero) == (1.0, 0.0) else value * self.factor + self.zero
 
 
 def channel_unit(name: str, unit: str) -> Conversion:
-    """To the SI unit of the channel `name` when it is written in `unit`; a further quantity may have any.
+    """Conversion from `unit` to the SI unit of the channel `name`; a further quantity may have any unit.
 
     Raises:
         UnknownNameError: there is no such channel.
@@ -145,7 +145,7 @@ def channel_unit(name: str, unit: str) -> Conversion:
             problems.append(error)
     if len(choices) == 1:
         raise problems[0]
-    si_unit(unit)  # an unknown unit has a message of its own
+    si_unit(unit)  # an unknown unit has its own message
     raise InputError(f"'{unit}' is of another kind than {' and '.join(choices)}: write it in one of these")
 
 
@@ -155,11 +155,11 @@ def _valid_names(joint: str) -> Iterable[str]:
 
 
 class SampleError(InputError):
-    """A sample of a size that nothing has.
+    """A sample has an impossible size.
 
     Args:
-        index: of the sample in its channel.
-        said: what is wrong with it.
+        index: index of the sample in its channel.
+        said: the fault in words.
     """
 
     def __init__(self, index: int, said: str) -> None:
@@ -174,8 +174,8 @@ class Channel:
     The arrays are copied once and cannot be written to.
 
     Attributes:
-        time: (n,) s, strictly increasing.
-        value: (n,) in `unit`; no missing samples.
+        time: (n,) time stamps, s, strictly increasing.
+        value: (n,) values in `unit`, without missing samples.
         unit: SI unit.
 
     Raises:
@@ -211,17 +211,18 @@ class Channel:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
-        """The samples of which (n,) is true."""
+        """The samples for which (n,) `which` is True."""
         return Channel(self.time[which], self.value[which], self.unit)
 
     def held(self, time: FloatArray) -> FloatArray:
-        """(n,) values at (n,) times of what holds from its stamp to the next one, as a command does."""
+        """(n,) values at (n,) times of a signal that holds each value until the next stamp, as a command does."""
         return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
 
     def averaged(self, group: int) -> "Channel":
-        """Means of so many samples in a row, those of their stamps included; what is left over at the end is left out.
+        """Average the values and stamps of groups of successive samples; an incomplete last group is left out.
 
-        It shifts nothing in time and lowers white noise by the square root of `group`; see `Run.spread` for what bends.
+        Averaging shifts nothing in time and reduces white noise by the square root of `group`; see `Run.spread` for
+        curved signals.
         """
         n = len(self) // group * group
         time, value = (a[:n].reshape(-1, group).mean(axis=1) for a in (self.time, self.value))
@@ -230,13 +231,13 @@ class Channel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reading(Channel):
-    """A torque that a drive gave by its own error: unlike a torque sensor's, it holds what smoothed positions lost.
+    """A torque estimated from a drive's own position error; it lacks what the smoothing of positions removes.
 
-    So it is compared within the positions' band only, with the noise that differentiated positions bring.
+    It is therefore compared only within the positions' band, with the noise of differentiated positions.
 
     Attributes:
-        off: standard deviation by which the whole of it may be off, as the drive's gain and delay are known, in `unit`.
-        told: (5, n) what the drive was told at the stamps, as `armdyn.arm.physics.Told` has it.
+        off: standard deviation of a common error, in `unit`, from the uncertainty of the drive's gain and delay.
+        told: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.Told`.
     """
 
     off: float = 0.0
@@ -246,16 +247,16 @@ class Reading(Channel):
         return Reading, (self.time, self.value, self.unit, self.off, self.told)
 
     def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
-        """See `Channel.kept`."""
+        """The samples for which (n,) `which` is True; see `Channel.kept`."""
         told = self.told[:, which] if len(self.told) else self.told
         return replace(self, time=self.time[which], value=self.value[which], told=told)
 
 
 def check_clock(time: FloatArray) -> None:
-    """Refuse stamps that are not one increasing row.
+    """Refuse time stamps that do not increase.
 
     Raises:
-        InputError: names the first sample that is wrong.
+        InputError: it names the first wrong sample.
     """
     if time.ndim != 1:
         raise InputError(f"time has shape {time.shape}: give one stamp per sample, (n,)")
@@ -268,13 +269,13 @@ def check_clock(time: FloatArray) -> None:
 
 
 def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
-    """Refuse a joint that turns in one channel and slides in another.
+    """Refuse a joint that is revolute in one channel and prismatic in another.
 
     Args:
         channels: name and SI unit of each channel.
 
     Raises:
-        InputError: names the joint and the two channels.
+        InputError: it names the joint and the two channels.
     """
     first: dict[str, tuple[str, str, int]] = {}
     for name, unit in channels:
@@ -291,6 +292,6 @@ _LABEL = re.compile(r"(?P<name>[^\[\]]*?)\s*\[(?P<unit>[^\[\]]*)\]")
 
 
 def name_and_unit(label: str) -> tuple[str, str]:
-    """``"q.elbow [deg]"`` as ``("q.elbow", "deg")``; the unit is empty where none is written."""
+    """Split ``"q.elbow [deg]"`` into ``("q.elbow", "deg")``; the unit is empty where none is written."""
     match = _LABEL.fullmatch(label.strip())
     return (match["name"].strip(), match["unit"].strip()) if match else (label.strip(), "")

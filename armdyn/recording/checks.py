@@ -1,7 +1,8 @@
-"""What a recording must be before it is compared with a model: a sane clock, possible positions, values that it has.
+"""Checks that a recording must pass before it is compared with a model: clock, positions, stated values.
 
-A file can be well formed and still be of no use: milliseconds declared as seconds, a clock that was set while it ran,
-one impossible sample of an encoder. A simulation over such a span would need gigabytes, so it is refused here.
+A well-formed file may still be useless: milliseconds declared as seconds, a clock that was set during the recording,
+one impossible sample of an encoder. A simulation over such a time span would need gigabytes, so the file is refused
+here.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,29 +18,30 @@ from armdyn.recording.units import si_factor
 from armdyn.run import Run
 
 MOST_STEPS = 40
-"""Steps of a simulation per sample, on average, beyond which the recording shows no motion: 0.2 s of a load or of an
-arm. It bounds the memory."""
+"""Largest average number of simulation steps per sample, which limits the memory: with more steps (0.2 s per sample of
+a load or an arm) the samples do not describe the motion."""
 FEW_STEPS = 40_000
-"""Steps of a simulation that is small: so long a recording may have gaps of any kind, 200 s of a load or of an arm."""
+"""Number of steps of a small simulation: a recording of this length, 200 s of a load or an arm, may have any gaps."""
 FASTEST = 2e-5
-"""s between samples below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at most."""
+"""Interval between samples, s, below which the unit of time is wrong: load cells and joints are sampled at 10 kHz at
+most."""
 REPEATED = 5e-7
-"""s; samples that are closer are one sample that was stamped twice."""
+"""Interval, s, below which two samples are one sample with two stamps."""
 IMPOSSIBLE = {"rad": (10.0, 300.0), "m": (1.0, 50.0)}
-"""Step between samples and speed, per s, that together no joint or gripper makes; a turn that is counted from zero
-again (6.3 rad) is a smaller step."""
+"""Step between samples, and speed per s, that no joint or gripper exceeds both; an angle that wraps around after a turn
+(6.3 rad) makes a smaller step."""
 
 
 def check_run(model: Model, run: Run, adding: Sequence[Effect] = ()) -> None:
     """Refuse a recording that this model cannot use.
 
     Args:
-        model: to compare it with.
+        model: the model of the comparison.
         run: the recording.
-        adding: effects that the model is about to get; their values may be known, too.
+        adding: effects that the model is about to get; their values may be stated as well.
 
     Raises:
-        InputError: names the file, the channel or value and the time, what is wrong and what to do.
+        InputError: it names the file, the channel or value and the time, what is wrong and what to do.
     """
     with at(run.source or run.name):
         _check_known(model, run, adding)
@@ -56,7 +58,7 @@ def _check_known(model: Model, run: Run, adding: Sequence[Effect]) -> None:
     for name, known in run.known.items():
         if name not in model.parameters:
             if name in POSITIVE:
-                continue  # what hangs on the gripper is written beside every recording, also of an arm
+                continue  # quantities of a hanging load are written with every recording, also of an arm
             raise _unknown(model, name)
         with at(f"[known] {name}"):
             si_factor(known.unit, model.parameters[name].unit)
@@ -74,13 +76,13 @@ def _unknown(model: Model, name: str) -> InputError:
 
 
 def check_stamps(run: Run) -> None:
-    """Refuse stamps that no sensor gives.
+    """Refuse time stamps that no sensor gives.
 
     Raises:
-        InputError: names the channel, what is wrong and what to do.
+        InputError: it names the channel, what is wrong and what to do.
     """
     for name, channel in run.channels.items():
-        if len(channel) < 2 or name in run.own:  # anything may be as fast as it likes
+        if len(channel) < 2 or name in run.own:  # a user's own channel may have any rate
             continue
         steps = np.diff(channel.time)
         typical, least = float(np.median(steps)), int(np.argmin(steps))
@@ -97,7 +99,7 @@ def check_stamps(run: Run) -> None:
 
 
 def _check_span(run: Run, step: float) -> None:
-    """Refuse a recording that is too long for its samples at `step` s."""
+    """Refuse a recording that is too long for its number of samples, with simulation steps of `step` s."""
     channels = {name: c for name, c in run.channels.items() if len(c) > 1}
     if not channels:
         return
@@ -128,7 +130,7 @@ def _check_span(run: Run, step: float) -> None:
 
 
 def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
-    """Refuse further quantities in another unit than effects read, or recorded before or after everything else."""
+    """Refuse further quantities in another unit than effects read, or that do not overlap the channels in time."""
     for column in columns:
         column.over(run.extra, np.zeros(0))
     start = min((channel.time[0] for channel in run.channels.values()), default=-np.inf)
@@ -142,10 +144,10 @@ def _check_further(run: Run, columns: Iterable[RecordedColumn]) -> None:
 
 
 def check_steps(run: Run) -> None:
-    """Refuse positions that no joint or gripper has one after the other.
+    """Refuse successive positions that no joint or gripper can have.
 
     Raises:
-        InputError: names the channel, the place, what is wrong and what to do.
+        InputError: it names the channel, the place, what is wrong and what to do.
     """
     for name, channel in run.channels.items():
         bound = IMPOSSIBLE.get(channel.unit)

@@ -26,18 +26,18 @@ from urdf.bounds import LONGEST_NAME, number, shown
 
 
 def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Channel]:
-    """Read and check every column.
+    """Read and check all columns of a CSV file.
 
     Args:
         path: the CSV file.
-        units: SI unit of every column that there may be, where they are not those of a recording; then no sample may
-            be missing, however few they are.
+        units: SI unit of every allowed column, for a table that is no recording; then no sample may be missing, however
+            few there are.
 
     Returns:
-        Channel by name, in SI units, without missing samples.
+        The channels by name, in SI units, without missing samples.
 
     Raises:
-        InputError: names the file, the row or column, what is wrong and what to do.
+        InputError: it names the file, the row or column, what is wrong and what to do.
     """
     # Quotes are dropped: a comma inside them is a decimal comma, which gives the row too many cells: an error below.
     text = read_text(path).replace('"', "")
@@ -61,19 +61,19 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
 
 
 def _is_foreign(header: str) -> bool:
-    """Whether a header is no run's, not even with mistakes: no unit in brackets, or neither the time nor a channel."""
+    """Whether a header is not that of a run: it has no unit in brackets, or neither the time nor a channel."""
     cells = [name_and_unit(cell) for cell in re.split("[,;\t]", header)]
     known = any(name == "time" or in_contract(name) for name, _ in cells)
     return len(cells) > 1 and not (known and "[" in header)
 
 
 def csv_text(channels: Mapping[str, Channel]) -> str:
-    """Channels as one table; stamps that a channel does not have get an empty cell.
+    """Write channels as one table; a channel without a sample at a stamp gets an empty cell there.
 
     Numbers have all their digits: reading them back gives the same floats.
 
     Raises:
-        InputError: a channel has a name that would be read back as another.
+        InputError: a channel has a name that would be read as another one.
     """
     for name in channels:
         if set(name) & set(',"[]') or not name.isprintable() or len(name) > LONGEST_NAME:
@@ -92,7 +92,7 @@ def csv_text(channels: Mapping[str, Channel]) -> str:
 
 
 def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[str, Conversion]:
-    """By the name of each column, how it is converted to its SI unit."""
+    """Conversion of each column to its SI unit, by the column's name."""
     columns: dict[str, Conversion] = {}
     for place, label in enumerate(labels, start=1):
         name, written = name_and_unit(label)

@@ -1,7 +1,7 @@
-"""Whether a table that does not end in a newline may have been cut off in the middle of its last cell.
+"""Detect a table that does not end in a newline and may have been cut off in the middle of its last cell.
 
-What is left of a number is a number, too: nobody can be sure. But a cut leaves a cell that is unlike the others of its
-column: fewer digits, no exponent, a tenth of the value, half a word.
+A part of a number is a number as well, so nobody can be certain. But a cut leaves a cell that differs from the others
+of its column: fewer digits, no exponent, a tenth of the value, half a word.
 """
 
 import re
@@ -11,18 +11,18 @@ from itertools import pairwise
 from urdf.bounds import shown
 
 HARMLESS = 1e-6
-"""Error, as a share of the usual step from row to row, up to which a cut need not be noticed: of numbers with 15 to 17
-digits one in ten ends a digit early, whether it was cut there or not."""
+"""Error of a cut, as a share of the usual step from row to row, that may remain unnoticed: of numbers with 15 to 17
+digits one in ten has a digit less, whether it was cut there or not."""
 LOOKED_AT = 1000
-"""Rows before the last one with which it is compared."""
+"""Number of rows before the last one with which it is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
 
 
 def is_whole(cells: Sequence[str]) -> bool:
-    """Whether the last cell of a column, which ends the file without a newline, is as whole as the others.
+    """Whether the last cell of a column, which ends the file without a newline, is as complete as the others.
 
     Args:
-        cells: the last ones of the column, as written; the last of them is the one in question.
+        cells: last cells of the column, as written; the last of them is checked.
     """
     *others, last = (cell.strip() for cell in cells[-LOOKED_AT - 1 :])
     found = _NUMBER.fullmatch(last)
@@ -36,17 +36,17 @@ def is_whole(cells: Sequence[str]) -> bool:
         return exponents == {len(found["exponent"] or "")}
     values = [float(match[0].replace(",", ".")) for match in (*numbers, found)]
     steps = sorted(abs(b - a) for a, b in pairwise(values[:-1]))
-    if not any(match["point"] for match in (*numbers, found)):  # a cut divides a whole number by ten
+    if not any(match["point"] for match in (*numbers, found)):  # a cut divides an integer by ten
         return abs(values[-1] - values[-2]) <= max(steps, default=0.0)
     behind = [len(match["digits"] or "") for match in (*numbers, found)]
-    # Either all have as many digits behind the point, or all have as many that count.
+    # Either all have as many digits after the point, or all have as many significant digits.
     counts = [behind, [len(m[0].replace(",", ".").lstrip("+-0.").replace(".", "")) for m in (*numbers, found)]]
     *before, digits = counts[0 if len(set(behind[:-1])) == 1 else 1]
     return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS * steps[len(steps) // 2])
 
 
 def cut_off(row: int, cell: str, column: str) -> str:
-    """What is said of a file that ends in the middle of a row, or may do so."""
+    """Message about a file that ends in the middle of a row, or may do so."""
     return (
         f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "
         "be cut off in the middle of a number: copy it again; if that is its whole last row, end it in a newline "

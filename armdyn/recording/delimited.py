@@ -1,6 +1,6 @@
-"""Tables of text, such as CSV: one reader for the recordings of armdyn and for those of others.
+"""Read tables of text, such as CSV, in armdyn's recordings and in other formats.
 
-Rows are counted as a spreadsheet shows them: the header is row 1 where no blank line stands before it.
+Rows are counted as in a spreadsheet: the header is row 1 where no blank line is before it.
 """
 
 import csv
@@ -19,9 +19,9 @@ from armdyn.recording.cut_off_end import LOOKED_AT, cut_off, is_whole
 from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
 BLOCK = 2**20
-"""Characters that are split into cells at a time: a cell takes ten times as much memory as its text."""
+"""Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
 MISSING = frozenset({"", "nan", "-nan", "+nan"})
-"""Cells of missing samples, in small letters."""
+"""Cells of missing samples, in lower case."""
 IntArray = npt.NDArray[np.int64]
 
 
@@ -35,9 +35,9 @@ class Delimited:
 
     Attributes:
         labels: (c,) cells of the header.
-        values: (n, c), nan where a cell is empty or no number.
-        rows: (n,) number of each row.
-        texts: cells that are neither a number nor missing, by column and by place in `rows`.
+        values: (n, c) numbers, nan where a cell is empty or no number.
+        rows: (n,) row number of each row.
+        texts: cells that are neither a number nor missing, by column and by index in `rows`.
     """
 
     labels: tuple[str, ...]
@@ -47,10 +47,10 @@ class Delimited:
 
 
 def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
-    """The text of a file, with line feeds between its lines.
+    """Read the text of a file, with line feeds between its lines.
 
     Raises:
-        InputError: it cannot be read, is empty or no text.
+        InputError: the file cannot be read, is empty or is not text.
     """
     data = read_bytes(path)
     if not data.strip():
@@ -73,15 +73,15 @@ def header_of(text: str) -> str:
 
 
 def separator_of(header: str) -> str:
-    """What divides a header into cells; of a comma and a semicolon the semicolon: then commas are decimal."""
+    """The separator of a header's cells; of commas and semicolons the semicolons, and commas are decimal."""
     return next((separator for separator in (";", "\t", ",") if separator in header), " ")
 
 
 def labels_of(header: str, separator: str) -> tuple[str, ...]:
-    """The cells of a header.
+    """Split a header into its cells.
 
     Raises:
-        InputError: there are too many, or one is too long or does not show.
+        InputError: there are too many cells, or one is too long or invisible.
     """
     labels = tuple(cell.strip() for _, cells in _split(header, separator) for cell in cells)
     if len(labels) > MOST_COLUMNS:
@@ -97,24 +97,24 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
 def parse_delimited(
     text: str, separator: str = ",", missing: Collection[str] = MISSING, *, decimal_comma: bool = False
 ) -> Delimited:
-    """Header and numbers of a table.
+    """Parse the header and the numbers of a table.
 
     Args:
-        text: see `read_text`.
-        separator: between cells.
-        missing: cells of missing samples, in small letters.
+        text: text of the table; see `read_text`.
+        separator: separator between cells.
+        missing: cells of missing samples, in lower case.
         decimal_comma: whether a cell ``0,5`` is a number.
 
     Raises:
         CutOffError: the file ends in the middle of a row.
-        InputError: it has too many rows or columns, or a row has another number of cells than the header.
+        InputError: the table has too many rows or columns, or a row has another number of cells than the header.
     """
     header = header_of(text)
     start = text.find(header) + len(header) + 1
     row = text.count("\n", 0, start) + (start > len(text)) + 1
     labels = labels_of(header, separator)
-    unfinished = start < len(text) and not text.endswith("\n")  # a finished file ends in a newline
-    size = len(text) if '"' in text else BLOCK  # a cell in quotes may hold line breaks
+    unfinished = start < len(text) and not text.endswith("\n")  # a complete file ends in a newline
+    size = len(text) if '"' in text else BLOCK  # a cell in quotes may contain line breaks
     tables, rows = [np.empty((0, len(labels)))], [np.empty(0, dtype=np.int64)]
     texts: dict[int, dict[int, str]] = {}
     count = 0
@@ -148,7 +148,7 @@ def parse_delimited(
 
 
 def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> FloatArray | None:
-    """Whole rows of so many numbers or empty cells, (n, width); None where anything is not as it mostly is."""
+    """Complete rows of `width` numbers or empty cells, (n, width); None where any cell is something else."""
     if separator != ",":
         block = block.replace(",", "." if decimal_comma else "_").replace(separator, ",")
     if not block.endswith("\n") or not block.isascii() or "_" in block:
@@ -170,7 +170,7 @@ def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> Float
 
 
 def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str]]]:
-    """Rows as cells with the number of each, those without any content left out; the first line is number `row`."""
+    """Split rows into cells, with each row's number; empty rows are left out, the first line is number `row`."""
     reader = csv.reader(io.StringIO(block), delimiter=separator, skipinitialspace=True)
     try:
         return [(row + reader.line_num - 1, cells) for cells in reader if any(map(str.strip, cells))]
@@ -189,7 +189,7 @@ def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str],
 
 
 def _number(cell: str, missing: Collection[str], decimal_comma: bool) -> float:
-    """A cell's number; nan where it is missing, and infinity where it is text."""
+    """Number in a cell; nan where it is missing, and infinity where it is text."""
     text = cell.strip()
     if text.lower() in missing:
         return np.nan

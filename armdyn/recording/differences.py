@@ -1,13 +1,13 @@
-"""Divided differences of samples at any stamps: what is left of a signal where no smooth curve reaches."""
+"""Divided differences of samples at any stamps, which remove the smooth part of a signal."""
 
 import numpy as np
 
 NORMAL_MEDIAN = 0.6745
-"""Median of |x| over the standard deviation, for normal x."""
+"""Median of |x| over the standard deviation, for normally distributed x."""
 FEWEST = 8
-"""Differences that show how noisy a signal is."""
+"""Least number of differences that determine the noise of a signal."""
 LONGEST_SPAN = 1.5
-"""Times the usual one, beyond which samples are no neighbours: there is a gap between them."""
+"""Span of a difference, in usual spans, beyond which there is a gap between its samples."""
 
 
 def normalised_differences(
@@ -15,14 +15,14 @@ def normalised_differences(
 ) -> np.ndarray:
     """(n - k, ...) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
 
-    They remove every polynomial of degree k - 1 and leave white noise its standard deviation.
+    They remove every polynomial of degree k - 1 and keep the standard deviation of white noise.
 
     Args:
-        time: (n, ...) s; every column is a series of its own.
-        value: (n, ...), n > k.
-        order: k.
-        longest_span: of samples that are neighbours, in usual ones.
-        interval: the usual one between samples, s; their median when not given.
+        time: (n, ...) time stamps, s; every column is a series.
+        value: (n, ...) samples, n > k.
+        order: order k of the differences.
+        longest_span: largest span of a difference without a gap, in usual spans.
+        interval: usual interval between samples, s; by default their median.
     """
     n = len(value) - order
     stamps = [time[i : i + n] for i in range(order + 1)]
@@ -33,23 +33,25 @@ def normalised_differences(
         for j, there in enumerate(stamps):
             if j != i:
                 weight /= (here - there) / span
-        total += weight * (value[i : i + n] - value[:n])  # without its first value a large constant loses no digits
+        total += weight * (
+            value[i : i + n] - value[:n]
+        )  # subtracting the first value keeps the digits beside a large constant
         squares += weight**2
     usual = np.median(np.diff(time, axis=0)) if interval is None else interval
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
 
 
 def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
-    """Standard deviation of white noise on smooth samples, also with glitches: from the median of their differences.
+    """Standard deviation of white noise on smooth samples, robust against glitches: from the median difference.
 
     Args:
-        time: (n,) s.
-        value: (n,).
-        order: of the differences; Gasser et al., Biometrika 73 (1986) 625.
-        unknown: what is returned where fewer than `FEWEST` of them reach across no gap.
+        time: (n,) time stamps, s.
+        value: (n,) samples.
+        order: order of the differences (Gasser et al., Biometrika 73 (1986) 625).
+        unknown: result where fewer than `FEWEST` differences have no gap.
 
     Returns:
-        In the unit of `value`.
+        The standard deviation, in the unit of `value`.
     """
     differences = normalised_differences(time, value, order) if len(value) > order else np.zeros(0)
     whole = differences[np.isfinite(differences)]

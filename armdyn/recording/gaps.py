@@ -1,4 +1,4 @@
-"""Cuts runs where samples are missing, so that nothing is smoothed, filtered or simulated across a gap."""
+"""Cut runs where samples are missing, so that nothing is smoothed, filtered or simulated across a gap."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -9,14 +9,14 @@ from armdyn.recording.channels import MIN_SAMPLES, Channel, FloatArray
 from armdyn.run import Run
 
 GAP, CUT = 5.0, 0.25
-"""Times the usual interval, and s, beyond both of which samples are missing. Over 0.25 s motions of 1.5 Hz are still
+"""A gap exceeds both this number of usual intervals and this time, s. Over 0.25 s motions of 1.5 Hz are still
 interpolated to 2 %."""
 FEWEST = 40
-"""Samples of every channel in a piece that is worth keeping, where the whole run has so many."""
+"""Least number of samples of every channel in a piece, where the whole run has so many."""
 
 
 def gaps_of(run: Run) -> list[tuple[float, float]]:
-    """Spans, s, in which a channel was not recorded; those that overlap as one."""
+    """Time spans, s, in which a channel was not recorded; overlapping spans are joined."""
     spans = []
     for channel in run.channels.values():
         steps = np.diff(channel.time)
@@ -33,13 +33,13 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 
 
 def shortest_gap(time: FloatArray) -> float:
-    """S between two of (n,) stamps beyond which samples between them are missing."""
+    """Interval between two of (n,) stamps, s, beyond which samples between them are missing."""
     steps = np.diff(time)
     return max(GAP * float(np.median(steps)), CUT) if len(steps) else CUT
 
 
 def until(run: Run, end: float) -> Run:
-    """The part of a run up to `end` s."""
+    """The part of a run up to the time `end`, s."""
     return replace(run, channels=between(run, -np.inf, end))
 
 
@@ -54,9 +54,9 @@ def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str,
 
 
 def cut_at_gaps(run: Run) -> tuple[Run, ...]:
-    """The run, or its pieces between gaps; see `Run.warnings` and `Run.began`.
+    """Cut a run at its gaps; see `Run.warnings` and `Run.began`.
 
-    A piece that is too short to say anything is left out, unless all are.
+    A piece that is too short to be useful is left out, unless all are.
     """
     spans = gaps_of(run)
     if not spans:
@@ -70,12 +70,12 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
 
 
 def told(spans: Iterable[tuple[float, float]]) -> str:
-    """Spans of time, s, for a sentence."""
+    """Time spans, s, in words."""
     return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
 
 
 def in_pieces(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
-    """Parts of a run as runs of their own; why it was cut is said with the first of them."""
+    """Make parts of a run to runs; the first gets the reason of the cut as a warning."""
     began = min(float(channel.time[0]) for channel in run.channels.values())
     return tuple(
         replace(

@@ -1,9 +1,9 @@
-"""The records of an MCAP file from its beginning, as far as they are sound: https://mcap.dev/spec.
+"""Read the records of an MCAP file from its beginning, as far as they are intact: https://mcap.dev/spec.
 
-Its index stands at the end, which a recorder that was killed never wrote, and a chunk is one compressed piece. So
-chunks are expanded here, block by block: of one that is cut off what came before is read. One that is damaged is left
-out, as a byte that is wrong may be a digit. A chunk of 60 kB can hold gigabytes of zeros: none is expanded beyond what
-it states, nor beyond what fits.
+The index is at the end of the file, where a killed recorder has not written it, and each chunk is compressed as a
+whole. So chunks are expanded here, block by block: the beginning of a chunk that is cut off is read. A damaged chunk is
+left out, because a wrong byte may be a digit. A chunk of 60 kB can contain gigabytes of zeros: none is expanded beyond
+its stated size or the limit.
 """
 
 import io
@@ -18,20 +18,20 @@ from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
 
 CUT = "is cut off, its recording did not end properly"
 BLOCK = 2**17
-"""Bytes that zstd compresses at a time."""
+"""Number of bytes that zstd compresses at a time."""
 HEAD = 1 + 8 + 28
 """Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
 
 
 def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
-    """Every whole record, those within chunks too, of which the file is made.
+    """Every complete record of the file, including those in chunks.
 
     Args:
-        data: of the file.
-        problems: gets a sentence for everything that is lost.
+        data: bytes of the file.
+        problems: list that gets a sentence for everything that is lost.
 
     Raises:
-        InputError: a chunk, or all of them, are too large, or a chunk holds more than it states.
+        InputError: the chunks are too large, one or together, or a chunk contains more than it states.
     """
     from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
     from mcap.records import Chunk
@@ -39,7 +39,7 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
 
     source, whole, number, total = io.BytesIO(data), 0, 0, 0
     reader = StreamReader(source, emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
-    # Cut or damaged bytes surface as a dozen exceptions of struct, zstd, lz4 and mcap; a user can do the same for all.
+    # Damaged bytes raise a dozen exceptions of struct, zstd, lz4 and mcap, with the same remedy for a user.
     try:
         for record in reader.records:
             if isinstance(record, Chunk):
@@ -51,7 +51,7 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
                     raise InputError(f"chunk {number} holds more than the {stated} bytes that it states: record again")
                 if len(content) == record.uncompressed_size and record.uncompressed_crc in (0, zlib.crc32(content)):
                     yield from _records(content)
-                else:  # which of its messages are sound nobody knows
+                else:  # unknown which of its messages are intact
                     problems.append("has a chunk that is damaged, which is left out")
             else:
                 yield record
@@ -77,10 +77,10 @@ def _check_size(chunk: Any, number: int, total: int) -> None:
 
 
 def expanded(data: bytes) -> bytes:
-    """What bytes that zstd compressed hold, as far as they go.
+    """Expand bytes that zstd compressed, as far as they go.
 
     Raises:
-        InputError: that is too much.
+        InputError: the content is too large.
     """
     found = _expanded(data, "zstd", LARGEST_CONTENT)
     if len(found) > LARGEST_CONTENT:
@@ -89,9 +89,9 @@ def expanded(data: bytes) -> bytes:
 
 
 def _expanded(data: bytes, compression: str, most: int) -> bytes:
-    """What bytes hold, as far as they go, of more than `most` little more."""
+    """Expand bytes as far as they go, to little more than `most` bytes."""
     found = bytearray()
-    with suppress(Exception):  # each library has errors of its own
+    with suppress(Exception):  # each library has its own errors
         if compression == "zstd":
             import zstandard
 
@@ -106,7 +106,7 @@ def _expanded(data: bytes, compression: str, most: int) -> bytes:
 
 
 def _of_cut_chunk(data: bytes) -> Iterator[Any]:
-    """The whole records at the beginning of a chunk that was cut off."""
+    """The complete records at the beginning of a chunk that was cut off."""
     from mcap.opcode import Opcode
 
     if len(data) < HEAD + 4 or data[0] != Opcode.CHUNK:

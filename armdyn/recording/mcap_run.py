@@ -1,8 +1,8 @@
 """The MCAP form of a recording, as the pipeline writes it and Foxglove and PlotJuggler show it.
 
 One topic per group of channels (``/gripper``, ``/load``, ``/q``, ...) holds JSON messages ``{"time": 0.01, "x": 0.2}``.
-The metadata of each topic says which channel a field is and in which unit: ``{"x": "gripper_x [m]"}``. The sidecar's
-text is the metadata record ``armdyn.sidecar``. Topics without such metadata are left alone: a file may hold more.
+The metadata of each topic gives the channel and unit of a field: ``{"x": "gripper_x [m]"}``. The text of the sidecar is
+the metadata record ``armdyn.sidecar``. Topics without such metadata are ignored: a file may contain more.
 """
 
 import json
@@ -22,7 +22,7 @@ TIME_FIELD = "time"
 
 
 def topic_and_field(channel: str) -> tuple[str, str]:
-    """Where a channel is in the file: ``gripper_x`` is field ``x`` of ``/gripper``, ``q.right_s1`` one of ``/q``."""
+    """Topic and field of a channel: ``gripper_x`` is field ``x`` of ``/gripper``, ``q.right_s1`` one of ``/q``."""
     separator = "." if "." in channel else "_"
     group, _, field = channel.partition(separator)
     return f"/{group}", field or "value"
@@ -30,12 +30,12 @@ def topic_and_field(channel: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class McapRecording:
-    """Content of one file.
+    """Content of one MCAP file.
 
     Attributes:
-        channels: the contract's channels and all others that were recorded beside them, by name.
+        channels: the contract's channels and all others that were recorded, by name.
         sidecar: what is known besides the samples.
-        warnings: a sentence per thing that was lost; empty for a whole file.
+        warnings: a sentence for everything that was lost; empty for a complete file.
     """
 
     channels: dict[str, Channel]
@@ -52,7 +52,7 @@ class _Samples:
 
 @dataclass
 class _Content:
-    """What a file holds up to where it can be read; `problem` says why reading stopped early."""
+    """Content of a file up to where it can be read; `problem` is the reason where reading stopped early."""
 
     samples: dict[str, _Samples] = field(default_factory=dict)
     sidecar: Sidecar = field(default_factory=Sidecar)
@@ -60,14 +60,15 @@ class _Content:
 
 
 def read_mcap(path: Path, recover: bool = False) -> McapRecording:
-    """Read a recording.
+    """Read a recording from an MCAP file.
 
     Args:
         path: the file.
-        recover: take what can be read of a file that was cut off or damaged, and say so in `warnings`.
+        recover: read as much as possible of a file that was cut off or damaged, with a warning in `warnings`.
 
     Raises:
-        InputError: the file cannot be read, is cut off or damaged (unless `recover`), or holds no channels of armdyn.
+        InputError: the file cannot be read, is cut off or damaged (unless `recover`), or contains no channels of
+            armdyn.
     """
     data = _bytes(path)
     with at(path):
@@ -121,7 +122,7 @@ def _scan(data: bytes) -> _Content:
                 content.sidecar = parse_sidecar(record.metadata["toml"])
     except InputError:
         raise
-    except Exception as error:  # what is in a record is damaged
+    except Exception as error:  # the content of a record is damaged
         problems.append(f"is damaged ({type(error).__name__})")
     content.problem = ", and ".join(dict.fromkeys(problems)) or None
     return content
@@ -139,7 +140,7 @@ def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples
 def _channel(name: str, samples: _Samples) -> Channel:
     time, value = np.array(samples.time), np.array(samples.value)
     if not in_contract(name):
-        return Channel(time, value, samples.unit)  # recorded beside the run, in a unit of its own
+        return Channel(time, value, samples.unit)  # a further quantity, in its own unit
     to_si = channel_unit(name, samples.unit)
     try:
         return Channel(time, to_si(value), to_si.unit)

@@ -1,4 +1,4 @@
-"""What was done to a measured signal before it was compared, as reports and answers state it."""
+"""Processing of a measured signal before its comparison, as reports and answers state it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,24 +6,23 @@ from dataclasses import dataclass
 import numpy as np
 
 STILL = 0.01
-"""Share of a recording during which a joint surely moves, below which a person is told that it hardly does."""
+"""Share of a recording during which a joint certainly moves, below which a report says that it hardly moves."""
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """What was done to one measured torque.
+    """Processing of one measured torque.
 
     Attributes:
-        cutoff: of the low-pass that measured and predicted torque pass, Hz.
-        position_cutoff: up to which the joint's position was taken for motion rather than noise, Hz.
-        rate: samples that were kept, 1/s.
-        samples: number of them.
-        recorded_rate: samples as they were recorded, 1/s.
-        recorded: number of them.
-        left_out: share of the recorded samples at which it is not known which way the joint turns.
-        moving: share of those at which it is known.
-        smoothed: cut-off of the low-pass through which the drive sent the torque before it was recorded, Hz; None where
-            there was none.
+        cutoff: cut-off of the low-pass on measured and predicted torque, Hz.
+        position_cutoff: frequency up to which the joint's position is motion rather than noise, Hz.
+        rate: rate of the samples that were kept, 1/s.
+        samples: number of these samples.
+        recorded_rate: rate of the recorded samples, 1/s.
+        recorded: number of the recorded samples.
+        left_out: share of the recorded samples at which the joint's direction is uncertain.
+        moving: share of the recorded samples at which it is certain.
+        smoothed: cut-off of the drive's low-pass on the torque before it was recorded, Hz; None where there was none.
     """
 
     cutoff: float
@@ -38,7 +37,7 @@ class Preparation:
 
 
 def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
-    """By channel: the lowest cut-offs and rates of several runs, the numbers of samples added up."""
+    """Combine several runs by channel: the lowest cut-offs and rates, and the total numbers of samples."""
     by_channel: dict[str, list[Preparation]] = {}
     for run in runs:
         for channel, done in run.items():
@@ -47,7 +46,7 @@ def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparat
 
 
 def sentence(prepared: Mapping[str, Preparation]) -> str:
-    """For a person: band, rate and what is left out; empty where nothing was done."""
+    """Band, rate and left-out samples in one sentence, for a reader; empty where nothing was done."""
     if not prepared:
         return ""
     every = list(prepared.values())

@@ -1,4 +1,4 @@
-"""What is known about a recording besides its samples: a small TOML file of the same stem.
+"""The sidecar: a small TOML file with the same stem, which contains what is known of a recording besides its samples.
 
 ```toml
 description = "swing 3, 80 g ball"
@@ -34,14 +34,14 @@ POSITIVE = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 
 KEYS = ("description", "recorded", "noise", "known", "asked",
         "source", "licence", "license", "published", "urdf", "notes")  # fmt: skip
-"""Keys that are used, and those that recordings have for their readers."""
+"""Keys that are used, and further keys for readers of the file."""
 ALIKE = 0.75
-"""Ratio of common letters (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
+"""Similarity (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
 
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What is known of a recording, in SI units; when it was made, UTC, and what is open of how it was read."""
+    """Known facts on a recording, in SI units; the time of the recording, UTC; and open questions on its import."""
 
     description: str = ""
     noise: Mapping[str, Known] = field(default_factory=dict)
@@ -51,10 +51,10 @@ class Sidecar:
 
 
 def read_sidecar(path: Path) -> Sidecar:
-    """Read the file at `path`; without one nothing is known.
+    """Read the sidecar at `path`; without a file nothing is known.
 
     Raises:
-        InputError: names the file, the field, what is wrong and what to do.
+        InputError: it names the file, the field, what is wrong and what to do.
     """
     if not path.exists():
         return Sidecar()
@@ -76,7 +76,7 @@ def parse_sidecar(text: str) -> Sidecar:
 
 
 def sidecar_of(table: Mapping[str, object]) -> Sidecar:
-    """What the entries of a sidecar say.
+    """Read the entries of a sidecar's table.
 
     Raises:
         InputError: a field cannot be used.
@@ -93,14 +93,14 @@ def sidecar_of(table: Mapping[str, object]) -> Sidecar:
 
 
 def utc(value: object, where: str) -> datetime:
-    """A day or a time, as TOML or ISO 8601 writes them, without a zone in UTC; a day is its beginning.
+    """Convert a day or time, in TOML or ISO 8601, to UTC; without a zone it is UTC, and a day is its beginning.
 
     Args:
-        value: such as ``2026-05-04``, ``2026-05-04T14:30:00+02:00``, or the same as text.
-        where: it stands.
+        value: a value such as ``2026-05-04`` or ``2026-05-04T14:30:00+02:00``, or such a text.
+        where: place of the value, for the message.
 
     Raises:
-        InputError: it is none.
+        InputError: the value is neither.
     """
     if isinstance(value, str):
         try:
@@ -110,7 +110,7 @@ def utc(value: object, where: str) -> datetime:
     if isinstance(value, datetime):
         try:
             return value if value.tzinfo is None else value.astimezone(UTC).replace(tzinfo=None)
-        except OverflowError as error:  # of the first and last day that there is
+        except OverflowError as error:  # for the first and last possible day
             raise InputError(f"{where}: is no time of a recording: correct its year") from error
     if isinstance(value, date):
         return datetime(value.year, value.month, value.day)
@@ -118,7 +118,7 @@ def utc(value: object, where: str) -> datetime:
 
 
 def _check_keys(table: Mapping[str, object]) -> None:
-    """Refuse a misspelt key, and a value that stands outside its table; keys that resemble none are the reader's."""
+    """Refuse a misspelt key and a value outside its table; other unknown keys are for readers."""
     for key in table:
         if key in KEYS:
             continue
@@ -147,7 +147,7 @@ def sidecar_text(sidecar: Sidecar) -> str:
 
 
 def _entries(table: Mapping[str, object], key: str) -> dict[str, object]:
-    """Entries of the table `key`; ``tau.slide = ...`` without quotes is a table in a table, and means the same."""
+    """Entries of the table `key`; ``tau.slide = ...`` without quotes is a nested table with the same meaning."""
     entries = table.get(key, {})
     if not isinstance(entries, dict):
         raise InputError(f"[{key}]: {entries!r} is not a table: write '[{key}]' on a line of its own")

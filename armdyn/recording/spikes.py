@@ -1,4 +1,4 @@
-"""Faulty samples, which are left out before a comparison: isolated spikes, and readings at the end of the range."""
+"""Find faulty samples, which are left out of a comparison: isolated spikes, and saturated readings."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -13,57 +13,58 @@ from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution
 
 ORDER = 4
-"""Order of the differences in which a spike shows: they vanish for a cubic, which follows the signal well enough."""
+"""Order of the differences that reveal a spike: they vanish for a cubic, which follows the signal well enough."""
 SPIKE = 6.0
-"""Robust standard deviations beyond which a difference is no noise; of white noise one in 5e8 is larger."""
+"""Robust standard deviations beyond which a difference is not noise; one in 5e8 of white noise is larger."""
 STEP = 1.0
-"""Steps of an encoder or of a file's digits that a difference has at most when a signal is rounded to them: the sum of
-the weights' sizes over the root of the sum of their squares, 16 / 8.4, times half a step."""
+"""Largest difference of a signal rounded to the steps of an encoder or of a file's digits, in such steps: the sum of
+the absolute weights over the root of the sum of their squares, 16 / 8.4, times half a step."""
 EXACT = 1e-9
-"""Of a signal's range: differences below are rounding of numbers without noise."""
+"""Size of differences, as a share of a signal's range, below which they are rounding of numbers without noise."""
 AROUND = 25
-"""Differences to either side that tell how large they are around here, where a signal is rougher than elsewhere."""
+"""Number of differences to either side that give their local size, where a signal is rougher than elsewhere."""
 TOGETHER = 2
-"""Most faulty samples side by side; what lasts longer is an event of the motion."""
+"""Largest number of adjacent faulty samples; more are an event of the motion."""
 CROWD = 1.0 / 3.0
-"""Largest share of faulty samples from the first to the last of a group; where every other sample would have to go, the
-signal shakes."""
+"""Largest share of faulty samples from the first to the last of a group; where every other sample would be faulty, the
+signal vibrates."""
 FARTHER = 1.5
-"""Times the longest other way that a signal makes across a gap before it is a step."""
+"""Size of a step across a gap, as a multiple of the longest other change over as long a time."""
 RARE = 0.03
-"""Share of the samples up to which strange ones are faults; where they are more, such is the noise of this sensor. Of
-samples that fail one time in a hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
+"""Largest share of samples that are faults; more are the usual noise of this sensor. Of samples that fail one time in a
+hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
 FEW = 4
-"""Faults that even a short run may have."""
+"""Number of faults that even a short run may have."""
 ROUGH, STANDS_OUT = 2.0, 4.0
-"""Where differences are typically so many times those of the quietest stretch, something goes on, such as a load that
-hits something and shakes; a fault there is so many times larger than all that is left without it."""
+"""Where differences are typically so many times those of the quietest stretch, an event occurs, such as a load that
+hits something and vibrates; a fault there is so many times larger than everything that is left without it."""
 HOPELESS = 0.4
-"""Share of differences that are too large beyond which single samples are not searched for."""
+"""Share of differences that are too large beyond which single faults are not searched."""
 CROWDED = 5.0
-"""Times as many samples share the extreme value as the value next to it (and one more) where the sensor was at its
-end: of a sine that is coarsely rounded 2.4 times as many are at the peak."""
+"""Ratio of the number of samples with the extreme value to that with the next value (plus one) from which the sensor
+was saturated: of a coarsely rounded sine 2.4 times as many are at the peak."""
 HIGHEST_RATE = 125.0
-"""Hz; what is sampled faster is averaged in groups: a swing has no signal above."""
+"""Sampling rate, Hz, above which samples are averaged in groups: a swing contains nothing faster."""
 DISTURBED = 2
-"""Samples to either side of a saturated one that are left out as well: noise decided which of them saturated."""
+"""Samples to either side of a saturated one that are left out as well, because noise decided which ones saturated."""
 
 
 def clean(
     run: Run, measured: Iterable[str], driving: Iterable[str], held: Collection[str] = (), highest: float = HIGHEST_RATE
 ) -> Run:
-    """The run without faulty samples of the channels that a model uses, and thinned.
+    """The run without faulty samples of the channels that a model uses, at a reduced rate.
 
     Args:
-        run: as recorded.
+        run: the recorded run.
         measured: channels that are compared with a prediction; these are thinned.
-        driving: channels that the prediction follows.
-        held: those of these that keep their value until the next sample: a pulse of one sample is no fault of theirs.
-        highest: rate beyond which samples are averaged, Hz.
+        driving: channels that drive the prediction.
+        held: driving channels that hold each value until the next sample: a pulse of one sample is no fault of theirs.
+        highest: sampling rate beyond which samples are averaged, Hz.
     """
     measured = tuple(measured)
     used = (*measured, *(name for name in driving if name in run.channels and name not in held))
-    # First as recorded: when samples are averaged, a spike spoils its group. Then again: what was brief is now one.
+    # First at the recorded rate, because a spike spoils the mean of its group; then again, when short events are single
+    # samples.
     whole = without_spikes(without_saturation(run, measured), used)
     thin = thin_out(whole, held, highest)
     averaged = [name for name in measured if len(thin.channels[name]) < len(whole.channels[name])]
@@ -71,14 +72,14 @@ def clean(
 
 
 def without_saturation(run: Run, names: Iterable[str]) -> Run:
-    """The run without those samples of these channels that are at the end of the sensor's range."""
+    """The run without samples of these channels that are at the end of the sensor's range."""
     return _without(run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", DISTURBED)
 
 
 def without_spikes(run: Run, names: Iterable[str]) -> Run:
-    """The run without isolated outliers of these channels; `Run.warnings` counts them.
+    """The run without isolated outliers of these channels; `Run.warnings` has their number.
 
-    Where there are more of them than `RARE`, all samples stay, and the warning says that.
+    Where their share exceeds `RARE`, all samples are kept, and a warning says so.
     """
     found = {name: spikes_of(run.channels[name]) for name in names}
     many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
@@ -107,7 +108,7 @@ def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
 
 
 def outlier_sentence(runs: Iterable[Run]) -> str:
-    """For a person, to follow another sentence: how many samples were left out; empty where none was."""
+    """A sentence on the number of samples that were left out, which follows another sentence; empty where none was."""
     counts = outliers_of(runs)
     return f" Left out as outliers: {', '.join(f'{n} of {name}' for name, n in counts.items())}." if counts else ""
 
@@ -131,7 +132,7 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
 
 
 def at_the_end(value: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples that share the largest or the smallest value, where these are suspiciously many."""
+    """(n,) bool: samples with the largest or smallest value, where these are suspiciously many."""
     levels, counts = np.unique(value, return_counts=True)
     found = np.zeros(len(value), dtype=bool)
     for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
@@ -142,19 +143,19 @@ def at_the_end(value: np.ndarray) -> np.ndarray:
 
 @cached_with_first_argument
 def spikes_of(channel: Channel) -> np.ndarray:
-    """(n,) bool: `spikes` of a channel; asked for by the inspection of a run and again when it is prepared."""
+    """(n,) bool: `spikes` of a channel; cached, because inspection and preparation both need them."""
     found = spikes(channel.time, channel.value)
     found.setflags(write=False)
     return found
 
 
 def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples without which those around them lie on a smooth curve, but not with them.
+    """(n,) bool: samples whose removal makes the samples around them lie on a smooth curve.
 
-    Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: beyond `SPIKE` times the median absolute
-    difference, of all or of those around here, whichever is larger. A sample counts where it and few others explain
-    all that is too large around it. What stays is an event: a load that hits something shakes for longer, and the
-    torque of dry friction, where a joint turns round, steps to where it then remains.
+    Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: a difference is too large beyond `SPIKE` times
+    the median absolute difference, of all or of those nearby, whichever is larger. A sample is a spike where it and few
+    others explain all differences that are too large around it. Otherwise they are an event: a load that hits something
+    vibrates for longer, and the torque of dry friction, where a joint reverses, steps and stays.
     """
     found = np.zeros(len(value), dtype=bool)
     if len(value) < 2 * AROUND:

@@ -1,4 +1,4 @@
-"""Two series that were written down as one: a second publisher on a topic, whose messages come between the others."""
+"""Detect two series recorded as one: a second publisher on a topic, whose messages are between those of the first."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,19 +7,20 @@ from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.smoothing.choice import resolution
 
 FAR = 12.0
-"""Times the usual step from sample to sample, that the other series is away; the fastest step of a swing is 1.6 times
-the usual one."""
+"""Distance of the other series, in usual steps from sample to sample; the fastest step of a swing is 1.6 times the
+usual one."""
 LEAST = 0.01
-"""rad or m, and `STEPS` times the resolution, that it is away at least: a coarse encoder goes to and fro by one."""
+"""Least distance of the other series, rad or m, and at least `STEPS` times the resolution: a coarse encoder alternates
+by one."""
 STEPS = 5.0
 BACK = 0.2
-"""Of the way to the other series and back, that may be missing at the end: both series have moved on meanwhile."""
+"""Share of the way to the other series and back that may be missing, because both series have moved on."""
 
 
 def second_track(values: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which of (n, k) samples in a row belong to another series than most; none where there is one series only.
+    """(n, k) bool: samples that belong to a second series; all False where there is only one series.
 
-    A series shows where single samples go away and come back, again and again, to values that follow each other.
+    A second series is there where single samples leave and return, again and again, to values that follow each other.
     """
     one = np.zeros(len(values), dtype=bool)
     if len(values) < 3 * MIN_SAMPLES or not values.shape[1]:
@@ -33,7 +34,7 @@ def second_track(values: FloatArray) -> npt.NDArray[np.bool_]:
         return one
     lags = [np.abs(values[away[3:]] - values[away[3 - lag : -lag]]).max(axis=1) for lag in (1, 2, 3)]
     if np.median(np.min(lags, axis=0)) > BACK * np.median(step[away - 1]):
-        return one  # faults of a sensor, which have nothing to do with each other
+        return one  # independent faults of a sensor
     last = [values[away[0] - 1], values[away[0]]]
     for i, value in enumerate(values):
         one[i] = np.abs(value - last[1]).max() < np.abs(value - last[0]).max()

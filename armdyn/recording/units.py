@@ -1,7 +1,7 @@
-"""Units at the edges: text with a unit comes in, plain SI floats go on.
+"""Convert units at the edges: text with a unit becomes a plain SI number.
 
-Everything inside armdyn is a float in SI units and radians. This is the only place where a unit is looked up, and pint
-is imported only when a text is not already in the unit asked for.
+All numbers inside armdyn are in SI units and radians. Units are looked up only in this file, and pint is imported only
+where a text is not already in the wanted unit.
 """
 
 import math
@@ -25,7 +25,7 @@ _NEWTON_METRE = re.compile(r"\bNm\b")
 ENERGY = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
 """Units of energy, and of power for a time, by their names in pint: their dimensions are those of a torque."""
 LONGEST = 80
-"""Characters of a unit."""
+"""Largest number of characters of a unit."""
 _POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 _SUPERSCRIPT = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+")
@@ -36,7 +36,7 @@ class Known:
     """A number with its unit and, where it was measured, its standard deviation.
 
     Attributes:
-        value: in `unit`.
+        value: value in `unit`.
         std: standard deviation in `unit`; None where the value is exact by convention.
         unit: an SI unit such as ``"kg"``.
     """
@@ -51,11 +51,11 @@ class Known:
 
 
 def si_factor(unit: str, expected: str) -> float:
-    """Number by which values in `unit` are multiplied to be in `expected`.
+    """Factor that converts values in `unit` to `expected`.
 
     Args:
-        unit: what a user wrote, such as ``"gram_force"``, ``"deg/s"`` or ``"ms"``.
-        expected: the SI unit that the quantity has inside, such as ``"N"``.
+        unit: unit that a user wrote, such as ``"gram_force"``, ``"deg/s"`` or ``"ms"``.
+        expected: SI unit of the quantity, such as ``"N"``.
 
     Raises:
         InputError: `unit` is unknown, is of another kind than `expected`, or is no angle where an angle is expected.
@@ -76,7 +76,7 @@ def si_factor(unit: str, expected: str) -> float:
 
 
 def parse_quantity(text: str, expected: str | None = None) -> Known:
-    """Read ``"80 g +/- 0.4 g"``, ``"3 mN"`` or ``"0.368 ± 0.001 m"``.
+    """Parse a quantity such as ``"80 g +/- 0.4 g"``, ``"3 mN"`` or ``"0.368 ± 0.001 m"``.
 
     Args:
         text: a number with its unit, then optionally ``+/-`` (or ``±``) and the standard deviation with its unit, or in
@@ -85,7 +85,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
             SI.
 
     Returns:
-        Value and standard deviation in `expected`, or in the SI unit of what was written.
+        Value and standard deviation in `expected`, or in the SI unit of the text.
 
     Raises:
         InputError: no number, no unit, an unknown unit, a unit of another kind, or a standard deviation that is not
@@ -120,7 +120,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
 
 
 def si_unit(unit: str) -> str:
-    """SI unit of the kind of `unit`: itself where it is one already, such as ``"N s^2/m^2"``, else its base units.
+    """SI unit of the same kind as `unit`: the unit itself where it is SI, such as ``"N s^2/m^2"``, else its base units.
 
     Raises:
         InputError: the unit is unknown.
@@ -130,10 +130,10 @@ def si_unit(unit: str) -> str:
 
 
 def to_base_units(unit: str) -> tuple[str, float, float]:
-    """SI base units of any unit, ``"1"`` for a plain number, with the factor to them and what is added after it.
+    """SI base units of any unit (``"1"`` for a plain number), with the factor to them and the offset after it.
 
     Raises:
-        InputError: the unit is unknown, or no multiple of its base units, such as a decibel.
+        InputError: the unit is unknown, or is no multiple of its base units, such as a decibel.
     """
     if unit.strip() == "1":
         return "1", 1.0, 0.0
@@ -142,7 +142,7 @@ def to_base_units(unit: str) -> tuple[str, float, float]:
 
 
 def _from_zero(unit: str) -> "_Unit":
-    """A unit whose zero is that of its base units, which a degree Celsius is not."""
+    """A unit whose zero is that of its base units; that of a degree Celsius is not."""
     parsed = _parse(unit)
     if parsed.zero != 0.0:
         raise InputError(f"unit '{unit}' does not start at zero: write 'K'")
@@ -151,9 +151,9 @@ def _from_zero(unit: str) -> "_Unit":
 
 @dataclass(frozen=True)
 class _Unit:
-    """What pint says of a unit: ``factor * value + zero`` is in SI base units.
+    """A unit as pint knows it: ``factor * value + zero`` is in SI base units.
 
-    Also the name of these, their dimensions, and whether it counts radians.
+    It also has the name of these base units, their dimensions, and whether it counts radians.
     """
 
     factor: float
@@ -199,7 +199,7 @@ def _parse(unit: str) -> _Unit:
 
 
 def _check_size(unit: str) -> None:
-    """Refuse what takes for ever to work out, such as ``N**9**9**9**9``: pint computes every number in a unit."""
+    """Refuse units that take too long to evaluate, such as ``N**9**9**9**9``: pint computes every number in a unit."""
     plain = _SUPERSCRIPT.sub(lambda match: "^" + match.group().translate(_SUPERSCRIPTS), unit)
     powers = plain.count("^") + plain.count("**")
     depth = deepest = 0

@@ -1,6 +1,6 @@
-"""How much to smooth: the cut-off, the order and the noise under which the samples are most probable.
+"""Choose how much to smooth: the cut-off, the order and the noise under which the samples are most probable.
 
-Likewise a curve through a signal and its measured derivatives.
+A curve through a signal and its measured derivatives is fitted as well.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,34 +9,34 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from armdyn.smoothing.spline import ORDER, UNDISTORTED, Curve, LowPass, Samples, basis_matrix
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, PENALTY_ORDER, Curve, LowPass, Samples, basis_matrix
 
-ORDERS = (4, 3, 5, 6)
-HIGHEST = 0.3
+SPLINE_ORDERS = (4, 3, 5, 6)
+MAX_CUTOFF_SHARE = 0.3
 """Highest cut-off that is tried, as a share of the sampling rate."""
-COARSER = 4
-"""Factor between the knot intervals of two searches."""
-TRIED, SKIPPED = 12, 3
-"""Cut-offs of a search; of these, distance of those that are tried first."""
-DOUBT = 20.0
-"""By how much, in twice the log-likelihood, another order must be more probable than the preferred one."""
+KNOT_INTERVAL_FACTOR = 4
+"""Ratio of the knot intervals of two successive searches."""
+CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
+"""Number of cut-offs in a search, and the stride between those that are tried first."""
+ORDER_PREFERENCE = 20.0
+"""Twice the log-likelihood by which another order must exceed the preferred one."""
 
 
 class Choice(NamedTuple):
-    """How a signal is smoothed: cut-off in Hz, standard deviation of its noise, and order."""
+    """A choice of smoothing: cut-off in Hz, standard deviation of the noise, and order."""
 
     cutoff: float
     noise: float
-    order: int = ORDER
+    order: int = PENALTY_ORDER
 
 
-def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (ORDER,)) -> Choice:
-    """The smoothing under which a signal is most probable.
+def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> Choice:
+    """Find the smoothing under which a signal is most probable.
 
     Args:
-        time: (n,) s.
-        values: (n,); a constant has no noise.
-        orders: to choose from, the one that is preferred first.
+        time: (n,) time stamps, s.
+        values: (n,) samples; a constant has no noise.
+        orders: orders to choose from, the preferred one first.
     """
     span = float(np.std(values))
     if span == 0.0:
@@ -46,10 +46,10 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        near = Samples(time, 0.5 * UNDISTORTED / first.cutoff)
+        near = Samples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
         others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
-        all_alike = Samples(time, UNDISTORTED / max(choice.cutoff for choice in (first, *others)))
-        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - DOUBT
+        all_alike = Samples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
+        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
         for choice in others:
             score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
@@ -58,40 +58,41 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
 
 
 def resolution(values: np.ndarray) -> float:
-    """Step of an encoder or of a file's digits: the smallest difference between (n,) values that is no rounding."""
+    """Step of an encoder or of a file's digits: the smallest difference between (n,) values that is not rounding."""
     differences = np.diff(np.unique(values))
     return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 
 def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> Choice:
-    """The most probable cut-off for one order; by coarser knots as long as it is below what the finer ones can have."""
+    """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
     samples = Samples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = samples.lowest, HIGHEST / samples.interval
+    low, high = samples.lowest, MAX_CUTOFF_SHARE / samples.interval
     while True:
-        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED)
+        cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED)
         choice = _best_of(cutoffs, samples, values, least_noise)
-        if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * COARSER:
+        if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
-        samples = Samples(time, COARSER * samples.step, order)
-        low, high = samples.lowest, UNDISTORTED / samples.step
+        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
+        low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
 def _best_near(samples: Samples, around: float, values: np.ndarray, least_noise: float) -> Choice:
-    """The most probable of the cut-offs near one."""
+    """The most probable of the cut-offs near `around`, Hz."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
-    low, high = 0.4 * around, min(2.0 * around, HIGHEST / samples.interval)
-    cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), TRIED // 2)
+    low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
+    cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED // 2)
     return _best_of(cutoffs, samples, values, least_noise)
 
 
 def _best_of(cutoffs: np.ndarray, samples: Samples, values: np.ndarray, least_noise: float) -> Choice:
-    """The most probable of (k,) cut-offs, or one between it and its neighbours; the first one only where it is best.
+    """The most probable of (k,) cut-offs, or one between it and its neighbours.
 
-    Every third is tried, then the neighbours of the best so far.
+    Every third is tried, then the neighbours of the best so far; the first one is tried only where it could be the
+    best.
     """
     scores: dict[int, float] = {}
-    new = {*range(0, len(cutoffs), SKIPPED), len(cutoffs) - 1}
+    new = {*range(0, len(cutoffs), FIRST_CUTOFF_STRIDE), len(cutoffs) - 1}
     while new:
         scores |= {i: _score(samples, float(cutoffs[i]), values, least_noise) for i in sorted(new)}
         best = min(scores, key=lambda i: (scores[i], i))
@@ -103,12 +104,13 @@ def _best_of(cutoffs: np.ndarray, samples: Samples, values: np.ndarray, least_no
 def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
     """Standard deviation of a smoothed signal's derivative, in 1/s^k.
 
-    sigma^2 dt 2 int (2 pi f)^(2k) / (1 + (f/f_c)^2m) df: the spectrum of what the samples leave unknown.
+    It is sigma^2 dt 2 int (2 pi f)^(2k) / (1 + (f/f_c)^2m) df: the part of the spectrum that the samples do not
+    determine.
 
     Args:
-        choice: see `best_smoothing`.
-        interval: between samples, s.
-        derivative: k < m.
+        choice: the smoothing; see `best_smoothing`.
+        interval: interval between samples, s.
+        derivative: order k of the derivative, k < m.
     """
     integral = np.pi / (2 * choice.order) / np.sin((2 * derivative + 1) * np.pi / (2 * choice.order))
     spread = np.sqrt(2.0 * interval * choice.cutoff * integral) * (2.0 * np.pi * choice.cutoff) ** derivative
@@ -120,7 +122,7 @@ def _score(samples: Samples, cutoff: float, values: np.ndarray, least_noise: flo
 
 
 def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> float:
-    """Minimum of the parabola, over the logarithm, through the best and its neighbours."""
+    """Minimum of the parabola through the best score and its neighbours, over the logarithm of the cut-off."""
     if not 0 < best < len(cutoffs) - 1:
         return float(cutoffs[best])
     left, middle, right = scores[best - 1], scores[best], scores[best + 1]
@@ -130,7 +132,7 @@ def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> floa
 
 
 class Rates(NamedTuple):
-    """Measured derivatives of a signal: (n,) times in s, (n,) values, and how often the signal is differentiated."""
+    """Measured derivatives of a signal: (n,) times in s, (n,) values, and the order of the derivative."""
 
     time: np.ndarray
     values: np.ndarray
@@ -138,27 +140,27 @@ class Rates(NamedTuple):
 
 
 def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequence[Rates] = ()) -> Curve:
-    """Curve through a noisy signal and its measured derivatives, each weighted by how well it agrees.
+    """Fit a curve through a noisy signal and its measured derivatives, each weighted by its agreement.
 
-    The noise of a derivative is what its samples differ from the curve through the rest: one that is filtered or late
-    in the recording gets little weight where it contradicts the signal itself.
+    The noise of a derivative is its difference from the curve through the other signals: a derivative that is filtered
+    or late gets little weight where it contradicts the signal itself.
 
     Args:
-        time: (n,) s.
-        values: (n,).
-        choice: see `best_smoothing`.
-        rates: of the signal.
+        time: (n,) time stamps, s.
+        values: (n,) samples of the signal.
+        choice: the smoothing; see `best_smoothing`.
+        rates: measured derivatives of the signal.
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
-    samples = Samples(time, None if rates else UNDISTORTED / choice.cutoff, choice.order)
+    samples = Samples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
     while samples.lowest > choice.cutoff:
-        samples = Samples(time, COARSER * samples.step, choice.order)
+        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)
     if not rates or choice.noise == 0.0:
         return curve
     offset = values[0]
     matrices = [basis_matrix(r.time, samples.start, samples.step, samples.size, r.derivative) for r in rates]
-    for _ in range(3):  # the weights settle to a few per cent
+    for _ in range(3):  # the weights converge to a few per cent
         bands = samples.normal + samples.strength(choice.cutoff) * samples.penalty
         right = samples.matrix.T @ (values - offset)
         for rate, matrix in zip(rates, matrices, strict=True):

@@ -4,11 +4,11 @@ A curve x(t) of quintic B-splines minimises (Eilers & Marx, Statistical Science 
 
     sum_i (y_i - x(t_i))^2 + lambda |D^m c|^2,      D^m c = m-th differences of its coefficients.
 
-Far from the ends this is a low-pass of zero phase with the amplitude 1/(1 + (f/f_c)^2m). The cut-off f_c is the one
-under which the samples are most probable (restricted maximum likelihood, x being a random walk in its derivative
-m - 1; Wahba, Annals of Statistics 13, 1985), which finds the standard deviation of the noise at the same time. It lies
-where signal and noise are equally strong. The order m can be chosen in the same way: a planned motion has a high one,
-one that friction and servo disturb a low one.
+Far from the ends this is a low-pass without phase shift, with the amplitude 1/(1 + (f/f_c)^2m). The cut-off f_c is the
+one under which the samples are most probable (restricted maximum likelihood, with x a random walk in its derivative m -
+1; Wahba, Annals of Statistics 13, 1985); the standard deviation of the noise is estimated at the same time. At f_c
+signal and noise are equally strong. The order m can be chosen in the same way: a planned motion has a high order, a
+motion that friction and servo disturb a low one.
 """
 
 from copy import copy
@@ -22,33 +22,33 @@ from scipy.sparse import csr_matrix
 
 from armdyn.errors import InputError
 
-DEGREE = 5
-ORDER = 4
-"""Order of the differences that are penalised, where none is chosen: piecewise-constant jerk costs nothing."""
-FEWEST = 8
-"""Samples below which there is nothing to smooth."""
-STRONGEST = 1e10
-"""Largest lambda that is tried: beyond, the equations lose too many digits and coarser knots are as good."""
-STIFFER = 1e-13
-"""Share of its weight that pulls a coefficient in a gap, towards the first sample: a hundred times what rounding takes
-from the equations of order 6, and unnoticed up to 20 knots from the nearest sample."""
-STRONG = 1e4
+SPLINE_DEGREE = 5
+PENALTY_ORDER = 4
+"""Default order of the penalised differences: piecewise-constant jerk costs nothing."""
+MIN_SMOOTHED_SAMPLES = 8
+"""Least number of samples that can be smoothed."""
+MAX_LAMBDA = 1e10
+"""Largest lambda that is tried: beyond it the equations lose too many digits, and coarser knots are as good."""
+GAP_STIFFNESS_SHARE = 1e-13
+"""Weight that pulls a coefficient in a gap towards the first sample, as a share of its own weight: a hundred times the
+rounding error of the equations of order 6, and negligible up to 20 knots from the nearest sample."""
+REFINED_LAMBDA = 1e4
 """Lambda from which a solution is refined once."""
-UNDISTORTED = 0.125
-"""Cut-off, per knot interval, up to which differences of coefficients are as good as derivatives."""
-WHITE = 0.896
-"""Sampled at twice this share of the cut-off, white noise that was low-passed with order 4 is white again: there
+MAX_UNDISTORTED_CUTOFF = 0.125
+"""Largest cut-off, per knot interval, at which differences of coefficients are as good as derivatives."""
+WHITE_RATE_SHARE = 0.896
+"""Sampling rate over twice the cut-off at which white noise that was low-passed with order 4 is white again: there
 |amplitude|^2 is 1/2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One or more splines over the same knots.
+    """One or more spline curves with the same knots.
 
     Attributes:
         start: first time, s.
         step: knot interval, s.
-        coefficients: (N, m).
+        coefficients: (N, m) coefficients of m curves.
     """
 
     start: float
@@ -56,7 +56,7 @@ class Curve:
     coefficients: np.ndarray
 
     def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """(n, m) values, or derivatives in 1/s^k, at (n,) times in s; beyond the ends the end pieces go on."""
+        """Evaluate the curves: (n, m) values, or derivatives in 1/s^k, at (n,) times, s; end pieces extend."""
         return np.asarray(
             basis_matrix(time, self.start, self.step, len(self.coefficients), derivative) @ self.coefficients
         )
@@ -65,10 +65,10 @@ class Curve:
 def basis_matrix(time: np.ndarray, start: float, step: float, size: int, derivative: int = 0) -> csr_matrix:
     """(n, size) values of uniform quintic B-splines, or of a derivative, at (n,) times."""
     position = (np.asarray(time, dtype=float) - start) / step
-    first = np.clip(np.floor(position).astype(int), 0, size - DEGREE - 1)
-    values = np.vander(position - first, DEGREE + 1, increasing=True) @ (_pieces(derivative) / step**derivative)
-    columns = first[:, None] + np.arange(DEGREE + 1)
-    pointer = np.arange(0, values.size + 1, DEGREE + 1)
+    first = np.clip(np.floor(position).astype(int), 0, size - SPLINE_DEGREE - 1)
+    values = np.vander(position - first, SPLINE_DEGREE + 1, increasing=True) @ (_pieces(derivative) / step**derivative)
+    columns = first[:, None] + np.arange(SPLINE_DEGREE + 1)
+    pointer = np.arange(0, values.size + 1, SPLINE_DEGREE + 1)
     return csr_matrix((values.ravel(), columns.ravel(), pointer), shape=(len(position), size))
 
 
@@ -85,35 +85,37 @@ def _pieces(derivative: int) -> np.ndarray:
         ]
     ) / 120.0  # fmt: skip
     for _ in range(derivative):
-        pieces = np.vstack([np.arange(1, DEGREE + 1)[:, None] * pieces[1:], np.zeros(DEGREE + 1)])
+        pieces = np.vstack([np.arange(1, SPLINE_DEGREE + 1)[:, None] * pieces[1:], np.zeros(SPLINE_DEGREE + 1)])
     return pieces
 
 
 class Samples:
-    """Stamps at which something was sampled, with a spline basis over them.
+    """Time stamps of samples, with a spline basis for them.
 
     Args:
-        time: (n,) s, increasing.
-        step: knot interval, s; the mean interval of the stamps when not given, and never less.
-        order: of the differences that are penalised.
+        time: (n,) time stamps, s, increasing.
+        step: knot interval, s; None means the mean interval of the stamps, which is also the least.
+        order: order of the penalised differences.
 
     Raises:
-        InputError: fewer than `FEWEST` stamps.
+        InputError: fewer than `MIN_SMOOTHED_SAMPLES` stamps.
     """
 
-    def __init__(self, time: np.ndarray, step: float | None = None, order: int = ORDER) -> None:
-        if len(time) < FEWEST:
-            raise InputError(f"{len(time)} samples cannot be smoothed: {FEWEST} or more are needed, record longer")
+    def __init__(self, time: np.ndarray, step: float | None = None, order: int = PENALTY_ORDER) -> None:
+        if len(time) < MIN_SMOOTHED_SAMPLES:
+            raise InputError(
+                f"{len(time)} samples cannot be smoothed: {MIN_SMOOTHED_SAMPLES} or more are needed, record longer"
+            )
         self.time, self.order = time, order
         self.interval = float((time[-1] - time[0]) / (len(time) - 1))
         self.start = float(time[0])
         self.step = self.interval if step is None else max(step, self.interval)
-        self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + DEGREE
+        self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + SPLINE_DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
 
     def of_order(self, order: int) -> "Samples":
-        """The same samples, with differences of another order penalised."""
-        other, bands = copy(self), max(DEGREE, order) + 1
+        """The same samples with another order of the penalised differences."""
+        other, bands = copy(self), max(SPLINE_DEGREE, order) + 1
         other.order = order
         for known in ("penalty", "penalty_determinant"):
             other.__dict__.pop(known, None)
@@ -127,12 +129,12 @@ class Samples:
 
     @cached_property
     def penalty(self) -> np.ndarray:
-        """(b, N) lower bands of D' D, stiffened by `STIFFER` where no sample tells a coefficient.
+        """(b, N) lower bands of D' D, stiffened by `GAP_STIFFNESS_SHARE` where no sample tells a coefficient.
 
         Across a gap of tens of knots the smoothest curve costs less than rounding, and the equations are singular.
         """
         bands = difference_penalty(self.size, self.order, len(self.normal))
-        bands[0, self.normal[0] == 0.0] *= 1.0 + STIFFER
+        bands[0, self.normal[0] == 0.0] *= 1.0 + GAP_STIFFNESS_SHARE
         return bands
 
     @cached_property
@@ -143,29 +145,29 @@ class Samples:
 
     def bands(self, matrix: csr_matrix) -> np.ndarray:
         """(b, N) lower bands of M' M, for M with six neighbouring entries per row."""
-        values = matrix.data.reshape(-1, DEGREE + 1)
-        first = matrix.indices[:: DEGREE + 1]
-        bands = np.zeros((max(DEGREE, self.order) + 1, self.size))
-        for a in range(DEGREE + 1):
-            for b in range(a, DEGREE + 1):
+        values = matrix.data.reshape(-1, SPLINE_DEGREE + 1)
+        first = matrix.indices[:: SPLINE_DEGREE + 1]
+        bands = np.zeros((max(SPLINE_DEGREE, self.order) + 1, self.size))
+        for a in range(SPLINE_DEGREE + 1):
+            for b in range(a, SPLINE_DEGREE + 1):
                 bands[b - a] += np.bincount(first + a, values[:, a] * values[:, b], self.size)
         return bands
 
     def strength(self, cutoff: float) -> float:
-        """Lambda that halves the amplitude at `cutoff`, Hz."""
+        """The lambda with which the amplitude is halved at `cutoff`, Hz."""
         return float((2.0 * np.pi * cutoff * self.step) ** (-2 * self.order) * self.step / self.interval)
 
     @property
     def lowest(self) -> float:
-        """Cut-off under `STRONGEST`, Hz."""
-        return float((STRONGEST * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
+        """Cut-off under `MAX_LAMBDA`, Hz."""
+        return float((MAX_LAMBDA * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
 
 
 class LowPass:
-    """The smoothing of samples with one cut-off; linear, the same for every signal, of zero phase.
+    """Low-pass with one cut-off for given sample times: linear, the same for every signal, without phase shift.
 
     Args:
-        samples: where the signals are sampled.
+        samples: times of the samples.
         cutoff: frequency of half the amplitude, Hz.
     """
 
@@ -182,7 +184,7 @@ class LowPass:
         columns = columns - offset
         B, order = self.samples.matrix, self.samples.order
         c = cho_solve_banded((self.factor, True), B.T @ columns, check_finite=False)
-        if self.strength > STRONG:
+        if self.strength > REFINED_LAMBDA:
             missing = B.T @ (columns - B @ c) - self.strength * _differences_transposed(
                 np.diff(c, order, axis=0), order
             )
@@ -190,7 +192,7 @@ class LowPass:
         return Curve(self.samples.start, self.samples.step, c + offset)
 
     def noise_gain(self, time: np.ndarray) -> float:
-        """Mean variance, at (k,) times, that is left of white noise of unit variance; at 50 of the times."""
+        """Mean variance, at (k,) times, of smoothed white noise of unit variance; at most 50 times are used."""
         chosen = time[:: max(1, len(time) // 50)]
         B = self.samples.matrix
         at = basis_matrix(chosen, self.samples.start, self.samples.step, self.samples.size)
@@ -198,11 +200,11 @@ class LowPass:
         return float(np.mean(np.sum(rows**2, axis=0)))
 
     def evidence(self, values: np.ndarray, least_noise: float = 0.0) -> tuple[float, float]:
-        """How probable (n,) values are under this cut-off and order.
+        """Evidence of (n,) values for this cut-off and order.
 
         Args:
-            values: (n,).
-            least_noise: that they have at least, such as what rounding leaves.
+            values: (n,) samples.
+            least_noise: least standard deviation of their noise, such as that of rounding.
 
         Returns:
             Minus twice the restricted log-likelihood, up to a constant, and the standard deviation of the noise.
@@ -219,7 +221,7 @@ class LowPass:
 
 
 def difference_penalty(size: int, order: int, bands: int) -> np.ndarray:
-    """(bands, size) lower bands of D' D, D taking the differences of an order."""
+    """(bands, size) lower bands of D' D, where D takes differences of the given order."""
     stencil, rows = _stencil(order), size - order
     penalty = np.zeros((bands, size))
     for offset in range(order + 1):

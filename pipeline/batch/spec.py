@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.identify.change import FALSE_ALARMS
+from armdyn.identify.change import FALSE_ALARM_RATE
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
@@ -63,7 +63,7 @@ class _Changes:
 
     false_alarms: Annotated[
         float, Check(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
-    ] = FALSE_ALARMS
+    ] = FALSE_ALARM_RATE
 
 
 @dataclass(frozen=True)

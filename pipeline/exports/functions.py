@@ -20,7 +20,7 @@ from armdyn.model import Model
 from armdyn.model_file import ModelFile
 from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.variational import STATE_SIZE
+from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
 from pipeline.exports.format import Format
 from pipeline.exports.parts import background_left_over, left_over
@@ -118,7 +118,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
 def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
     variational = model.variational()
     theta = ca.DM([model.parameters[name].value for name in variational.names])
-    s, u, t, dt = ca.SX.sym("s", STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
+    s, u, t, dt = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
     following = variational.step(s, u, t, dt, theta)
     tension = variational.tension(s, u, t, dt, theta, following)
     names = ["s", "u", "t", "dt"], ["s_next", "tension"]

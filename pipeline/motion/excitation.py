@@ -13,7 +13,7 @@ from armdyn.experiments.arm import ArmProblem
 from armdyn.experiments.criteria import covariance
 from armdyn.experiments.goal import Goal
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import NEARLY, Say, improve, random_motions, scale, search, shrink
+from armdyn.experiments.search import COMPARED_EXCESS, Say, improve, random_motions, scale, search, shrink
 from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from armdyn.threads import one_thread
@@ -172,7 +172,7 @@ def excitation(
         say("designing the motion with the least condition number")
         rival = replace(problem, criterion=goal.conditioned)
         other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
-        inside = shrink(rival, other, NEARLY)
+        inside = shrink(rival, other, COMPARED_EXCESS)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,

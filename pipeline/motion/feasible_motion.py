@@ -9,7 +9,7 @@ import numpy as np
 import urdf
 from armdyn.atomic import write_text
 from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, PredictedExperiment
-from armdyn.experiments.plan import HOPELESS, Plan, with_motion
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, with_motion
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
@@ -81,7 +81,7 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
         load_radius: m.
     """
     moving = plan.motion
-    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= HOPELESS:
+    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= MIN_RIGHT_PROBABILITY:
         return plan, None
     arm = urdf.load("baxter")
     found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)

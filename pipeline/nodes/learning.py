@@ -15,7 +15,7 @@ from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActio
 from armdyn.errors import TaskFailedError
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
-from armdyn.pendulum.dynamics import STATE_SIZE
+from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import fixed_path, run_path
 from armdyn.physics.simulate import Rollout
@@ -171,7 +171,7 @@ class SacNode:
         What effects remember follows them; SAC holds it as it was when the run began.
         """
         column = rollout.state_sensitivities[:, self._estimator.model.physics_names.index("length")]
-        return rollout.states[-1, :STATE_SIZE], column[:STATE_SIZE]
+        return rollout.states[-1, :PLANAR_STATE_SIZE], column[:PLANAR_STATE_SIZE]
 
     def begin(self, now: float) -> None:
         """Kick, then inform."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.document import Chart, Section
-from armdyn.identify.residual.force_law import QUANTITIES, RATE, law
+from armdyn.identify.residual.force_law import QUANTITY_BY_UNIT, RATE_QUANTITY, law
 from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
@@ -57,7 +57,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
     unit, count = curves[0].unit, len(curves)
     width = (1.0 - GAP * (count - 1)) / count
     layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
-    layout["yaxis"] = {"title": {"text": f"missing {QUANTITIES.get(unit, RATE)} [{unit}]"}}
+    layout["yaxis"] = {"title": {"text": f"missing {QUANTITY_BY_UNIT.get(unit, RATE_QUANTITY)} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
         number, start = str(i + 1) if i else "", i * (width + GAP)

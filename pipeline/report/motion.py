@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.arm.rollout import RollOut
 from armdyn.document import Chart, Section
-from armdyn.identify.tables import KINDS, ROLES
+from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
 from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
 
@@ -22,11 +22,12 @@ def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
     """A picture for each joint, of the last run of those that are most independent of the fit."""
     if not found:
         return []
-    role = next(role for role in ROLES if any(r.role == role for r in found))
+    role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     name = [r.run for r in found if r.role == role][-1]
     by_joint = {r.joint: r for r in found if (r.role, r.run) == (role, name)}  # of several kinds the longest windows
     captions = {
-        joint: f"{joint} in {name} ({ROLES[role]}), simulated in {KINDS[r.kind]}." for joint, r in by_joint.items()
+        joint: f"{joint} in {name} ({ROLE_WORDS[role]}), simulated in {ROLLOUT_WORDS[r.kind]}."
+        for joint, r in by_joint.items()
     }
     return [Chart(_picture(r), captions[joint], f"tau.{joint}") for joint, r in by_joint.items()]
 

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
-from armdyn.experiments.plan import HOPELESS, Plan, Proposal
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, Proposal
 from armdyn.experiments.separation import Rival
 from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
@@ -54,7 +54,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
         sentence: for a person.
         output: the file with a motion that Baxter can make; None where there is none.
     """
-    hopeful = plan is None or any(p.outlook.probability > HOPELESS for p in plan.proposals)
+    hopeful = plan is None or any(p.outlook.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
     steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
     return replace(
         Document("", "") if plan is None else plan.document(),

@@ -15,9 +15,9 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import HOPELESS, Proposal, designed_motion
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Proposal, designed_motion
 from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
-from armdyn.experiments.separation import MARGIN, beliefs
+from armdyn.experiments.separation import TIE_CHI2, beliefs
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
 from armdyn.identify.sentence import Verdict
@@ -246,14 +246,14 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
     if rivals is not None:
         return None
     # A rival that has won stands, also where the arm leaves more than the noise of its load cell.
-    won = gap is not None and gap > MARGIN
+    won = gap is not None and gap > TIE_CHI2
     nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
     return Stop.UNKNOWN if nothing and not won else Stop.NAMED
 
 
 def _promising(proposal: Proposal) -> bool:
     """Whether the motion may tell at least one pair apart."""
-    return proposal.outlook.probability > HOPELESS or bool(np.any(proposal.outlook.chi2_increase > WORTH))
+    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(np.any(proposal.outlook.chi2_increase > WORTH))
 
 
 WORTH = 12.0

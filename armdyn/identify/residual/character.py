@@ -1,4 +1,4 @@
-"""What can be said of an effect that is in no catalogue: dynamics or sensor, on what it depends, its frequency."""
+"""Describe an effect that is in no catalogue: dynamics or sensor error, on what it depends, its frequency."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.channels import is_auxiliary
 
-MOST_TERMS = 3
+MAX_TERMS = 3
 SIGNIFICANCE = 1e-3
-SEGMENT = 1.5
-"""s; in so short a stretch a free start absorbs missing dynamics, but no sensor error."""
-STATE_STEPS = 4
-"""Gauss-Newton steps for such a start: in so short a stretch predictions are nearly linear in it."""
-LITTLE_LEFT = 1.05
-"""Squared error per sample, over the noise's, below which too little is left to ask what it is."""
-MOSTLY_DYNAMICS, MOSTLY_SENSOR = 0.7, 0.4
-"""Process-error shares above and below which it is said whether dynamics or a sensor is to blame."""
-FREQUENCIES = 600
-CHUNK = 2**19
-"""Sines that are computed together."""
+SEGMENT_SECONDS = 1.5
+"""Length of a segment, s: in so short a stretch a free start state absorbs missing dynamics, but no sensor error."""
+START_STATE_STEPS = 4
+"""Gauss-Newton steps for the start state of a segment: in so short a stretch predictions are nearly linear in it."""
+MIN_EXCESS_RATIO = 1.05
+"""Squared error per sample, over the noise variance, below which the residual is too small to be characterised."""
+MIN_DYNAMICS_SHARE, MAX_SENSOR_SHARE = 0.7, 0.4
+"""Process-error shares above which dynamics, and below which a sensor, is named as the cause."""
+FREQUENCY_COUNT = 600
+SINES_AT_ONCE = 2**19
+"""Number of sines that are computed at once."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Term:
     """One term of a sparse model of the residual.
 
     Attributes:
-        channel: whose residual.
-        expression: such as ``"sign(swing_rate)"``.
-        share: of the squared residual that it explains.
-        p_value: probability of that by chance, times the number of terms tried.
+        channel: the channel of the residual.
+        expression: the term, such as ``"sign(swing_rate)"``.
+        share: share of the squared residual that it explains.
+        p_value: probability of so large a share by chance, times the number of terms tried.
     """
 
     channel: str
@@ -47,7 +47,7 @@ class Term:
 
 @dataclass(frozen=True)
 class SpectralPeak:
-    """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and probability by chance."""
+    """The strongest frequency of a residual: Hz, amplitude in the channel's unit, and its probability by chance."""
 
     channel: str
     frequency: float
@@ -58,13 +58,13 @@ class SpectralPeak:
 
 @dataclass(frozen=True)
 class ResidualCharacter:
-    """What is known of an effect outside the catalogue.
+    """Description of an effect outside the catalogue.
 
     Attributes:
-        process_error: share of the misfit that free initial states in short segments take up, 0 to 1; None where the
-            model has no initial states.
-        terms: best first.
-        peaks: of the channels that have one.
+        process_error: share of the squared residual that free initial states in short segments remove, 0 to 1; None
+            where the model has no initial states.
+        terms: terms on which the residual depends, the best first.
+        peaks: spectral peaks, for the channels that have one.
     """
 
     process_error: float | None
@@ -73,12 +73,12 @@ class ResidualCharacter:
 
     @property
     def significant(self) -> bool:
-        """Whether there is structure that coloured noise would not have."""
+        """Whether the residual has structure that coloured noise would not have."""
         return bool(self.terms or self.peaks)
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The description in one sentence, for a reader."""
         parts = []
         if self.process_error is not None:
             share = f"({100 * self.process_error:.0f} % vanish with a free state)"
@@ -91,35 +91,35 @@ class ResidualCharacter:
 
 
 def behaves_like(process_error: float) -> str:
-    """In words, what a process-error share says."""
-    if process_error > MOSTLY_DYNAMICS:
+    """What a process-error share means, in words."""
+    if process_error > MIN_DYNAMICS_SHARE:
         return "it behaves like missing dynamics"
-    return "it behaves like a sensor error" if process_error < MOSTLY_SENSOR else "dynamics or sensor: undecided"
+    return "it behaves like a sensor error" if process_error < MAX_SENSOR_SHARE else "dynamics or sensor: undecided"
 
 
 def characterise(fit: Fit) -> ResidualCharacter:
-    """Describe what a fit leaves."""
+    """Describe the residual of a fit."""
     filters = whitening(fit.blocks)
     return ResidualCharacter(process_error_share(fit), sparse_terms(fit, filters), spectral_peaks(fit, filters))
 
 
 def process_error_share(fit: Fit) -> float | None:
-    """Share of the misfit that vanishes when every `SEGMENT` starts with a state of its own.
+    """Share of the squared residual that vanishes when every `SEGMENT_SECONDS` starts with a state of its own.
 
-    Every piece is fitted by Gauss-Newton steps from the simulated motion; None for a model without states, and where
-    nothing is left to explain.
+    Every segment is fitted by Gauss-Newton steps from the simulated motion. None for a model without states, and where
+    the residual is zero.
     """
     problem = fit.problem
     model = problem.model
-    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < LITTLE_LEFT:
+    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < MIN_EXCESS_RATIO:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
-        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT)
+        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT_SECONDS)
         states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
-        for _ in range(STATE_STEPS):
+        for _ in range(START_STATE_STEPS):
             square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
             for channel, s in pieces.linearised(theta, states, none).samples.items():
                 noise = problem.noise[run.name, channel]
@@ -140,7 +140,7 @@ def process_error_share(fit: Fit) -> float | None:
 
 
 def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]:
-    """Orthogonal matching pursuit of the whitened residual over functions of the covariates."""
+    """Terms of the whitened residual in functions of the covariates, found by orthogonal matching pursuit."""
     covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[Term]()
     for channel, blocks in channels.items():
         white = filters[channel]
@@ -156,7 +156,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
         columns = {e: np.concatenate([white(v) for v in values]) for e, values in library.items()}
         total = float(y @ y)
         basis = np.linalg.qr(fitted)[0]
-        for _ in range(MOST_TERMS):
+        for _ in range(MAX_TERMS):
             y = y - basis @ (basis.T @ y)
             best, gain, direction = "", 0.0, np.zeros(len(y))
             for expression, column in columns.items():
@@ -169,20 +169,20 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
                 break
             found.append(Term(channel, best, gain / total, p))
             basis = np.column_stack([basis, direction])
-    return tuple(sorted(found, key=lambda term: -term.share)[:MOST_TERMS])
+    return tuple(sorted(found, key=lambda term: -term.share)[:MAX_TERMS])
 
 
 def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[SpectralPeak, ...]:
-    """The strongest frequency of each channel's whitened residual, where it is stronger than noise makes one."""
+    """The strongest frequency of each channel's whitened residual, where it exceeds what noise would give."""
     found, channels = [], by_channel(fit.blocks)
     for channel, blocks in channels.items():
         interval = float(np.median(np.concatenate([np.diff(b.time) for b in blocks])))
         longest = max(float(b.time[-1] - b.time[0]) for b in blocks)
-        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCIES * 4)
+        frequencies = np.linspace(2.0 / longest, 0.45 / interval, FREQUENCY_COUNT * 4)
         white = filters[channel]
         order = len(white.coefficients)
         power = np.zeros(len(frequencies))
-        long_enough = [b for b in blocks if len(b.time) > order]  # a joint that rests leaves a handful of samples
+        long_enough = [b for b in blocks if len(b.time) > order]  # a joint at rest leaves only a few samples
         for b in long_enough:
             power += periodogram(b.time[order:], white(b.residual), frequencies)
         best = int(np.argmax(power))
@@ -197,17 +197,17 @@ def spectral_peaks(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Spectral
 
 
 def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """(F,) half the fall of |value|^2 when a sine and a cosine are fitted; the samples need not be even.
+    """(F,) half of the decrease of |value|^2 when a sine and a cosine are fitted; samples may be unevenly spaced.
 
-    Scargle, Astrophys. J. 263 (1982), from the normal equations of each frequency.
+    From the normal equations at each frequency (Scargle, Astrophys. J. 263, 1982).
 
     Args:
-        time: (n,) s.
-        value: (n,).
-        frequencies: (F,) Hz.
+        time: (n,) time stamps, s.
+        value: (n,) samples.
+        frequencies: (F,) frequencies, Hz.
     """
     power = np.empty(len(frequencies))
-    together = max(1, CHUNK // len(time))
+    together = max(1, SINES_AT_ONCE // len(time))
     for first in range(0, len(frequencies), together):
         part = slice(first, first + together)
         phase = 2 * np.pi * np.multiply.outer(frequencies[part], time)
@@ -220,7 +220,7 @@ def periodogram(time: np.ndarray, value: np.ndarray, frequencies: np.ndarray) ->
 
 
 def _library(signals: dict[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
-    """Functions of one and of two signals, each a list of arrays, one per run; scaled signals keep powers apart."""
+    """Functions of one and of two signals, each a list of arrays, one per run; scaling keeps powers distinct."""
     scale = {n: max(float(np.max(np.abs(v), initial=0.0)) for v in values) or 1.0 for n, values in signals.items()}
     library: dict[str, list[np.ndarray]] = {}
     for name, values in signals.items():

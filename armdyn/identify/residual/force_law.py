@@ -1,12 +1,12 @@
-"""Which simple law the missing force follows: a step where the motion turns round, a straight line, a parabola.
+"""The simple law that the missing force follows: a step where the motion reverses, a straight line, a parabola.
 
-Laws are sums of at most two terms in one quantity, with or without a constant, fitted to the means of the bins by
-weighted least squares. Of k terms, n bins with the standard errors s_i and the remaining chi2 the evidence is (Schwarz,
+A law is a sum of at most two terms in one quantity, with or without a constant, fitted to the means of the bins by
+weighted least squares. With k terms, n bins of standard errors s_i and the remaining chi2, its evidence is (Schwarz,
 Ann. Stat. 6, 1978)
 
     ln L = -n/2 ln f^2 - chi2 / (2 f^2) - k/2 ln n,    f^2 = max(1, chi2/n):
 
-the standard errors are at least as large as they are said to be, and larger where no law describes everything.
+where f is at least 1: standard errors are at least as large as estimated, and larger where no law fits all bins.
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -18,25 +18,28 @@ import numpy as np
 from armdyn.identify.residual.missing_force import ForceCurve, pooled, smallest
 from armdyn.recording.channels import FloatArray
 
-CLEAR = float(np.log(100.0))
-"""Nats. A term is told where every law without it is a hundred times less likely than the best: very strong evidence in
-the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). The picture shows whatever is less clear."""
-QUANTITIES = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
-"""By unit; in any other it is the rate of a state."""
-RATE = "rate"
+CLEAR_EVIDENCE_NATS = float(np.log(100.0))
+"""Difference of log evidence, nats. A term is reported where every law without it is a hundred times less likely than
+the best: very strong evidence in the words of Kass & Raftery (J. Am. Stat. Assoc. 90, 1995). Less clear terms are left
+to the picture.
+"""
+QUANTITY_BY_UNIT = {"rad/s^2": "acceleration", "m/s^2": "acceleration", "N m": "torque", "N": "force"}
+"""Name of the missing quantity by its unit; with any other unit it is the rate of a state."""
+RATE_QUANTITY = "rate"
 
 
 @dataclass(frozen=True)
 class Shape:
-    """How a force may depend on one quantity.
+    """A way in which a force may depend on one quantity.
 
     Attributes:
-        of: from (b,) values of the quantity to (b,) of the force, per unit of size.
-        says: the law with ``{size}``, ``{sense}`` (grows or falls), ``{what}`` moves, and ``{against}``.
-        factor: size that is told over the fitted coefficient: the step of a sign is two.
-        power: of the quantity in the unit of the size.
-        cause: what takes energy from the motion in this way; empty where there is more than one.
-        effects: parts of the names of effects that do.
+        of: function from (b,) values of the quantity to (b,) forces for a size of one.
+        says: the law in words, with ``{size}``, ``{sense}`` (grows or falls), ``{what}`` moves, and ``{against}``.
+        factor: ratio of the size that is printed to the fitted coefficient; 2 for a sign function, whose step is twice
+            as high.
+        power: power of the quantity in the unit of the size.
+        cause: physical cause of such a loss of energy; empty where there is more than one.
+        effects: parts of the names of effects that have this cause.
     """
 
     of: Callable[[FloatArray], FloatArray]
@@ -47,32 +50,34 @@ class Shape:
     effects: tuple[str, ...] = ()
 
 
-DRY = ("coulomb", "asymmetric", "stribeck", "load_friction")
-STEP = Shape(np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY)
-VISCOUS = Shape(
+DRY_FRICTION_EFFECTS = ("coulomb", "asymmetric", "stribeck", "load_friction")
+STEP_SHAPE = Shape(
+    np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY_FRICTION_EFFECTS
+)
+VISCOUS_SHAPE = Shape(
     np.positive, "{sense} in proportion to the speed, by {size}",
     cause="viscous friction", effects=("viscous", "linear_drag"),
 )  # fmt: skip
-SQUARE = Shape(
+SQUARE_SHAPE = Shape(
     lambda x: x * np.abs(x), "{sense} with the square of the speed, by {size}",
     power=2, cause="air drag", effects=("quadratic_drag",),
 )  # fmt: skip
-LINE = Shape(np.positive, "{sense} with the {against}, by about {size}")
-DRIFT = Shape(np.positive, "{sense} with time, by about {size}")
-CONSTANT = Shape(np.ones_like, "is {size} at every speed and position", power=0)
-SHAPES = {"speed": (STEP, VISCOUS, SQUARE), "time": (DRIFT,)}
-"""By quantity; a straight line for every other."""
+LINE_SHAPE = Shape(np.positive, "{sense} with the {against}, by about {size}")
+DRIFT_SHAPE = Shape(np.positive, "{sense} with time, by about {size}")
+CONSTANT_SHAPE = Shape(np.ones_like, "is {size} at every speed and position", power=0)
+SHAPES_BY_QUANTITY = {"speed": (STEP_SHAPE, VISCOUS_SHAPE, SQUARE_SHAPE), "time": (DRIFT_SHAPE,)}
+"""Shapes by quantity; for every other quantity a straight line."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """One part of a law.
+    """One term of a law.
 
     Attributes:
         shape: how the force depends on the quantity.
-        against: the quantity; empty for a constant.
-        size: of the step, or of the force per unit (or squared unit) of the quantity, with its sign.
-        unit: of the size.
+        against: the quantity it depends on; empty for a constant.
+        size: height of a step, or force per unit (or squared unit) of the quantity, with sign.
+        unit: unit of the size.
     """
 
     shape: Shape
@@ -83,13 +88,13 @@ class Term:
 
 @dataclass(frozen=True)
 class Law:
-    """What a missing force follows.
+    """The law that a missing force follows.
 
     Attributes:
-        joint: which joint's; None for a model without joints.
+        joint: name of the joint; None for a model without joints.
         quantity: ``"torque"``, ``"force"``, ``"acceleration"`` or ``"rate"``.
-        terms: those that are clear.
-        alike: other joints whose missing force follows the same terms, with sizes of their own.
+        terms: the terms that are clear.
+        alike: other joints whose missing force follows the same terms, with different sizes.
     """
 
     joint: str | None
@@ -99,11 +104,11 @@ class Law:
 
     @property
     def sentence(self) -> str:
-        """Such as ``"the missing torque of elbow steps by 1.2 N m where the joint turns round: dry friction"``."""
+        """The law in words: ``"the missing torque of elbow steps by 1.2 N m where the joint turns round"``."""
         whose = f" of {self.joint}" if self.joint else ""
         driven = self.quantity in ("torque", "force")
         what = "joint" if driven else "motion" if self.joint else "swing"
-        # A drive must make up for what friction takes; a swing is slowed by it.
+        # A drive has to supply what friction takes; a swing is slowed by friction.
         friction = [t for t in self.terms if t.shape.cause]
         loss = 1.0 if driven else -1.0
         drives = bool(friction) and all(loss * t.size < 0.0 for t in friction)
@@ -113,13 +118,15 @@ class Law:
         text += f" (likewise {_listed(self.alike)})" if self.alike else ""
         if drives:
             return f"{text}, which drives the motion and is no friction"
-        # What surrounds a joint is oil as well.
-        causes = ["drag" if self.joint and t.shape is SQUARE else t.shape.cause for t in friction if loss * t.size > 0]
+        # The medium around a joint may be oil as well.
+        causes = [
+            "drag" if self.joint and t.shape is SQUARE_SHAPE else t.shape.cause for t in friction if loss * t.size > 0
+        ]
         return f"{text}: {' and '.join(causes)}" if causes else text
 
 
 def law(curves: Iterable[ForceCurve]) -> Law | None:
-    """The law of the joint that lacks most, of those whose law is clear; None where none is."""
+    """The law of the joint with the largest missing force, among those with a clear law; None without a clear law."""
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
@@ -132,16 +139,16 @@ def law(curves: Iterable[ForceCurve]) -> Law | None:
 
 
 def _kinds(one: Law) -> list[tuple[Shape, str, bool]]:
-    """What tells a law from others, whatever its size."""
+    """The terms of a law without their sizes, to compare two laws."""
     return [(term.shape, term.against, term.size > 0.0) for term in one.terms]
 
 
 def law_sentence(curves: Iterable[ForceCurve], named: Collection[str] = ()) -> str:
-    """The law as the sentence with which an answer begins, and a space; empty where none is clear.
+    """The law as the first sentence of an answer, with a space after it; empty where no law is clear.
 
     Args:
-        curves: of the missing force.
-        named: effects that were found. Where none of them takes energy as the law does, it is left to the picture: two
+        curves: curves of the missing force.
+        named: effects that were found. Where none of them loses energy as the law does, the sentence is empty: two
             effects together may look like a third.
     """
     found = law(curves)
@@ -152,24 +159,26 @@ def law_sentence(curves: Iterable[ForceCurve], named: Collection[str] = ()) -> s
 
 
 def _law(curves: Sequence[ForceCurve]) -> Law | None:
-    """Of one joint: the terms that no plausible law lacks."""
+    """The law of one joint: the terms that every plausible law has."""
     tried = [fitted for curve in curves for fitted in _fitted(curve)]
     gain, best = max(tried, key=lambda one: one[0])
-    plausible = [{(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR]
+    plausible = [
+        {(t.shape, t.against) for t in terms} for evidence, terms in tried if evidence >= gain - CLEAR_EVIDENCE_NATS
+    ]
     told = tuple(t for t in best if all((t.shape, t.against) in other for other in plausible))
-    # Beside something that varies, the constant is what is left of it where its shape is none of these.
-    told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT)
-    return Law(curves[0].joint, QUANTITIES.get(curves[0].unit, RATE), told) if told else None
+    # Beside a term that varies, a constant is only the part of the force that no shape describes.
+    told = told if len(best) == 1 else tuple(t for t in told if t.shape is not CONSTANT_SHAPE)
+    return Law(curves[0].joint, QUANTITY_BY_UNIT.get(curves[0].unit, RATE_QUANTITY), told) if told else None
 
 
 def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[Term, ...]]]:
-    """Evidence of every law in one quantity, over that of no force at all, with its terms."""
-    shapes = SHAPES.get(curve.against, (LINE,))
+    """Evidence of every law in one quantity, relative to no force at all, with its terms."""
+    shapes = SHAPES_BY_QUANTITY.get(curve.against, (LINE_SHAPE,))
     sets = [chosen for size in range(3) for chosen in combinations(shapes, size)]
     scale = max(float(np.max(np.abs(curve.x))), np.finfo(float).tiny)
     std = np.maximum(curve.std, smallest(curve.std))
     y, found = curve.as_given / std, []
-    for chosen in (*sets, *((*one, CONSTANT) for one in sets)):
+    for chosen in (*sets, *((*one, CONSTANT_SHAPE) for one in sets)):
         columns = np.array([shape.of(curve.x / scale) / std for shape in chosen]).reshape(len(chosen), len(y)).T
         values = np.linalg.lstsq(columns, y, rcond=None)[0]
         evidence = _evidence(y - columns @ values, len(chosen)) - _evidence(y, 0)
@@ -185,12 +194,12 @@ def _evidence(residual: FloatArray, terms: int) -> float:
 
 def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> Term:
     per = {0: "", 1: f" per {curve.x_unit}", 2: f" per ({curve.x_unit})^2"}[shape.power]
-    against = "" if shape is CONSTANT else curve.against
+    against = "" if shape is CONSTANT_SHAPE else curve.against
     return Term(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
 
 
 def _said(term: Term, what: str, grows: bool) -> str:
-    size = term.size if term.shape is CONSTANT else abs(term.size)
+    size = term.size if term.shape is CONSTANT_SHAPE else abs(term.size)
     number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
     against = term.against.replace("_", " ").replace("load", "predicted load")
     return term.shape.says.format(size=number, sense="grows" if grows else "falls", what=what, against=against)

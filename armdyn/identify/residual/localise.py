@@ -1,4 +1,4 @@
-"""Where a model fails: stretches of time, angle, rate or joint speed whose residual is far above the noise."""
+"""Where a model fails: ranges of time, angle, rate or joint speed in which the residual is far above the noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,13 +10,13 @@ from armdyn.identify.problem import Block, by_channel, chi2_of, deviates, sample
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
-BINS = 16
+LOCATION_BINS = 16
 TIME_BINS = 30
-SIGNIFICANT = 5.0
-"""Standard deviations by which a bin's chi2 must exceed what noise gives."""
-MOST = 12
-FAR_ABOVE = 1.5
-"""Times the whole run's chi2 per sample that a stretch must reach to be worth naming."""
+SIGNIFICANT_DEVIATES = 5.0
+"""Number of standard deviations by which the chi2 of a bin must exceed that of noise."""
+MAX_PLACES = 12
+MIN_CHI2_RATIO = 1.5
+"""Ratio of the chi2 per sample of a range to that of the whole run from which on the range is named."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Place:
     """A range in which the model fails.
 
     Attributes:
-        channel: whose residual.
+        channel: the channel of the residual.
         run: name of the run; ``""`` where all runs are taken together.
-        against: what the range is in: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
-        start: lower end.
-        end: upper end.
-        unit: of both.
-        chi2_per_sample: there; 1 is noise.
-        share: of the channel's whole misfit that lies there.
+        against: quantity of the range: ``"time"``, ``"swing_angle"``, ``"v.right_s1"``, ``"run"``, ...
+        start: lower end of the range.
+        end: upper end of the range.
+        unit: unit of both ends.
+        chi2_per_sample: squared residual over the noise variance, per sample, in the range; 1 is noise.
+        share: share of the channel's squared residual that lies in the range.
     """
 
     channel: str
@@ -45,18 +45,18 @@ class Place:
 
     @property
     def sentence(self) -> str:
-        """Where it is, such as ``"against time from 3 to 4 s in a.csv"``."""
+        """The range in words, such as ``"against time from 3 to 4 s in a.csv"``."""
         text = f"against {self.against} from {self.start:.3g} to {self.end:.3g} {self.unit}"
         return f"{text} in {self.run}" if self.run else text
 
 
 def localise(fit: Fit) -> tuple[Place, ...]:
-    """The worst places first; empty where nothing stands out of the noise."""
+    """Find where a fit fails, the worst place first; empty where no place stands out of the noise."""
     covariates, places = fit.covariates(), list[Place]()
     for channel, blocks in by_channel(fit.blocks).items():
         total, samples = chi2_of(blocks), samples_of(blocks)
         overall = total / samples
-        if deviates(total, samples) < SIGNIFICANT:
+        if deviates(total, samples) < SIGNIFICANT_DEVIATES:
             continue
         found = _over_runs(blocks, overall) if len(blocks) > 1 else []
         for block in blocks:
@@ -68,16 +68,16 @@ def localise(fit: Fit) -> tuple[Place, ...]:
             found += _against(
                 channel, name, [(b, covariates[b.run][name]) for b in blocks if name in covariates[b.run]]
             )
-        far = (p for p in found if p.chi2_per_sample > FAR_ABOVE * overall or p.against == "run")
+        far = (p for p in found if p.chi2_per_sample > MIN_CHI2_RATIO * overall or p.against == "run")
         places += [replace(p, share=min(1.0, p.share / total)) for p in far]
-    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MOST])
+    return tuple(sorted(places, key=lambda p: -p.chi2_per_sample)[:MAX_PLACES])
 
 
 def _against(channel: str, name: str, pairs: Sequence[tuple[Block, Channel]]) -> list[Place]:
     at = np.concatenate([b.interpolate(c) for b, c in pairs])
     square = np.concatenate([b.residual**2 for b, _ in pairs])
     unit = pairs[0][1].unit
-    found = _bins(channel, "", name, unit, at, square, BINS, even=False)
+    found = _bins(channel, "", name, unit, at, square, LOCATION_BINS, even=False)
     if name.startswith("v.") or name == "swing_rate":
         moving = np.abs(at) > 0.05 * np.max(np.abs(at), initial=0.0)
         sides = [square[moving & (sign * at > 0)] for sign in (-1, 1)]
@@ -98,7 +98,7 @@ def _over_runs(blocks: Sequence[Block], overall: float) -> list[Place]:
     return [
         Place(b.channel, b.run, "run", float(b.time[0]), float(b.time[-1]), "s", square / len(b.residual), square)
         for b, square in zip(blocks, squares, strict=True)
-        if square / len(b.residual) > FAR_ABOVE * overall
+        if square / len(b.residual) > MIN_CHI2_RATIO * overall
     ]
 
 
@@ -118,14 +118,16 @@ def _bins(
     sums = np.bincount(index, weights=square, minlength=len(edges) - 1)
     overall = float(square.mean())
     mean = sums / np.maximum(counts, 1)
-    failing = (sums - counts > SIGNIFICANT * np.sqrt(2 * np.maximum(counts, 1))) & (mean > FAR_ABOVE * overall)
+    failing = (sums - counts > SIGNIFICANT_DEVIATES * np.sqrt(2 * np.maximum(counts, 1))) & (
+        mean > MIN_CHI2_RATIO * overall
+    )
     places, first = [], None
     for i, fails in enumerate([*failing, False]):
         if fails and first is None:
             first = i
         elif not fails and first is not None:
             level = float(sums[first:i].sum() / counts[first:i].sum())
-            # the share is a sum of squares until the caller knows the channel's whole misfit
+            # a sum of squares here; the caller divides it by the channel's sum
             places.append(Place(channel, run, against, float(edges[first]), float(edges[i]), unit, level,
                                 float(sums[first:i].sum())))  # fmt: skip
             first = None

@@ -1,8 +1,8 @@
-"""The missing force: what a model cannot explain, drawn against what it may depend on, before anyone names it.
+"""The missing force: what a model does not explain, as curves over the quantities that it may depend on.
 
-Of an arm it is the torque of each joint that the model lacks, measured minus predicted; of a model with states, such as
-a pendulum, the acceleration. Its mean over bins of speed, position, load and time is a curve that shows the law: a step
-where the motion turns round is dry friction, a straight line over the speed viscous friction, a parabola drag.
+For an arm it is the torque of each joint that the model lacks, measured minus predicted; for a model with states, such
+as a pendulum, the acceleration. Its means over bins of speed, position, load and time form a curve that shows the law:
+a step where the motion reverses is dry friction, a straight line over the speed viscous friction, a parabola drag.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,31 +21,32 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 
-SHARE = 1.0 / 16.0
-"""Of a swing, between two kicks: so finely a missing force is resolved in time."""
-ROUNDS = 3
-BINS = (32, 24, 16, 12, 8)
-"""Points of a curve: the most of these that leave `INDEPENDENT` samples in most bins, else the fewest."""
-MOTION = {"speed": "v", "position": "q", "acceleration": "a"}
-"""What a joint's torque may depend on, with the kind of its channel."""
-INDEPENDENT = 4.0
-"""Independent samples of a bin. On recordings of a UR5 with friction and a payload eight leave 8 points, which hide the
-step of dry friction in the slope of the viscous one on three of six joints; four leave 32, which show both on all six.
-Standard errors hold, because no bin's scatter counts as less than the usual one of all bins."""
+RESOLUTION_PERIODS = 1.0 / 16.0
+"""Time resolution of a missing force, in periods of the swing."""
+KICK_ROUNDS = 3
+CURVE_BINS = (32, 24, 16, 12, 8)
+"""Numbers of points of a curve: the first for which most bins have `MIN_INDEPENDENT_SAMPLES` is used, else the last."""
+JOINT_QUANTITIES = {"speed": "v", "position": "q", "acceleration": "a"}
+"""Quantities on which a joint's torque may depend, with the prefix of their channels."""
+MIN_INDEPENDENT_SAMPLES = 4.0
+"""Independent samples that a bin needs. On recordings of a UR5 with friction and a payload, eight give curves of 8
+points, which hide the step of dry friction in the slope of the viscous one on three of six joints; four give 32 points,
+which show both on all six. Standard errors remain valid, because the scatter of a bin counts at least as much as the
+typical one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """Samples of the missing force of one run, and of one joint where the model has joints.
+    """Samples of the missing force of one run, for one joint where the model has joints.
 
     Attributes:
-        run: its name.
-        joint: its name; None for a model without joints.
+        run: name of the run.
+        joint: name of the joint; None for a model without joints.
         unit: of `value`: ``"rad/s^2"``, ``"m/s^2"``, ``"N m"`` or ``"N"``.
-        time: (n,) s.
-        value: (n,) what the model lacks, in `unit`.
-        against: by name the (n,) values of what it may depend on, with their unit: ``"speed"``, ``"position"`` (of a
-            pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``. The time need not be among them.
+        time: (n,) times, s.
+        value: (n,) missing force, in `unit`.
+        against: (n,) values and unit of each quantity that it may depend on, by name: ``"speed"``, ``"position"`` (for
+            a pendulum ``"angle"``), ``"load"``, ``"pivot_acceleration"``; the time need not be included.
     """
 
     run: str
@@ -58,21 +59,21 @@ class Unexplained:
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """The missing force of one run and joint against one quantity: means over bins that hold equally many samples.
+    """The missing force of one run and joint against one quantity: means over bins of equally many samples.
 
     Attributes:
-        run: its name.
-        joint: its name; None for a model without joints.
-        unit: of the force.
+        run: name of the run.
+        joint: name of the joint; None for a model without joints.
+        unit: unit of the force.
         against: name of the quantity.
-        x_unit: its unit.
-        x: (b,) its mean in every bin, ascending.
-        as_given: (b,) the mean force that the model as given lacks.
-        std: (b,) standard error of `as_given`; it counts that neighbouring samples are correlated.
-        repaired: (b,) what the repaired model lacks; None where nothing was repaired.
+        x_unit: unit of that quantity.
+        x: (b,) mean of the quantity in every bin, ascending.
+        as_given: (b,) mean force that the model as given lacks.
+        std: (b,) standard error of `as_given`, with the correlation of neighbouring samples.
+        repaired: (b,) mean force that the repaired model lacks; None where nothing was repaired.
         repaired_std: (b,) standard error of `repaired`.
-        with_background: (b,) what the repaired model lacks with its background; None where it has none.
-        law: (b,) what the repaired model says that the model as given lacks; None where nobody asked.
+        with_background: (b,) mean force that the repaired model lacks with its background; None where it has none.
+        law: (b,) mean force that the repair adds to the model as given; None where it was not computed.
     """
 
     run: str
@@ -90,15 +91,15 @@ class ForceCurve:
 
 
 def unexplained(fit: Fit) -> list[Unexplained]:
-    """The missing force at a fit, of every run that was fitted."""
+    """The missing force of every fitted run."""
     joints = {run.name: fit.problem.model.force_channels(run) for run in fit.problem.runs}
     return _torques(fit, joints) if any(joints.values()) else accelerations(fit)
 
 
 def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
-    """What a repaired model says that another one lacks: its missing force where it meets what the repaired predicts.
+    """The force that a repair adds: the missing force of the model `given` if the runs were what `repaired` predicts.
 
-    That is the formula without the noise of the recordings, less what the other model makes up for by its own values.
+    It is the formula without the noise of the recordings, less what the model `given` compensates by its own values.
     """
     problem = given.problem
     runs = {run.name: run for run in problem.runs}
@@ -113,8 +114,8 @@ def explained(given: Fit, repaired: Fit) -> list[Unexplained]:
 def accelerations(fit: Fit) -> list[Unexplained]:
     """The missing acceleration of a model with states: the kicks that a smoother needs in every sixteenth of a swing.
 
-    Values are those settled around the motion: a model that lacks something follows a recording by a wrong length as
-    far as it can.
+    The values are those optimised with process noise: a simulation without it would follow the recording by a wrong
+    length as far as it can.
     """
     model = fit.problem.model
     if not (isinstance(model, SimulatedModel) and model.start_names):
@@ -132,17 +133,17 @@ def accelerations(fit: Fit) -> list[Unexplained]:
         free, values = motion.base, motion.point.values
     else:
         free, values = free & ~problem.of(model.start_names), transferred(fit.settled, fit.problem, problem)
-    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), SHARE)
-    point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    box = GreyBox(problem, swings, len(problem.runs), np.zeros(len(free), dtype=bool), RESOLUTION_PERIODS)
+    point = box.settled(free, box.begin(values), (at_every_kick,) * KICK_ROUNDS)
     found = [one for i in range(len(problem.runs)) for one in _kicked(box, point, i)]
-    # A simulation that diverges has nothing to draw.
+    # A diverging simulation has no curve.
     return [
         one for one in found if all(np.isfinite(x).all() for x in (one.value, *(v for v, _ in one.against.values())))
     ]
 
 
 def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained]:
-    """The missing acceleration of one run, one for each speed of the model."""
+    """The missing acceleration of one run, for each speed of the model."""
     run, states = box.runs[index], point.states[index]
     model, theta = run.pieces.model, point.values[run.places]
     around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
@@ -161,14 +162,14 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
 
 
 def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplained]:
-    """Of every joint the measured torque (or force) less the predicted one; `joints` by run and channel."""
+    """Measured minus predicted torque or force of every joint; `joints` by run and channel."""
     found, moving, runs = [], fit.covariates(), {run.name: run for run in fit.problem.runs}
     for block in fit.blocks:
         joint = joints[block.run].get(block.channel)
         if joint is not None:
             against = {
                 name: (block.interpolate(c), c.unit)
-                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in MOTION.items())
+                for name, c in ((name, moving[block.run][f"{kind}.{joint}"]) for name, kind in JOINT_QUANTITIES.items())
             }
             against["load"] = block.predicted, block.unit
             against |= _recorded(runs[block.run], block.time)
@@ -177,7 +178,7 @@ def _torques(fit: Fit, joints: Mapping[str, Mapping[str, str]]) -> list[Unexplai
 
 
 def _recorded(run: Run, time: FloatArray) -> dict[str, tuple[FloatArray, str]]:
-    """Further quantities of a run at (n,) times, with a unit each."""
+    """Further quantities of a run at (n,) times, each with its unit."""
     return {name: (np.interp(time, c.time, c.value), c.unit) for name, c in run.extra.items()}
 
 
@@ -187,13 +188,13 @@ def curves(
     law: Sequence[Unexplained] | None = None,
     with_background: Sequence[Unexplained] | None = None,
 ) -> tuple[ForceCurve, ...]:
-    """The missing force against everything that it may depend on, the joint that lacks most first.
+    """The missing force against every quantity that it may depend on; the joint with the largest one first.
 
     Args:
-        given: of the model as given.
-        repaired: of the repaired one, where there is one; it is averaged over the bins of the model as given.
-        law: what the repaired one explains, likewise.
-        with_background: of the repaired one with its background, likewise.
+        given: missing force of the model as given.
+        repaired: missing force of the repaired model, if any; it is averaged over the bins of `given`.
+        law: force that the repair adds, averaged over the same bins.
+        with_background: missing force of the repaired model with its background, averaged over the same bins.
     """
     others = [{(u.run, u.joint): u for u in of or ()} for of in (repaired, law, with_background)]
     largest = {u.joint: max(float(np.mean(o.value**2)) for o in given if o.joint == u.joint) for u in given}
@@ -204,7 +205,7 @@ def curves(
             for other in (of.get((u.run, u.joint)) for of in others)
         )
         for name, (x, x_unit) in {**u.against, "time": (u.time, "s")}.items():
-            if len(x) >= BINS[-1] and np.ptp(x) > 0.0:
+            if len(x) >= CURVE_BINS[-1] and np.ptp(x) > 0.0:
                 found.append(_curve(u, name, x, x_unit, left, gain, rest))
     return tuple(found)
 
@@ -212,9 +213,9 @@ def curves(
 def between(
     given: Fit, repaired: Fit | None = None, with_background: Fit | None = None, *, law: bool = False
 ) -> tuple[ForceCurve, ...]:
-    """The missing force at a fit, and at that of the repaired model where there is one, with what that explains.
+    """The missing force of a fit and of its repaired model, if any, and the force that the repair adds.
 
-    Likewise at that of the repaired model with its background.
+    The repaired model with its background is included where there is one.
     """
     if repaired is None:
         return curves(unexplained(given))
@@ -232,14 +233,14 @@ def _curve(
     gain: FloatArray | None,
     rest: FloatArray | None,
 ) -> ForceCurve:
-    """The missing force, what a repair leaves, what it explains, what its background leaves, over bins of (n,) x."""
+    """The missing force as given, after repair, added by the repair, and with background, over bins of (n,) x."""
     rank = np.argsort(np.argsort(x, kind="stable"), kind="stable")
-    for bins in BINS:
-        if bins > max(BINS[-1], len(x) / INDEPENDENT):
+    for bins in CURVE_BINS:
+        if bins > max(CURVE_BINS[-1], len(x) / MIN_INDEPENDENT_SAMPLES):
             continue
         place = rank * bins // len(x)
         mean, std, independent = _means(place, u.value)
-        if independent >= INDEPENDENT:
+        if independent >= MIN_INDEPENDENT_SAMPLES:
             break
     after, after_std = (None, None) if left is None else _means(place, left)[:2]
     at = np.bincount(place, x) / np.bincount(place)
@@ -254,12 +255,12 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
 
         s^2 / n_eff,    n_eff = n^2 / (n + 2 sum_k r_k n_k),
 
-    n_k the number of pairs at lag k that are in the bin together: a speed that is passed again and again is told
-    better than one at which the joint stayed once (after Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
+    n_k the number of pairs at lag k inside the bin: the force at a speed that is passed again and again is known better
+    than at a speed that occurs once (after Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
 
     Args:
-        place: (n,) the bin of every sample.
-        value: (n,).
+        place: (n,) bin of every sample.
+        value: (n,) samples.
     """
     count = np.bincount(place)
     mean = np.bincount(place, value) / count
@@ -274,15 +275,15 @@ def _means(place: np.ndarray, value: FloatArray) -> tuple[FloatArray, FloatArray
         together += 2.0 * r * np.bincount(same, minlength=len(count))
     independent = np.maximum(count**2 / together, 2.0)
     scatter = np.bincount(place, rest**2) / count
-    # A few samples may lie together by chance: a bin's scatter is at least the usual one. A single one shows none.
+    # The scatter of a few samples may be small by chance, so a bin has at least the typical one.
     usual = np.median(scatter[count > 1]) if np.any(count > 1) else np.var(value)
     return mean, np.sqrt(np.maximum(scatter, usual) / (independent - 1.0)), float(np.median(independent))
 
 
 def pooled(found: Iterable[ForceCurve]) -> tuple[ForceCurve, ...]:
-    """The curves of all runs as one for each joint and quantity; ``run`` is empty where it is of several.
+    """Combine the curves of all runs into one for each joint and quantity; ``run`` is empty where there are several.
 
-    Neighbouring points are averaged, each weighted by its certainty, until there are no more than a single run's.
+    Neighbouring points are averaged with their weights, until there are no more points than in a single run.
     """
     groups: dict[tuple[str | None, str], list[ForceCurve]] = {}
     for curve in found:
@@ -312,12 +313,12 @@ def _together(mine: Sequence[ForceCurve]) -> ForceCurve:
 
 
 def _weighted(place: np.ndarray, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means over bins of values with different certainty, and their standard errors."""
+    """Weighted means over bins of values with different standard errors, and the standard errors of the means."""
     weight = 1.0 / np.maximum(std, smallest(std)) ** 2
     total = np.bincount(place, weight)
     return np.bincount(place, weight * value) / total, 1.0 / np.sqrt(total)
 
 
 def smallest(std: FloatArray) -> float:
-    """What no standard error is smaller than: bins without any scatter would be all that counts."""
+    """A lower limit for standard errors: otherwise bins without any scatter would have all the weight."""
     return max(1e-3 * float(np.median(std)), np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""Whether there is anything left to explain, and what an effect would bring, from derivatives at the present fit alone.
+"""Test whether a residual is more than noise, and predict the effects' contribution from derivatives at the fit alone.
 
 With r the residual and J the derivatives of everything fitted, Q = orth(J), an effect with derivatives d lowers the
 chi2 by about (d' r)^2 / (d' d), d' = d - Q Q^T d: Rao's score test (Rao 1948; Silvey, Statistical Inference, §7.4).
@@ -12,22 +12,24 @@ from scipy.special import chdtrc
 
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import ljung_box
-from armdyn.identify.problem import WIDE, Block, Problem, by_channel, chi2_of, deviates, samples_of
+from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem, by_channel, chi2_of, deviates, samples_of
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.linear.solve import solve_bounded
 
-IDENTIFIABLE = 1e-3
-"""An effect of whose derivatives the fitted parameters leave less than this share cannot be seen in these runs."""
+MIN_IDENTIFIABLE_SHARE = 1e-3
+"""An effect is not identifiable in these runs where its derivatives, without what fitted parameters imitate, keep less
+than this share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What one candidate promises.
+    """Predicted contribution of one candidate effect.
 
     Attributes:
-        candidate: which.
-        drop: predicted fall of chi2, respecting the bounds.
-        same_as: the fitted parameters that imitate it, where they leave less than `IDENTIFIABLE` of its derivatives.
+        candidate: the candidate.
+        drop: predicted decrease of chi2, within the bounds.
+        same_as: the fitted parameters that imitate it, where less than `MIN_IDENTIFIABLE_SHARE` of its derivatives is
+            independent.
     """
 
     candidate: Candidate
@@ -35,33 +37,33 @@ class Score:
     same_as: tuple[str, ...]
 
 
-AT_ONCE = 2**13
-"""Samples that are worked with at a time."""
+ROWS_AT_ONCE = 2**13
+"""Number of samples that are factored at once."""
 
 
 def stacked(problem: Problem, blocks: Sequence[Block], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) residuals and (m, P) derivatives of all blocks, with the priors as further samples, in P + 1 rows.
+    """(m,) residuals and (m, P) derivatives of all blocks, with the priors as further samples, reduced to P + 1 rows.
 
-    Rows are turned into one another so that all but the first are zero: a score consists of products of columns, which
-    no rotation changes. With the factors of parts factored again (Demmel et al., SIAM J. Sci. Comput. 34, 2012) a long
-    run takes no more memory than a short one.
+    The rows are reduced by rotations (QR): a score consists of products of columns, which no rotation changes. Factors
+    of parts are factored again (Demmel et al., SIAM J. Sci. Comput. 34, 2012), so a long run takes no more memory than
+    a short one.
     """
     table = np.column_stack([np.diag(problem.prior_weight), problem.prior_weight * (problem.prior_mean - values)])
     for block in blocks:
-        for first in range(0, len(block.residual), AT_ONCE):
-            part = slice(first, first + AT_ONCE)
+        for first in range(0, len(block.residual), ROWS_AT_ONCE):
+            part = slice(first, first + ROWS_AT_ONCE)
             rows = np.column_stack([block.sensitivities[part], block.residual[part]])
             table = np.asarray(np.linalg.qr(np.vstack([table, rows]), mode="r"))
     return table[:, -1], table[:, :-1]
 
 
 def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
-    """Every candidate's promise at a fit, the largest drop first."""
+    """Predicted contribution of every candidate at a fit, the largest drop first."""
     problem = fit.problem
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
     with np.errstate(all="ignore"):
         scaled = jacobian * problem.typical
-    if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a simulation that diverges promises nothing
+    if not (np.isfinite(scaled).all() and np.isfinite(residual).all()):  # a diverging simulation predicts nothing
         return [Score(candidate, 0.0, ()) for candidate in candidates]
     Q, R = np.linalg.qr(scaled[:, fit.free])
     residual = residual - Q @ (Q.T @ residual)
@@ -73,14 +75,14 @@ def scores(fit: Fit, candidates: Sequence[Candidate]) -> list[Score]:
 
 
 def linear_fit(fit: Fit, names: Sequence[str]) -> np.ndarray:
-    """(P,) values within their bounds that fit best, with the parameters `names` free as well, linear around a fit.
+    """(P,) values within their bounds that fit best in the model linearised at a fit, with `names` free as well.
 
-    Unknowns without a prior stay within `WIDE` typical sizes where the runs do not tell them.
+    Unknowns without a prior stay within `EFFECT_PRIOR_SIZE` typical sizes where the runs do not identify them.
     """
     problem = fit.problem
     columns = np.flatnonzero(fit.free | problem.of(names))
     residual, jacobian = stacked(problem, problem.blocks(fit.values), fit.values)
-    width = WIDE * problem.typical[columns]
+    width = EFFECT_PRIOR_SIZE * problem.typical[columns]
     scaled = jacobian[:, columns] * width
     lower, upper = ((bound - fit.values)[columns] / width for bound in (problem.lower, problem.upper))
     normal = scaled.T @ scaled + np.eye(len(columns))
@@ -106,7 +108,7 @@ def _score(
     shares = Q.T @ seen
     left = seen - Q @ shares
     independence = float(np.max(np.linalg.norm(left, axis=0) / norms[norms > 0]))
-    if independence < IDENTIFIABLE:
+    if independence < MIN_IDENTIFIABLE_SHARE:
         weights = np.abs(np.linalg.lstsq(R, shares[:, 0], rcond=1e-12)[0] * np.linalg.norm(R, axis=0))
         names = [c.name for c, f in zip(problem.columns, fit.free, strict=True) if f]
         imitators = tuple(n for n, w in zip(names, weights, strict=True) if w > 0.3 * weights.max())
@@ -122,22 +124,22 @@ def _score(
     return Score(candidate, float(change @ change), ())
 
 
-LARGEST_Z = 5.0
-SMALLEST_WHITENESS = 1e-4
-SMALLEST_SCORE = 5e-3
-"""0 false alarms in 360 clean runs with the first two. Effects resemble one another, so that the third, which counts
-them all, is half as likely as it says."""
+MAX_Z = 5.0
+MIN_WHITENESS = 1e-4
+MIN_SCORE_PROBABILITY = 5e-3
+"""Thresholds of the tests: 0 false alarms in 360 clean runs with the first two. Effects resemble one another, so the
+third one, which counts all of them, has half the stated false-alarm rate."""
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """How a fit's residual compares with the noise.
+    """Comparison of a fit's residual with the noise.
 
     Attributes:
         z: standard deviations by which chi2 exceeds the number of samples, the largest over channels.
-        whiteness: probability that white noise is as correlated, the smallest over runs and channels, times their
-            number.
-        score: probability that the best effect of the catalogue seems as good by chance, times the number of effects.
+        whiteness: probability that white noise is at least as correlated, the smallest over runs and channels, times
+            their number.
+        score: probability that the best effect of the catalogue fits as well by chance, times the number of effects.
     """
 
     z: float
@@ -146,8 +148,8 @@ class ResidualTests:
 
     @property
     def fails(self) -> bool:
-        """Whether something is left to explain."""
-        return self.z > LARGEST_Z or self.whiteness < SMALLEST_WHITENESS or self.score < SMALLEST_SCORE
+        """Whether the residual is more than noise."""
+        return self.z > MAX_Z or self.whiteness < MIN_WHITENESS or self.score < MIN_SCORE_PROBABILITY
 
 
 def residual_tests(fit: Fit, promised: list[Score]) -> ResidualTests:

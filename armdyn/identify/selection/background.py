@@ -1,10 +1,10 @@
-"""What is small in an arm: values of every effect on every joint, each held near nothing by one width.
+"""The background of an arm: small values of every effect on every joint, with one common prior width.
 
-A model that is to predict holds more than what has a name. Beside the named effects every effect of the catalogue on
+A model for prediction contains more than what has a name. Beside the named effects, every effect of the catalogue on
 every joint has a value x, in typical sizes, with a prior x ~ N(0, s^2). One width s for all is chosen by predicting
-whole runs: every training run from the others, fifths of a lone one, and the held-out runs from all training runs
-(ridge regression, its penalty by cross-validation; Hoerl & Kennard, Technometrics 12, 1970). What the evidence is sure
-of is as free as what has a name.
+whole runs: every training run from the others, each fifth of a single one from the rest, and the held-out runs from all
+training runs (ridge regression with the penalty chosen by cross-validation; Hoerl & Kennard, Technometrics 12, 1970).
+Effects of which the evidence is sure are as free as the named ones.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,27 +23,27 @@ from armdyn.identify.selection.set_score import SetScore
 from armdyn.identify.study import Study
 from armdyn.run import Run
 
-WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Widths that are tried, in typical sizes."""
-PRICE = log(len(WIDTHS))
-"""Nats that a background must gain: its width is one of several."""
-MOST_ROUNDS = 5
-"""Expansions, each around what the last one led to; two or three nearly always."""
-STEPS = 8
-"""Gauss-Newton steps of the whole model from the linear solution, at most."""
+BACKGROUND_PRICE_NATS = log(len(PRIOR_WIDTHS))
+"""Nats that a background must gain, because its width is chosen among several."""
+MAX_EXPANSIONS = 5
+"""Largest number of expansions, each at the optimum of the one before; two or three suffice nearly always."""
+MAX_BACKGROUND_STEPS = 8
+"""Largest number of Gauss-Newton steps of the whole model, from the linear solution."""
 
 
 @dataclass(frozen=True, eq=False)
 class FullModel:
-    """All effects at once: what is sure as free as in any fit, all others held near nothing by one width.
+    """All effects at once: those that are sure are free, all others have one common prior width.
 
     Attributes:
-        scorer: of sets, from sums around the fit before.
-        sure: the set that the evidence is sure of.
-        width: s, in typical sizes; 0 where only what is sure is held.
-        widths: (c,) of the scorer's unknowns.
-        fit: of all values together.
-        covariance: (P, P) of all unknowns of the study.
+        scorer: scores of sets, from sums at the previous fit.
+        sure: the set of effects of which the evidence is sure.
+        width: s, in typical sizes; 0 where only the sure effects are present.
+        widths: (c,) prior widths of the scorer's unknowns.
+        fit: fit of all values together.
+        covariance: (P, P) covariance of all unknowns of the study.
     """
 
     scorer: LinearScorer
@@ -56,14 +56,14 @@ class FullModel:
 
 @dataclass(frozen=True)
 class SmallValues:
-    """Small values beside the named effects.
+    """Small values besides the named effects.
 
     Attributes:
-        width: see `FullModel`.
-        values: by parameter, in its unit.
-        fit: of named effects and small values together.
-        covariance: (P, P) of all unknowns of the study.
-        in_turn: every training run with the values that the others give; none of one run.
+        width: prior width s, in typical sizes; see `FullModel`.
+        values: values by parameter, in the parameter's unit.
+        fit: fit of named effects and small values together.
+        covariance: (P, P) covariance of all unknowns of the study.
+        in_turn: every training run, predicted by a fit to the others; empty for a single run.
     """
 
     width: float
@@ -74,24 +74,27 @@ class SmallValues:
 
 
 def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]) -> FullModel:
-    """The full model, expanded anew around every fit of it until it leaves no less.
+    """Fit the full model, expanded again at every fit until the residual no longer falls.
 
     Args:
         study: runs and catalogue.
-        effects: those from which the search for what is sure sets out.
-        near: the fit around which the first sums are.
-        say: told how far the search is.
+        effects: effects from which the search for sure effects starts.
+        near: the fit at which the first sums are computed.
+        say: called with a text on the progress of the search.
     """
     best: FullModel | None = None
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_EXPANSIONS):
         scorer = study.scorer(near)
         sure = select(scorer, by_evidence(scorer), scorer.of(scorer.within(effects)), say)
-        by_width = {s: scorer.predicted(scorer.widths(sure.effects, s)) - PRICE * (s > 0.0) for s in WIDTHS}
+        by_width = {
+            s: scorer.predicted(scorer.widths(sure.effects, s)) - BACKGROUND_PRICE_NATS * (s > 0.0)
+            for s in PRIOR_WIDTHS
+        }
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
         found = FullModel(scorer, sure, width, widths, *_fitted(study, scorer, widths))
-        # Sums foretell little of what is far from linear.
+        # Sums predict little of a model that is far from linear.
         if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
         known, best = scorer.within(effects), found
@@ -103,12 +106,12 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
 
 
 def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | None:
-    """The background beside named effects; None where it does not predict other runs better."""
+    """The background beside the named effects; None where it does not improve the prediction of other runs."""
     scorer, before = full.scorer, study.scorer(told.fit)
     named = before.within(told.effects)
     unnamed = before.errors_predicted(before.widths(named, 0.0))
     gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
-    if gained < PRICE or study.squared_error(full.fit) >= study.squared_error(told.fit):
+    if gained < BACKGROUND_PRICE_NATS or study.squared_error(full.fit) >= study.squared_error(told.fit):
         return None
     problem, names = study.problem, [n for c in scorer.candidates if c not in named for n in c.names]
     own = np.flatnonzero(problem.of(names) & (full.fit.values != problem.null))
@@ -120,7 +123,7 @@ def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | 
 
 
 def _fitted(study: Study, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """Named and small values, of (c,) `widths`, at the minimum of the whole model, and their (P, P) covariance."""
+    """Named and small values with (c,) prior widths, at the minimum of the whole model, and their (P, P) covariance."""
     found, given = _with_priors(study, scorer, widths, study.runs, scorer.training), study.problem
     free = found.free
     at = Fit(given, free, found.values, tuple(given.blocks(found.values, free)), found.outcome)
@@ -132,7 +135,7 @@ def _fitted(study: Study, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit
 
 
 def _in_turn(study: Study, scorer: LinearScorer, widths: np.ndarray) -> Iterator[Fit]:
-    """See `SmallValues.in_turn`."""
+    """Every training run, predicted by a fit to the others; see `SmallValues.in_turn`."""
     for run, others in scorer.without_each():
         rest = _with_priors(study, scorer, widths, [r for i, r in enumerate(study.runs) if i != run], others)
         alone = Problem(study.problem.model, [study.runs[run]], study.noise)
@@ -142,9 +145,9 @@ def _in_turn(study: Study, scorer: LinearScorer, widths: np.ndarray) -> Iterator
 
 
 def _with_priors(study: Study, scorer: LinearScorer, widths: np.ndarray, runs: Sequence[Run], units: np.ndarray) -> Fit:
-    """The whole model fitted to runs, whose units in the sums are (u,), with (c,) widths as priors of its values.
+    """Fit the whole model to runs, whose units in the sums are (u,), with (c,) prior widths of its values.
 
-    Steps begin at the minimum of the expansion, where links may be no bodies yet.
+    The steps start at the minimum of the expansion, where a link may not yet be a physical body.
     """
     sums, moving = scorer.sums, widths > 0.0
     columns = scorer.columns[moving]
@@ -156,4 +159,4 @@ def _with_priors(study: Study, scorer: LinearScorer, widths: np.ndarray, runs: S
     free = width > 0.0
     unknown = free & (problem.prior_weight == 0.0)
     problem.prior_weight[unknown], problem.prior_mean[unknown] = 1.0 / width[unknown], problem.null[unknown]
-    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=STEPS)
+    return fit(problem, free, transferred(start, sums.problem, problem), most_steps=MAX_BACKGROUND_STEPS)

@@ -1,4 +1,4 @@
-"""One effect that could be added, on one joint or several."""
+"""One effect that could be added to a model, on one joint or several."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from functools import cached_property
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect that could be added.
+    """One effect that could be added to a model.
 
     Attributes:
-        effect: its name.
-        parts: by joint, ``""`` where it acts on the whole model: the names of its parameters there.
+        effect: name of the effect.
+        parts: names of its parameters by joint; the joint is ``""`` where the effect acts on the whole model.
     """
 
     effect: str
@@ -19,27 +19,27 @@ class Candidate:
 
     @classmethod
     def of(cls, effect: str, parts: Mapping[str, tuple[str, ...]]) -> "Candidate":
-        """With its parameters' names by joint."""
+        """Build a candidate from the names of its parameters by joint."""
         return cls(effect, tuple(parts.items()))
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Where, for an arm; empty where it acts on the whole model."""
+        """Joints on which it acts, for an arm; empty where it acts on the whole model."""
         return tuple(joint for joint, _ in self.parts if joint)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of all its parameters."""
+        """Names of all its parameters."""
         return tuple(name for _, names in self.parts for name in names)
 
     @property
     def label(self) -> str:
-        """The name, with the joints, as commands take it."""
+        """Its name with the joints, in the form that commands take."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
 
     @property
     def spoken(self) -> str:
-        """For a person: the name, with a joint or two, or with how many they are."""
+        """Its name for a reader, with the names of one or two joints, or with their number."""
         if not self.joints:
             return self.effect
         return f"{self.effect} on " + (
@@ -51,17 +51,17 @@ class Candidate:
         return tuple(Candidate(self.effect, (part,)) for part in self.parts)
 
     def on(self, joints: Collection[str]) -> "Candidate":
-        """The same effect on some of its joints."""
+        """The same effect on some of its joints only."""
         return Candidate(self.effect, tuple(part for part in self.parts if part[0] in joints))
 
     def without(self, taken: Collection[str]) -> "Candidate":
-        """What is left of it when these parameters are in the model already; without parts where nothing is."""
+        """The candidate without the parameters `taken` that the model has already; without parts where none remain."""
         left = ((joint, tuple(n for n in names if n not in taken)) for joint, names in self.parts)
         return Candidate(self.effect, tuple(part for part in left if part[1]))
 
 
 def group_by_effect(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates on one joint each as one candidate for each effect, in the order in which they come."""
+    """Combine candidates on one joint each into one candidate for each effect, in the order of first occurrence."""
     found: dict[str, Candidate] = {}
     for c in candidates:
         known = found.get(c.effect)

@@ -1,4 +1,4 @@
-"""All that is missing in an arm: what leads has names, and where only noise is left with it, all that is sure."""
+"""Choose the effects of an arm: the leading ones, or all that are sure where with them only noise is left."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,22 +14,22 @@ from armdyn.identify.selection.select_effects import by_evidence, by_share, elim
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.identify.study import Study
 
-FAR = 3.0
-"""Typical sizes beyond which sums around null say little of a base that is turned: 0.3 rad."""
-FEW = 2.0
-"""Times the values of what leads, up to which all that is sure is told: no reader is lost in them."""
+FAR_TILT_SIZES = 3.0
+"""Typical sizes of a base's tilt beyond which sums at zero tilt predict little: 0.3 rad."""
+FEW_VALUES_RATIO = 2.0
+"""Ratio of the number of values of all sure effects to that of the leading ones, up to which all are reported."""
 
 Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
-"""Goes on from a set of effects to the one that is to be told."""
+"""Function that goes on from a set of effects to the one to report."""
 
 
 def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
-    """The scorer of an arm around its fit as given, the way to where nothing is missing that can be told, all effects.
+    """Choose the effects of an arm: the scorer at its fit as given, the steps to the reported effects, the full model.
 
-    Few effects are told, those that take most of the misfit away. All that the evidence is sure of is told, what leads
-    first, where that is few as well, or where it leaves only noise: then nothing of it is a small error that every
-    description has. What is sure is asked for around the fit of all effects, which is nearer to the truth than that of
-    few.
+    Reported are the few effects that remove most of the squared error. All effects of which the evidence is sure are
+    reported, the leading ones first, where they are few as well, or where only noise is left with them: then no effect
+    among them is a small error of the kind that every robot description has. Which effects are sure is decided at the
+    fit of all effects, which is nearer to the truth than that of a few.
     """
     around = study.scorer(given.fit)
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
@@ -38,7 +38,7 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
     if set(full.sure.effects) != set(full.scorer.within(leading.effects)):
         sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
-        sure = _to_fixed_point(leading, _sure, say)  # a set whose own place is far from that of all effects
+        sure = _to_fixed_point(leading, _sure, say)  # a set whose own optimum is far from that of all effects
     first: tuple[Candidate, ...] = ()
     if _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
         found = _with_links_looked_at_anew(sure, say)
@@ -47,26 +47,26 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
 
 
 def _is_few(sure: SetScore, leading: Path) -> bool:
-    """Whether all that is sure has no more than `FEW` times the values of what leads."""
+    """Whether all sure effects have at most `FEW_VALUES_RATIO` times as many values as the leading ones."""
     lengths = [sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.whole)]
-    return lengths[0] <= FEW * lengths[1]
+    return lengths[0] <= FEW_VALUES_RATIO * lengths[1]
 
 
 def _leading(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
-    """What takes most of the misfit away, each effect of it believed."""
+    """Select the effects that remove most of the squared error and are each significant."""
     found = select(scorer, by_share(scorer), now, say)
     return eliminate(scorer, by_evidence(scorer).cost, found)
 
 
 def _sure(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
-    """All that the evidence is sure of."""
+    """Select all effects of which the evidence is sure."""
     return select(scorer, by_evidence(scorer), now, say)
 
 
 def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
-    """The path to what is chosen around its own end: a repair of the repaired model adds nothing.
+    """The path to the set that is chosen at its own optimum: a repair of the repaired model adds nothing.
 
-    What multiplies others, such as a delay of a spring's torque, shows where they are.
+    A parameter that multiplies others, such as a delay of a spring's torque, is visible only with them present.
     """
     sets, paths = list[frozenset[Candidate]](), list[Path]()
     while True:
@@ -81,9 +81,10 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
 
 
 def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
-    """The path to all that is sure, each changed link of which holds against all others where it is not changed.
+    """The path to all sure effects, in which each changed link remains preferred to all others when left unchanged.
 
-    From a link that is changed much, what else would do the same is out of sight: sums are around it.
+    From a link that is changed much, other effects with the same influence are not visible, since sums are at its
+    optimum.
     """
     model = found.study.problem.model
     for link in [c for c in found.whole.effects if c not in found.scorer.given]:
@@ -105,18 +106,18 @@ def _worth(path: Path) -> float:
 
 
 def _first(study: Study, given: Step, say: Progress) -> Path:
-    """To what leads around the fit as given, or around that of a base that is turned far."""
+    """The path to the leading effects at the fit as given, or at that of a base that is tilted far."""
     around = study.scorer(given.fit)
     best = Path(study, around, _leading(around, around.of(around.given), say), given.effects, given.fit)
     for candidate in study.candidates:
         if candidate.joints:
             continue
-        # It turns the whole arm, and a large angle is far from linear.
+        # It turns the whole arm, and a large angle is not linear.
         say(f"fitting with {candidate.spoken}")
         fit = converged(study.fit_with((*study.present, candidate), given.fit))
         own = study.problem.of(candidate.names)
         angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
-        if np.any(np.abs(angles) > FAR * typical):
+        if np.any(np.abs(angles) > FAR_TILT_SIZES * typical):
             turned = study.scorer(fit, around.given_misfit)
             held = turned.of((*turned.given, *turned.within((candidate,))))
             whole = _leading(turned, held, say)

@@ -1,17 +1,17 @@
-r"""What sets of effects are worth to a model that is linear around one fit, as an arm is: every set by a small solve.
+r"""Scores of sets of effects for a model that is linear around one fit, as an arm is: each set by a small solve.
 
-With X the derivatives of the predictions by every unknown and r the residual, the sums X'X, X'r and r'r of every run
-and channel hold all that fitting a set and predicting other runs needs (`sums`). Unknowns are in typical sizes. The
-*wide model*, in which every effect on every joint may have its typical size, and more where it is larger, says how much
-error no set avoids, and by that how much a sample counts:
+With X the derivatives of the predictions with respect to every unknown and r the residual, the sums X'X, X'r and r'r of
+every run and channel contain all that is needed to fit a set and to predict other runs (`sums`). Unknowns are in
+typical sizes. The *wide model*, in which every effect on every joint may have its typical size, and more where it is
+larger, gives the error that no set avoids, and thus the weight of a sample:
 
     log evidence = - sum_c n_c / 2 misfit(E_c / v_c) - log det(1 + T G T) / 2 - sum_i log(1 + x_i^2),
 
-E_c the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the training runs;
-v_c what the wide model leaves there; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i sizes,
-which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent samples. The
-sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `OF_MODEL_ERROR` however long a
-recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
+where E_c is the mean squared error of channel c in the training runs and in the held-out runs, after a fit to the
+training runs; v_c that of the wide model; G the sums X'X with the weights n_c / (N_c v_c), T the typical sizes; x_i
+sizes, which have a Cauchy prior (MacKay, Neural Computation 4, 1992, on Occam's factor). n_c counts independent
+samples. The sensor's noise has N_c / tau_c of them; the model's own error repeats itself, and has `MODEL_ERROR_SAMPLES`
+however long a recording is. With m = 1 - noise variance / v_c, the variance of a mean square gives
 
     1 / n_c = (1 - m)^2 tau_c / N_c + m^2 / OF_MODEL_ERROR.
 """
@@ -24,56 +24,58 @@ import numpy as np
 
 from armdyn.identify.noise import correlation_time
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import SURE, SetScore, SetScorer
+from armdyn.identify.selection.set_score import BELIEF_NATS, SetScore, SetScorer
 from armdyn.identify.selection.sums import Sums
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-OF_MODEL_ERROR = 20.0
-"""Independent samples of a model's own error in one channel. With 8 the springs of a Gen3 are not found; with 20 the
-exam's error is below that of the best single width in 10 of 15 imperfect arms, and at most 1.13 of it in the others."""
-NOISY = 1.2
-"""Power of what the wide model leaves, over the noise's, up to which it counts as noise: clean simulations reach 1.1
-where samples are many; see `noisy`."""
-EFFECT, VALUE = 0.05, 0.01
-"""Share of the misfit that an effect on a joint, and each of its values, must take away where not all can be told."""
-HELD = 1e-6
-"""Share of an effect's square that is left beside others which can do all that it does."""
-PIECES = 5
-"""Parts of a lone training run that are predicted in turn."""
-LEVELS = 6
-"""Rounds in which the wide model, and the errors that it leaves, which weigh it, come to rest."""
+MODEL_ERROR_SAMPLES = 20.0
+"""Number of independent samples of a model's own error in one channel. With 8 the springs of a Gen3 are not found; with
+20 the exam's error is below that of the best single width in 10 of 15 imperfect arms, and at most 1.13 of it in the
+others."""
+NOISE_POWER_RATIO = 1.2
+"""Residual variance of the wide model, over the noise variance, up to which it counts as noise: clean simulations reach
+1.1 where samples are many; see `noisy`."""
+EFFECT_PRICE, VALUE_PRICE = 0.05, 0.01
+"""Shares of the squared error that an effect on a joint, and each of its values, must remove where not all effects can
+be reported."""
+MIN_DISTINCT_SHARE = 1e-6
+"""Least share of an effect's square that is independent of other effects; below it they replace it."""
+SINGLE_RUN_PIECES = 5
+"""Number of parts of a single training run that are predicted in turn."""
+MAX_WEIGHT_ROUNDS = 6
+"""Largest number of rounds in which the wide model and its errors, which are its weights, are computed in turn."""
 TRAINING, HELD_OUT = 0, 1
 
 
 def noisy(samples: float) -> float:
-    """Mean square, over the noise's, up to which so many independent samples count as noise.
+    """Mean square, over the noise variance, up to which a number of independent samples counts as noise.
 
-    By chance it varies by a standard deviation of sqrt(2 / samples) about one.
+    By chance it has a standard deviation of sqrt(2 / samples) about one.
     """
-    return NOISY * (1.0 + sqrt(2.0 / max(samples, 1.0)))
+    return NOISE_POWER_RATIO * (1.0 + sqrt(2.0 / max(samples, 1.0)))
 
 
 def misfit_of(ratio: np.ndarray) -> np.ndarray:
-    """-2 log likelihood per sample at the best variance of the model's own error, of squared error over noise."""
+    """-2 log likelihood per sample at the best variance of the model's own error, from squared error over noise."""
     return np.where(ratio < 1.0, ratio - 1.0, np.log(np.maximum(ratio, 1.0)))
 
 
 class LinearScorer(SetScorer):
-    """Scores sets of effects by one expansion.
+    """Scores sets of effects by one expansion of the model.
 
     Args:
-        sums: of training runs and of runs that are only predicted.
+        sums: sums of the training runs and of the runs that are only predicted.
         always: (P,) bool, unknowns that are free in every set.
-        candidates: all effects that a set may hold, each on one joint.
-        given: see `SetScorer`.
+        candidates: all effects that a set may contain, each on one joint.
+        given: effects that the model has already; see `SetScorer`.
 
     Attributes:
-        columns: (c,) unknowns: those that are always free first, then those of the candidates.
-        typical: (c,) their typical sizes.
-        places: by candidate, (k,) where its unknowns are among the columns.
+        columns: (c,) indices of the unknowns: those that are always free first, then those of the candidates.
+        typical: (c,) typical sizes of these unknowns.
+        places: by candidate, (k,) positions of its unknowns among the columns.
         training: units that fits use.
-        given_misfit: of the model as given, here where the sums are, or where a first expansion was.
+        given_misfit: squared error of the model as given, at this expansion or at the first one.
     """
 
     most_named = 8
@@ -93,7 +95,7 @@ class LinearScorer(SetScorer):
         self._lower, self._upper = ((bound - sums.values)[C] / t for bound in (p.lower, p.upper))
         self._centre, self._wide = sums.centre[C] / t, sums.width[C] / t
         self._latent = sums.driver[C] != C
-        # An effect that the expansion's point holds returns to nothing in sets without it.
+        # An effect that is present at the expansion's point returns to null in sets without it.
         self._absent = np.where(self._latent, 0.0, (p.null - sums.values)[C] / t)
         self._absent[: len(base)] = 0.0
         self._null = (p.null - sums.values)[C] / t
@@ -112,7 +114,7 @@ class LinearScorer(SetScorer):
         self.given_misfit = self.of(given).misfit
 
     def _cut(self) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
-        """Sums in typical sizes, (U,) the unit of `sums` that each is of, (U,) which are predicted together."""
+        """Sums in typical sizes, (U,) the unit of `sums` of each, and (U,) groups that are predicted together."""
         s, C, t = self.sums, self.columns, self.typical
         if len(np.unique(s.run[s.training])) > 1:
             gram = s.gram[:, C[:, None], C] * (t[:, None] * t)
@@ -120,17 +122,17 @@ class LinearScorer(SetScorer):
         parts, unit, fold = [], [], []
         for i, block in enumerate(s.blocks):
             X, r = block.sensitivities[:, C] * (block.noise * t), block.misfit
-            for k, rows in enumerate(np.array_split(np.arange(len(r)), PIECES if s.training[i] else 1)):
+            for k, rows in enumerate(np.array_split(np.arange(len(r)), SINGLE_RUN_PIECES if s.training[i] else 1)):
                 parts.append((X[rows].T @ X[rows], X[rows].T @ r[rows], float(r[rows] @ r[rows]), float(len(rows))))
                 unit.append(i)
-                fold.append(k if s.training[i] else PIECES)
+                fold.append(k if s.training[i] else SINGLE_RUN_PIECES)
         return NormalEquations(*(np.array(part) for part in zip(*parts, strict=True))), np.array(unit), np.array(fold)
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
-        """(2, c) what the wide model leaves of every channel in training and held-out runs, (2, c) its samples.
+        """(2, c) mean squared error of the wide model by channel, training and held-out runs; (2, c) its samples.
 
-        What is larger than typical is as free as it is large, as under a Cauchy prior; where other runs are predicted
-        better without that freedom, or as the expansion's point does, they say what is left.
+        A value larger than typical is as free as it is large, as under a Cauchy prior. Where other runs are predicted
+        better without that freedom, or by the expansion's point, those errors are used.
         """
         noise, channels = self._noise, len(self._noise)
         self._variance, self._samples = np.tile(noise, (2, 1)), np.ones((2, channels))
@@ -138,7 +140,7 @@ class LinearScorer(SetScorer):
         least = np.maximum(self.errors(change), noise)
         self._variance[:] = np.maximum(least / 30.0, noise)
         widths = self.widths((), 1.0)
-        for _ in range(LEVELS):
+        for _ in range(MAX_WEIGHT_ROUNDS):
             self._samples[:] = [self._counted(k) for k in (TRAINING, HELD_OUT)]
             self._normals.clear()
             change = self.solution(widths, self.training)
@@ -147,10 +149,10 @@ class LinearScorer(SetScorer):
             least = np.minimum(least, self._variance)
         self._variance = least
         time = np.array([self._correlation_time(c, change) for c in range(channels)])
-        m = np.clip(1.0 - NOISY * noise / self._variance, 0.0, 1.0)
+        m = np.clip(1.0 - NOISE_POWER_RATIO * noise / self._variance, 0.0, 1.0)
         count = np.array([self._counted(k) for k in (TRAINING, HELD_OUT)])
         with np.errstate(divide="ignore"):
-            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / OF_MODEL_ERROR)
+            samples = 1.0 / ((1.0 - m) ** 2 * np.maximum(time / count, 0.0) + m**2 / MODEL_ERROR_SAMPLES)
         return self._variance, np.where(count > 0.0, samples, 0.0)
 
     def _counted(self, stage: int) -> np.ndarray:
@@ -165,7 +167,7 @@ class LinearScorer(SetScorer):
 
     @property
     def levels(self) -> dict[tuple[str, str], float]:
-        """By run and channel of training runs, standard deviation with which a sample counts as the fits here count."""
+        """Standard deviation by run and channel of training runs with which a sample has the weight of these fits."""
         return {
             (block.run, block.channel): float(self._weight()[self.sums.channel[i]] ** -0.5)
             for i, block in enumerate(self.sums.blocks)
@@ -173,13 +175,13 @@ class LinearScorer(SetScorer):
         }
 
     def _weight(self) -> np.ndarray:
-        """(c,) of a squared error in training runs."""
+        """(c,) weight of a squared error in training runs."""
         return np.asarray(self._samples[TRAINING] / (self._counted(TRAINING) * self._variance[TRAINING]))
 
     def widths(self, effects: Iterable[Candidate], width: float) -> np.ndarray:
-        """(c,) prior widths: of effects and of the base as in any fit, of all other effects `width`.
+        """(c,) prior widths: those of any fit for effects and base, `width` for all other effects.
 
-        What acts through another unknown of an effect that is not there stays where it was settled.
+        An unknown that acts through another unknown of an absent effect keeps its value.
         """
         found = np.zeros(len(self.columns))
         rest = self._of(self.candidates)
@@ -190,7 +192,7 @@ class LinearScorer(SetScorer):
         return found
 
     def simpler_effects_in(self, one: Candidate) -> int:
-        """See `SetScorer.simpler_effects_in`: asymmetric friction is Coulomb friction and an offset."""
+        """Number of simpler effects that make up an effect: asymmetric friction is Coulomb friction and an offset."""
         if one not in self._simpler:
             self._simpler[one] = self._count_simpler(one)
         return self._simpler[one]
@@ -205,10 +207,10 @@ class LinearScorer(SetScorer):
         scale = 1.0 / np.sqrt(np.diag(G))[both]
         G = G[np.ix_(both, both)] * np.outer(scale, scale)
         within = np.linalg.lstsq(G[k:, k:], G[k:, :k], rcond=1e-10)[0]
-        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < HELD) else 1
+        return k if np.all(1.0 - np.sum(G[:k, k:] * within.T, axis=1) < MIN_DISTINCT_SHARE) else 1
 
     def solution(self, widths: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """(c,) change that fits units (u,) best, of unknowns with (c,) prior widths; what has none is absent."""
+        """(c,) change of the unknowns that fits units (u,) best, with (c,) prior widths; width 0 means absent."""
         free = widths > 0.0
         change = np.where(free, 0.0, self._absent)
         c, gone = np.flatnonzero(free), np.flatnonzero(change)
@@ -242,7 +244,7 @@ class LinearScorer(SetScorer):
         return (total / np.maximum(self._stages.count, 1.0)).reshape(2, -1)
 
     def errors_in_turn(self, widths: np.ndarray) -> np.ndarray:
-        """(c,) mean squared error of the training runs, or parts of a lone one, each predicted from the others."""
+        """(c,) mean squared error of the training runs (or parts of a single one), each predicted from the others."""
         units, total = self.training, np.zeros(len(self._noise))
         for k in np.unique(self._fold[units]):
             mine = units[self._fold[units] == k]
@@ -261,15 +263,15 @@ class LinearScorer(SetScorer):
         return self.log_likelihood(self.errors_predicted(widths))
 
     def log_likelihood(self, errors: np.ndarray) -> float:
-        """Of (2, c) mean squared errors."""
+        """Log likelihood of (2, c) mean squared errors."""
         return float(self._log_likelihoods(errors).sum())
 
     def _log_likelihoods(self, errors: np.ndarray) -> np.ndarray:
-        """(..., 2) of training and of held-out runs, from (..., 2, c) mean squared errors."""
+        """(..., 2) log likelihoods of training and of held-out runs, from (..., 2, c) mean squared errors."""
         return np.asarray(-0.5 * np.sum(self._samples * misfit_of(errors / self._variance), axis=-1))
 
     def without_each(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every training run, and the units of the others; none of a single run."""
+        """Every training run, and the units of the others; empty for a single run."""
         run = self.sums.run[self._unit[self.training]]
         if len(np.unique(run)) > 1:
             yield from ((int(r), self.training[run != r]) for r in np.unique(run))
@@ -294,16 +296,16 @@ class LinearScorer(SetScorer):
         )
 
     def _misfit(self, errors: np.ndarray) -> np.ndarray:
-        """(...) see `SetScore.misfit`, from (..., 2, c) mean squared errors."""
+        """(...) misfit as in `SetScore.misfit`, from (..., 2, c) mean squared errors."""
         return np.asarray(np.sum(self._importance * np.maximum(errors, self._floor), axis=(-2, -1)))
 
     @property
     def _floor(self) -> np.ndarray:
-        """(2, c) least mean squared error: the noise's where there are samples."""
+        """(2, c) least mean squared error: that of the noise, where there are samples."""
         return self._noise * (self._samples > 0.0)
 
     def reading_cost(self, one: SetScore) -> float:
-        """Share of the misfit as given that a set leaves, and what a reader pays for its length: `EFFECT`, `VALUE`."""
+        """Share of the given squared error that a set leaves, plus `EFFECT_PRICE` and `VALUE_PRICE` for its length."""
         if one.score == -np.inf:
             return np.inf
         length = self._length([c for c in one.effects if c not in self.given])
@@ -315,21 +317,21 @@ class LinearScorer(SetScorer):
 
     @staticmethod
     def _length(effects: Sequence[Candidate]) -> float:
-        return EFFECT * len(effects) + VALUE * sum(len(c.names) for c in effects)
+        return EFFECT_PRICE * len(effects) + VALUE_PRICE * sum(len(c.names) for c in effects)
 
     @cached_property
     def least_misfit(self) -> float:
-        """What the wide model leaves, as `SetScore.misfit`."""
+        """The squared error of the wide model, in the scale of `SetScore.misfit`."""
         return float(np.sum(self._importance * self._variance * (self._samples > 0.0)))
 
     def _of(self, effects: Iterable[Candidate]) -> np.ndarray:
-        """(k,) where the unknowns of effects are among the columns."""
+        """(k,) positions of the effects' unknowns among the columns."""
         return np.concatenate([np.zeros(0, dtype=int), *(self.places[c] for c in effects)])
 
     def _is_inside(self, change: np.ndarray, own: np.ndarray) -> bool:
-        """Whether no effect explains what it does by a value that the runs pull beyond a bound.
+        """Whether no effect relies on a value that the runs pull beyond its bound.
 
-        A bound at which the effect is absent, and one from which they pull no more than by chance, is none.
+        A bound at which the effect is absent, and one that they do not pull beyond by more than chance, do not count.
         """
         x = change[own]
         on = own[((x <= self._lower[own]) | (x >= self._upper[own])) & (x != self._null[own])]
@@ -337,24 +339,24 @@ class LinearScorer(SetScorer):
             return True
         G, slope = self._normal(self.training)
         pull = slope[on] - G[on] @ change
-        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < SURE))
+        return bool(np.all(0.5 * pull**2 / np.diag(G)[on] < BELIEF_NATS))
 
     def first_order_score(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) worth of a set with each of k additions, as far as it is foretold; see `_first_order`."""
+        """(k,) predicted score of a set with each of k additions; see `_first_order`."""
         errors, freedom = self._first_order(now, options)
         prices = np.array([self.complexity_penalty((*now.effects, *come)) for come in options])
         return self._log_likelihoods(errors).sum(axis=-1) - now.freedom - freedom - prices
 
     def first_order_cost(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> np.ndarray:
-        """(k,) `reading_cost` of a set with each of k additions, as far as it is foretold; see `_first_order`."""
+        """(k,) predicted `reading_cost` of a set with each of k additions; see `_first_order`."""
         errors, _ = self._first_order(now, options)
         length = np.array([self._length((*now.effects, *come)) for come in options])
         return (self._misfit(errors) - self.least_misfit) / self._reducible + length
 
     def _first_order(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> tuple[np.ndarray, np.ndarray]:
-        """(k, 2, c) mean squared errors of a set with each of k additions, (k,) nats that their freedom costs.
+        """(k, 2, c) predicted mean squared errors of a set with each of k additions, (k,) nats of their freedom.
 
-        What is there already gives way as far as it is linear; only what comes heeds its bounds.
+        The unknowns of the set adapt linearly; only those of the addition respect their bounds.
         """
         widths, x = self.widths(now.effects, 0.0), now.change / self.typical
         c = np.flatnonzero(widths > 0.0)
@@ -374,15 +376,15 @@ class LinearScorer(SetScorer):
         return errors.T.reshape(len(options), 2, -1), freedom
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """See `SetScorer.next_reported`: what takes most of the misfit away for its length."""
+        """See `SetScorer.next_reported`: the set that removes most of the squared error for its length."""
         return min((self.of((*now.effects, *one)) for one in options), key=self.reading_cost)
 
     def values(self, one: SetScore) -> np.ndarray:
-        """See `SetScorer.values`; foretold."""
+        """(P,) predicted values of all unknowns at a set's minimum; see `SetScorer.values`."""
         return self.values_after(one.change / self.typical)
 
     def values_after(self, change: np.ndarray) -> np.ndarray:
-        """(P,) of all unknowns after a change (c,) in typical sizes."""
+        """(P,) values of all unknowns after a change (c,) in typical sizes."""
         moved = change != 0.0
         return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
 
@@ -402,7 +404,7 @@ class LinearScorer(SetScorer):
         return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
 
     def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
-        """See `SetScorer.fitted`; the model's own error is counted in the deviations, 0 for what is not fitted."""
+        """See `SetScorer.fitted`; the deviations include the model's own error, and are 0 for what is not fitted."""
         widths = self.widths(one.effects, 0.0)
         c = np.flatnonzero(widths > 0.0)
         inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)

@@ -1,4 +1,4 @@
-"""From the model as given to a chosen set of effects, step by step, the biggest first."""
+"""The path from the model as given to a chosen set of effects, step by step, the largest effect first."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,14 +17,14 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One change of the model.
+    """One step of a path: a change of the model.
 
     Attributes:
-        added: effects that came in; empty for the model as given.
-        tied: effects that these runs cannot tell from the one added.
-        effects: all effects after it.
-        fit: the minimum after it.
-        tests: what is left.
+        added: effects that this step added; empty for the model as given.
+        tied: effects that these runs cannot distinguish from the one added.
+        effects: all effects after the step.
+        fit: the fit after the step.
+        tests: tests of the residual after the step.
     """
 
     added: tuple[Candidate, ...]
@@ -36,16 +36,16 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """To a chosen set of effects.
+    """The path to a chosen set of effects.
 
-    Where it ends is known before the steps between are fitted: most paths that a search tries are not gone.
+    The steps are fitted only when needed: most paths that a search considers are not followed.
 
     Attributes:
         study: runs and catalogue.
-        scorer: that chose the set.
+        scorer: the scorer that chose the set.
         whole: the set, each effect on one joint.
         before: effects of the model as given.
-        ahead: the fit around which the scorer's sums are.
+        ahead: the fit at which the scorer's sums are computed.
     """
 
     study: Study
@@ -56,24 +56,24 @@ class Path:
 
     @cached_property
     def effects(self) -> tuple[Candidate, ...]:
-        """All effects where it ends."""
+        """All effects at the end of the path."""
         return self._with(self.before, *(c for c in self.whole.effects if c not in self.scorer.given))
 
     @cached_property
     def fit(self) -> Fit:
-        """The minimum where it ends."""
+        """The fit at the end of the path."""
         return converged(self._fitted(self.effects, self.whole))
 
     @cached_property
     def around_end(self) -> LinearScorer:
-        """Scores sets of effects around its end; of models that are linear."""
+        """Scorer of sets of effects, linearised at the end of the path; for linear models."""
         assert isinstance(self.scorer, LinearScorer)
         return self.study.scorer(self.fit, self.scorer.given_misfit)
 
     def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
-        """Every step, refitted to all samples, without ties; `say` is told each.
+        """Fit every step to all samples, without ties; `say` is called with each step.
 
-        Effects of the set that are `leading`, on one joint each, are told first.
+        Effects of the set that are `leading`, on one joint each, come first.
         """
         study, effects, found, given = self.study, self.before, list[Step](), self.scorer.given
         way = order_by_gain(self.scorer, leading, given)
@@ -87,13 +87,13 @@ class Path:
         return found
 
     def with_ties(self, steps: Sequence[Step]) -> list[Step]:
-        """Its steps with the effects that do as well in the place of each, in the whole set."""
+        """Add to each step the effects that would do as well in its place, in the whole set."""
         whole = self.scorer.settle(self.whole.effects)
         ties = (tied(self.scorer, whole, [a for c in step.added for a in c.split_by_joint()]) for step in steps)
         return [replace(step, tied=one) for step, one in zip(steps, ties, strict=True)]
 
     def _with(self, effects: Sequence[Candidate], *added: Candidate) -> tuple[Candidate, ...]:
-        given = self.study.present  # stays as it is, also where the same effect comes on further joints
+        given = self.study.present  # it keeps its place, also where the same effect is added on further joints
         return (*given, *group_by_effect((*(e for e in effects if e not in given), *added)))
 
     def _fitted(self, effects: Sequence[Candidate], one: SetScore) -> Fit:

@@ -1,4 +1,4 @@
-"""A chosen set of effects as a reader takes it in, the biggest first; and effects that may be missing, best first."""
+"""Order a chosen set of effects for a reader, the largest first; rank the effects that may be missing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,11 +14,11 @@ from armdyn.parameter import Parameter
 
 @dataclass(frozen=True)
 class PathSegment:
-    """One step from a smaller set to a larger one.
+    """One step from a smaller set of effects to a larger one.
 
     Attributes:
-        added: the effect, with all joints that it comes on.
-        score: of the set with it.
+        added: the added effect, with all its joints.
+        score: score of the set with it.
     """
 
     added: Candidate
@@ -28,7 +28,7 @@ class PathSegment:
 def order_by_gain(
     scorer: SetScorer, effects: Sequence[Candidate], fixed_effects: Sequence[Candidate]
 ) -> list[PathSegment]:
-    """The path from `fixed_effects` to all `effects`, each on all its joints at once, by what they explain."""
+    """The path from `fixed_effects` to all `effects`, each on all its joints at once, by how much they explain."""
     now, left = scorer.of(fixed_effects), by_effect([c for c in effects if c not in fixed_effects])
     found = list[PathSegment]()
     while left:
@@ -40,10 +40,10 @@ def order_by_gain(
 
 
 def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Effects on the same joints that fit and predict as well in the place of `part`, each as free as it really is.
+    """Effects on the same joints that fit and predict as well in place of `part`, with their real degrees of freedom.
 
-    A richer effect that does the same with its further unknowns is no rival; on a slide, where a link has but one
-    unknown that matters, it is.
+    A richer effect is no rival where it does the same by means of its further unknowns. On a slide, where a link has
+    only one unknown with influence, it is a rival.
     """
     rest = [c for c in whole.effects if c not in part]
     joints = {j for c in part for j in c.joints}
@@ -56,7 +56,7 @@ def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple
             continue
         other = scorer.of((*rest, *others))
         if not (np.isfinite(other.score) and scorer.schwarz_score(other) > scorer.schwarz_score(without)):
-            continue  # it explains nothing, nor does much of what it would stand for
+            continue  # it explains nothing, or little of what it would replace
         if scorer.ties(whole, other, without):
             found.append(group_by_effect(others)[0])
     return tuple(found)
@@ -64,17 +64,17 @@ def tied(scorer: SetScorer, whole: SetScore, part: Sequence[Candidate]) -> tuple
 
 @dataclass(frozen=True)
 class RankedEffect:
-    """One effect that may be missing.
+    """One effect that may be missing, with its evidence.
 
     Attributes:
-        effect: its name.
-        joints: where, for an arm.
-        delta_bic: evidence without it less evidence with it, on the scale of BIC; larger is better.
-        p_value: of it being superfluous, times the number of effects tried.
-        rmse: by channel, with the effect.
-        held_out_rmse: likewise on runs predicted from others; empty where there are none.
-        parameters: of the effect.
-        tied_with: effects that these runs cannot tell from it.
+        effect: name of the effect.
+        joints: joints on which it acts, for an arm.
+        delta_bic: evidence without the effect less evidence with it, on the scale of BIC; larger is better.
+        p_value: probability of such evidence if the effect is superfluous, times the number of effects tried.
+        rmse: root mean square error by channel with the effect, on the training runs.
+        held_out_rmse: root mean square error by channel on runs predicted from others; empty where there are none.
+        parameters: fitted parameters of the effect.
+        tied_with: effects that these runs cannot distinguish from it.
     """
 
     effect: str
@@ -88,12 +88,12 @@ class RankedEffect:
 
 
 def rank_effects(scorer: SetScorer, first: Sequence[Candidate], tied: Sequence[Candidate]) -> tuple[RankedEffect, ...]:
-    """Every effect, on the joints that need it, beside the model as given.
+    """Rank every effect, on the joints that need it, when added alone to the model as given.
 
     Args:
-        scorer: around the fit of the model as given.
-        first: the effect that a search found first, on one joint each; it leads. Empty where it found none.
-        tied: effects that these runs cannot tell from it.
+        scorer: scorer at the fit of the model as given.
+        first: the effect that a search found first, on one joint each; it comes first. Empty where it found none.
+        tied: effects that these runs cannot distinguish from it.
     """
     nothing = scorer.of(scorer.given)
     found = [scorer.of((*scorer.given, *first))] if first else []

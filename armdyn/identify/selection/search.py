@@ -1,4 +1,4 @@
-"""Find the effects that are missing, and add them one after the other, what explains most first."""
+"""Find the effects that are missing and add them one after the other, the one that explains most first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from armdyn.identify.selection.path import Path, Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
 from armdyn.identify.whole_runs import improved
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """How a search went.
+    """Result of a search for missing effects.
 
     Attributes:
-        steps: the model as given first.
-        suspects: what could have been the first effect, best first.
-        further: of the effects that the last step lacks, the one that is worth most; None where none is worth anything.
-        full: of an arm, all effects at once.
+        steps: steps of the search; the first is the model as given.
+        suspects: effects that could have been the first one, the best first.
+        further: the best effect that the last step lacks; None where no further effect improves the score.
+        full: for an arm, the fit of all effects at once.
     """
 
     steps: tuple[Step, ...]
@@ -35,25 +35,25 @@ class Search:
 
     @property
     def last(self) -> Step:
-        """Where it ended."""
+        """The last step of the search."""
         return self.steps[-1]
 
     @property
     def leading_ties(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot tell from the first one: what comes after it may have its own."""
+        """Effects that these runs cannot distinguish from the first one; later steps may have ties of their own."""
         return self.steps[1].tied if len(self.steps) > 1 else ()
 
     @property
     def tied(self) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot tell from those that it ended with."""
+        """Effects that these runs cannot distinguish from those of the last step."""
         return tuple(dict.fromkeys(effect for step in reversed(self.steps) for effect in self.ties(step)))
 
     def missing_force(self, *, law: bool = False) -> tuple[ForceCurve, ...]:
-        """What the model as given cannot explain and, where something was added, what is left; see `between`."""
+        """The missing force of the model as given and, where effects were added, of the last step; see `between`."""
         return between(self.steps[0].fit, self.last.fit if len(self.steps) > 1 else None, law=law)
 
     def ties(self, step: Step) -> tuple[Candidate, ...]:
-        """Effects that these runs cannot tell from what a step added; none where that is gone at the end."""
+        """Effects that these runs cannot distinguish from those of a step; empty where these are gone at the end."""
         ended = {name for effect in self.last.effects for name in effect.names}
         if ended.isdisjoint(name for effect in step.added for name in effect.names):
             return ()
@@ -61,9 +61,9 @@ class Search:
 
 
 def search(study: Study, progress: Progress | None = None) -> Search:
-    """Choose around the fit of the model as given; refit every step of the way to what was chosen.
+    """Choose effects at the fit of the model as given, then refit every step to the chosen set.
 
-    `progress` is told every step in a few words.
+    `progress` is called with a short text at every step.
     """
     say = progress or (lambda _: None)
     say("fitting the model as it is")
@@ -90,7 +90,7 @@ def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | Non
 
 
 def _way(study: Study, given: Step, scorer: SetScorer, whole: SetScore, say: Progress) -> list[Step]:
-    """The way to a set without what lowers the error by little; what ties with what is told without that, too."""
+    """The path to a set without effects that reduce the error by little; ties of those removed are tested too."""
     path = Path(study, scorer, whole, given.effects, given.fit)
     steps = path.steps(say)
     told = without_little(study, [given, *steps])
@@ -100,16 +100,17 @@ def _way(study: Study, given: Step, scorer: SetScorer, whole: SetScore, say: Pro
 
 
 def _by_evidence(study: Study, say: Progress) -> tuple[StateSpaceScorer, SetScore]:
-    """The set chosen around the motion, and by which scorer."""
+    """The set chosen around the motion, and its scorer."""
     scorer = StateSpaceScorer(study)
     return scorer, improved(study, scorer, scorer.best_set(say), say)
 
 
 def without_little(study: Study, steps: list[Step]) -> list[Step]:
-    """The way without its end, where each value that comes lowers the error by little.
+    """Cut the end of a path where each added value reduces the error by little.
 
-    Real pendulums are never whole: what is left is something, and the next effect of the catalogue a little of it. At
-    the noise there is no such rest: what contradicts a weighed mass shows in no error.
+    A model of a real pendulum is never complete: its residual is never zero, and the next effect of the catalogue
+    explains a little of it. A residual at the noise has no such rest: a contradiction to a weighed mass appears in no
+    error.
     """
     left = [study.squared_error(step.fit) for step in steps]
     values = [int(step.fit.free.sum()) for step in steps]
@@ -118,14 +119,14 @@ def without_little(study: Study, steps: list[Step]) -> list[Step]:
             break
         later = range(k + 1, len(steps))
         if any(c.effect in study.asked for j in later for c in steps[j].added):
-            continue  # an experiment that was made to see an effect shows it by what it is worth
-        if all(left[j] > left[k] * (1.0 - LITTLE) ** max(values[j] - values[k], 1) for j in later):
+            continue  # in an experiment made for this effect, its evidence counts
+        if all(left[j] > left[k] * (1.0 - MIN_SHARE_PER_VALUE) ** max(values[j] - values[k], 1) for j in later):
             return steps[: k + 1]
     return steps
 
 
 def repair_step(study: Study, step: Step, held_out: dict[str, float] | None = None) -> RepairStep:
-    """One step, with its errors on every kind of run; those on held-out runs may be known already."""
+    """Describe one step with its errors on every kind of run; `held_out` are errors that are known already."""
     if held_out is None:
         held_out = channel_rmse(study.held_out_blocks(step.fit))
     return RepairStep(

@@ -1,9 +1,9 @@
-"""The set of effects with the least cost: forward, backward, exchange, until nothing is better.
+"""Search for the set of effects with the least cost: forward, backward, exchange, until nothing improves it.
 
-Adding one effect at a time fails where the first one imitates two others. So after every addition what has become
-superfluous goes (backward elimination), effects on all their joints at once compete with those on one, each effect is
+Adding one effect at a time fails where the first one imitates two others. So after every addition superfluous effects
+are removed (backward elimination), effects on all their joints at once compete with those on one, each effect is
 exchanged for others, and two at once for two (floating search: Pudil, Novovičová & Kittler, Pattern Recognition Letters
-15, 1994). The cost falls with every step, so that the search ends.
+15, 1994). The cost falls with every step, so the search ends.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -16,21 +16,21 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 
-PROMISING = 12
-"""Changes of a kind, those that are foretold to cost least, that are looked at in each round."""
+SCORED_CHANGES = 12
+"""Changes of a kind, those with the least predicted cost, that are scored in each round."""
 
 Cost = Callable[[SetScore], float]
 Change = tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
-"""Effects that leave a set, and those that come."""
+"""Effects removed from a set, and effects added to it."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What makes one set better than another.
+    """A rule for comparing sets of effects.
 
     Attributes:
-        cost: of a set; less is better.
-        first_order: (k,) costs of a set with each of k additions, as far as they are foretold.
+        cost: cost of a set; less is better.
+        first_order: (k,) predicted costs of a set with each of k additions.
     """
 
     cost: Cost
@@ -38,12 +38,12 @@ class Rule:
 
 
 def by_evidence(scorer: LinearScorer) -> Rule:
-    """What the runs are sure of."""
+    """The rule that prefers the sets of which the evidence is sure."""
     return Rule(lambda one: -one.score, lambda now, options: -scorer.first_order_score(now, options))
 
 
 def by_share(scorer: LinearScorer) -> Rule:
-    """What takes most of the misfit away for its length."""
+    """The rule that prefers the sets that remove most of the squared error for their length."""
     return Rule(scorer.reading_cost, scorer.first_order_cost)
 
 
@@ -54,14 +54,14 @@ def select(
     say: Callable[[str], None],
     fixed_effects: Collection[Candidate] | None = None,
 ) -> SetScore:
-    """The best set that the search finds.
+    """Search for the set of effects with the least cost.
 
     Args:
-        scorer: of sets.
-        rule: what to lower.
-        start: the set that it begins with.
-        say: told how far the search is.
-        fixed_effects: effects of `start` that stay; those that the model has as given when None.
+        scorer: scorer of sets.
+        rule: the cost to minimise.
+        start: the set from which the search starts.
+        say: called with a text on the progress of the search.
+        fixed_effects: effects of `start` that stay; None means those of the model as given.
     """
     fixed_effects, cost = scorer.given if fixed_effects is None else fixed_effects, rule.cost
     now = eliminate(scorer, cost, start, fixed_effects)
@@ -80,7 +80,7 @@ def select(
 def eliminate(
     scorer: SetScorer, cost: Cost, now: SetScore, fixed_effects: Collection[Candidate] | None = None
 ) -> SetScore:
-    """Backward elimination: without what the cost is no higher without, an effect on one joint or on all, in turn."""
+    """Backward elimination: remove an effect, on one joint or on all, while the cost does not rise."""
     fixed_effects = scorer.given if fixed_effects is None else fixed_effects
     while True:
         free = [c for c in now.effects if c not in fixed_effects]
@@ -93,7 +93,7 @@ def eliminate(
 
 
 def by_effect(atoms: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Effects on one joint each, those of one name together."""
+    """Group effects on one joint each by their name."""
     return [tuple(c for c in atoms if c.effect == name) for name in dict.fromkeys(c.effect for c in atoms)]
 
 
@@ -112,10 +112,10 @@ def _exchanges(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Ca
 
 
 def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candidate]) -> Iterator[Change]:
-    """Two effects more on one joint, in place of at most two others.
+    """Changes that add two effects on one joint, in place of at most two others.
 
-    A gain and a friction that grows with the load hide each other: neither is worth anything without the other one,
-    where a spring and a rotor do some of what both do.
+    A gain and a friction that grows with the load hide each other: neither improves the score without the other one
+    where a spring and a rotor imitate part of both.
     """
     for joint in dict.fromkeys(c.joints for c in scorer.candidates if c.joints):
         own = [c for c in scorer.candidates if c.joints == joint]
@@ -125,7 +125,7 @@ def _pairs(scorer: LinearScorer, now: SetScore, fixed_effects: Collection[Candid
 
 
 def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequence[Change]) -> list[SetScore]:
-    """Sets after those changes that are foretold to cost least."""
+    """Sets after the changes with the least predicted cost."""
     by_gone: dict[tuple[Candidate, ...], list[tuple[Candidate, ...]]] = {}
     for gone, come in changes:
         by_gone.setdefault(gone, []).append(come)
@@ -134,4 +134,4 @@ def _promising(scorer: LinearScorer, rule: Rule, now: SetScore, changes: Sequenc
         rest = scorer.of([c for c in now.effects if c not in gone])
         costs = rule.first_order(rest, options).tolist()
         found += [(cost, (*rest.effects, *come)) for cost, come in zip(costs, options, strict=True)]
-    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:PROMISING]]
+    return [scorer.of(effects) for _, effects in sorted(found, key=lambda one: one[0])[:SCORED_CHANGES]]

@@ -1,9 +1,9 @@
-"""What a set of effects is worth to runs, in nats: evidence, less what it must gain to be believed.
+"""Score of a set of effects for given runs, in nats: evidence less the penalty for its complexity.
 
-    worth = log evidence of the training runs + log likelihood of the held-out runs as predicted - complexity penalty
+    score = log evidence of the training runs + log likelihood of the held-out runs as predicted - complexity penalty
 
 The evidence is the likelihood at the best values, less Occam's factor of the unknowns and a Cauchy prior on their sizes
-(MacKay, Neural Computation 4, 1992). `LinearScorer` and `Filtered` say what likelihood is.
+(MacKay, Neural Computation 4, 1992). `LinearScorer` and `StateSpaceScorer` define the likelihood.
 """
 
 from abc import ABC, abstractmethod
@@ -18,26 +18,26 @@ import numpy as np
 from armdyn.identify.problem import Problem
 from armdyn.identify.selection.candidate import Candidate
 
-SURE = log(100.0)
-"""Nats beyond chance at which an effect is believed: one false name in a hundred clean recordings."""
-FURTHER = log(10.0)
-"""The same for an effect on a further joint."""
-TIE = 3.0
-"""Nats below which two sets count as tied: above it the first was right in 320 of 320."""
+BELIEF_NATS = log(100.0)
+"""Nats beyond chance at which an effect is accepted: one false name in a hundred clean recordings."""
+FURTHER_JOINT_NATS = log(10.0)
+"""Nats beyond chance at which an accepted effect is also accepted on a further joint."""
+TIE_NATS = 3.0
+"""Nats below which two sets are tied: above this difference the better one was right in 320 of 320 cases."""
 
 
 @dataclass(frozen=True, eq=False)
 class SetScore:
-    """What one set of effects is worth.
+    """Score of one set of effects.
 
     Attributes:
-        effects: of the set, each on one joint.
-        score: nats; compare with that of other sets for the same runs.
+        effects: effects of the set, each on one joint.
+        score: score in nats; it is comparable with that of other sets for the same runs.
         likelihood: log likelihood of the training runs.
         log_predictive: log likelihood of the held-out runs as predicted; 0 where there are none.
-        freedom: nats that the freedom of the effects' unknowns costs: Occam's factor and the prior on sizes.
+        freedom: nats that the freedom of the effects' unknowns costs: Occam's factor and the prior on their sizes.
         values: number of the effects' unknowns that the runs determine rather than the priors.
-        columns: (c,) the unknowns that change.
+        columns: (c,) indices of the unknowns that change.
         change: (c,) their change from the expansion's point in a fit to all training runs, in their units.
         misfit: mean squared error over the training runs plus that over the held-out runs, summed over channels, at
             least the noise's; in the unit's square where all channels share one, else over the noise.
@@ -58,15 +58,15 @@ class SetScorer(ABC):
     """Scores sets of effects.
 
     Args:
-        problem: whose unknowns effects have.
-        candidates: all effects that a set may hold, each on one joint.
-        given: those of them that the model has already: every set holds them.
+        problem: the problem of the unknowns.
+        candidates: all effects that a set may contain, each on one joint.
+        given: candidates that the model has already; every set contains them.
     """
 
     tried = 0
-    """Effects among which the candidates were chosen, where these were more."""
+    """Effects among which the candidates were chosen, where there were more."""
     most_named: ClassVar[int]
-    """Effects of a table of suspects."""
+    """Effects listed in a table of suspects."""
 
     def __init__(self, problem: Problem, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()) -> None:
         self.problem = problem
@@ -84,34 +84,34 @@ class SetScorer(ABC):
 
     @abstractmethod
     def schwarz_score(self, one: SetScore) -> float:
-        """Nats by which two sets are held against each other, without the prior on sizes (Schwarz 1978).
+        """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets.
 
-        Runs alone decide whether they can tell two sets apart.
+        Only the runs decide whether two sets can be distinguished.
         """
 
     @abstractmethod
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
-        """Rms error of a set by channel, of the training runs and of runs predicted from others; those may be none."""
+        """Root mean square error by channel, of the training runs and of runs predicted from others (may be empty)."""
 
     @abstractmethod
     def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) values of a set's unknowns as a person is told them, and (P,) their standard deviations."""
+        """(P,) values of a set's unknowns as reported, and (P,) their standard deviations."""
 
     @abstractmethod
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """Of the sets with one of the options more, the one that a reader should be told first."""
+        """Of the sets with one of the options added, the one that a report should name first."""
 
     def settle(self, effects: Iterable[Candidate]) -> SetScore:
-        """The score of a set where it is surest; others are scored from there."""
+        """Score a set at its own optimum; other sets are scored from there."""
         return self.of(effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """Whether runs cannot tell a set from the `whole` one; `without` is what both have in common."""
+        """Whether the runs cannot distinguish a set from the `whole` one; `without` is the part that both share."""
         del without
-        return self.schwarz_score(whole) - self.schwarz_score(other) < TIE
+        return self.schwarz_score(whole) - self.schwarz_score(other) < TIE_NATS
 
     def within(self, effects: Iterable[Candidate]) -> tuple[Candidate, ...]:
-        """The candidates, each on one joint, that make up `effects`."""
+        """The candidates, each on one joint, of which `effects` consist."""
         names = {name for effect in effects for name in effect.names}
         return tuple(c for c in self.candidates if names.issuperset(c.names))
 
@@ -123,19 +123,20 @@ class SetScorer(ABC):
         return self._known[key]
 
     def complexity_penalty(self, effects: Sequence[Candidate]) -> float:
-        """What a set must gain over no effect at all, nats.
+        """Nats that a set must gain over no effect at all.
 
-        Each effect could have been another one of the catalogue, on any other of its joints, and is to be sure beyond
-        that. On a further joint it is expected more. What several simpler ones make up is as many.
+        Each effect could have been another one of the catalogue, on any other of its joints, and must be significant
+        beyond that. On a further joint it is more expected. An effect made up of several simpler ones counts as
+        several.
         """
         catalogue, found = log(max(len(self._reach), self.tried, 1)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)
-            found += catalogue + log(reach) + joints + SURE + (on - 1) * FURTHER
-        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + SURE) for c in effects)
+            found += catalogue + log(reach) + joints + BELIEF_NATS + (on - 1) * FURTHER_JOINT_NATS
+        return found + sum((self.simpler_effects_in(c) - 1) * (catalogue + BELIEF_NATS) for c in effects)
 
     def simpler_effects_in(self, one: Candidate) -> int:
-        """Number of simpler effects that do together just what one does; 1 where there are none."""
+        """Number of simpler effects that together are the same as one effect; 1 where there are none."""
         del one
         return 1

@@ -1,8 +1,9 @@
-r"""A model around one fit as sums over samples, from which every subset's fit and its predictions follow at once.
+r"""A model expanded at one fit, as sums over samples, from which the fit and prediction of every subset follow.
 
-With X the derivatives of a channel's prediction by every unknown and r its residual, the squared error after a change
-d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is in most of its
-effects. The sums X'X, X'r and r'r of every run and channel therefore hold all that choosing effects needs: fitting a
+With X the derivatives of a channel's prediction with respect to every unknown and r its residual, the squared error
+after a change d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is
+in most of its effects. The sums X'X, X'r and r'r of every run and channel therefore contain all that is needed to
+choose effects: fitting a
 set to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
 normal equations).
 """
@@ -12,34 +13,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.identify.problem import WIDE, Block, Problem
+from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem
 from armdyn.identify.selection.candidate import Candidate
 
-ALONE = 3
-"""Steps of the fits that settle unknowns which act through another."""
+DRIVEN_FIT_STEPS = 3
+"""Steps of the fits that optimise unknowns which act through another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums of U units, each one channel in one run; P unknowns.
+    """Sums of U units, each one channel in one run, for P unknowns.
 
     Attributes:
-        problem: whose unknowns these are.
-        values: (P,) the point of the expansion.
-        runs: names.
-        channels: names.
+        problem: the problem of these unknowns.
+        values: (P,) values at the point of the expansion.
+        runs: names of the runs.
+        channels: names of the channels.
         run: (U,) index of each unit's run.
         channel: (U,) index of each unit's channel.
-        training: (U,) bool, False for runs that take part in no fit.
+        training: (U,) bool, False for runs that are only predicted.
         gram: (U, P, P) X'X, in the channel's unit squared over the unknowns' units.
         slope: (U, P) X'r.
         square: (U,) r'r.
-        count: (U,) samples.
+        count: (U,) number of samples.
         noise: (U,) standard deviation of one sample.
-        driver: (P,) index of the unknown that an unknown acts through, its own where it acts by itself: the place of a
-            mass of zero changes nothing, so that its derivative is taken at a typical mass.
-        size: (P,) the driver's change at which that derivative was taken; 0 for those that act by themselves.
-        blocks: the units' samples.
+        driver: (P,) index of the unknown through which an unknown acts, or its own index: the place of a mass of zero
+            changes nothing, so its derivative is taken at a typical mass.
+        size: (P,) the driver's change at which that derivative was taken; 0 for unknowns that act by themselves.
+        blocks: samples of the units.
         width: (P,) prior standard deviation of each unknown in a fit by sums.
         centre: (P,) prior mean of each unknown's change from `values`.
     """
@@ -65,7 +66,8 @@ class Sums:
     def changed(self, columns: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(P,) values after a change (c,) of the unknowns `columns` (c,), within their bounds.
 
-        What acts through another changes by as much more as that is smaller than where derivatives were taken.
+        Where an unknown acts through a driver that is smaller than at the derivative, its change is larger by that
+        ratio.
         """
         by = np.zeros(len(self.values))
         by[columns] = change
@@ -77,7 +79,7 @@ class Sums:
         by[latent] = np.clip(np.nan_to_num(by[latent]), -width, width)
         values = np.clip(self.values + by, self.problem.lower, self.problem.upper)
         values[latent[acting == 0.0]] = self.problem.null[latent[acting == 0.0]]
-        # Where derivatives were taken for an effect that is not there is nobody's value.
+        # The value at which derivatives of an absent effect were taken is not a result.
         absent = self.size != 0.0
         absent[columns] = False
         values[absent] = self.problem.null[absent]
@@ -99,14 +101,14 @@ class Sums:
 def sums(
     problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
 ) -> Sums:
-    """Sums around (P,) `values`.
+    """Compute the sums at (P,) `values`.
 
     Args:
-        problem: model and all runs, those that are only predicted as well.
+        problem: model and all runs, including those that are only predicted.
         training: names of the runs that fits may use.
-        values: (P,) of all unknowns.
+        values: (P,) values of all unknowns.
         absent: effects at their null values, some of whose unknowns may act through another.
-        free: (P,) bool, unknowns that were fitted: what is there gives way where an absent effect is settled.
+        free: (P,) bool, unknowns that were fitted; they adapt where an absent effect is optimised.
     """
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
@@ -143,20 +145,20 @@ def sums(
 
 
 def _width(problem: Problem) -> np.ndarray:
-    """(P,) see `Sums.width`."""
+    """(P,) prior standard deviation of the unknowns; see `Sums.width`."""
     with np.errstate(divide="ignore"):
-        return np.minimum(WIDE * problem.typical, 1.0 / problem.prior_weight)
+        return np.minimum(EFFECT_PRIOR_SIZE * problem.typical, 1.0 / problem.prior_weight)
 
 
 def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
-    """A block with the derivatives of another by some unknowns, (P,) bool."""
+    """A block with the derivatives of another block for some unknowns, (P,) bool."""
     X = block.sensitivities.copy()
     X[:, of_other] = other.sensitivities[:, of_other]
     return replace(block, sensitivities=X)
 
 
 def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
-    """(P,) `Sums.driver`: of an absent effect's unknowns that change nothing, the first of the effect that does."""
+    """(P,) `Sums.driver`: for unknowns of an absent effect that change nothing, its first unknown that does."""
     moves = np.zeros(len(problem.columns), dtype=bool)
     for block in here:
         moves |= np.any(block.sensitivities != 0.0, axis=0)
@@ -171,18 +173,18 @@ def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate
 def _settled(
     problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Expansion's point for unknowns that act through another, and the (P,) values at which they have derivatives.
+    """Point of the expansion for unknowns that act through another, and (P,) values for their derivatives.
 
-    Each such effect is fitted beside what is there already, which gives way, so that its other unknowns are near where
-    they matter: a payload's place, the speed at which friction fades, also where another friction stands for it. While
-    its driver is at null, they change nothing.
+    Each such effect is fitted together with the fitted unknowns, so that its other unknowns are near their optimum: a
+    payload's place, or the speed at which friction fades, also where another friction imitates it. While its driver is
+    at null, they change nothing.
 
     Args:
         problem: model and all runs.
-        here: the training runs' units at `values`.
-        values: (P,) of all unknowns.
+        here: units of the training runs at `values`.
+        values: (P,) values of all unknowns.
         driver: (P,) see `Sums.driver`.
-        free: (P,) bool, unknowns that give way.
+        free: (P,) bool, unknowns that adapt.
     """
     width, there_already = _width(problem), np.flatnonzero(free)
     latent = np.flatnonzero(driver != np.arange(len(values)))
@@ -193,7 +195,7 @@ def _settled(
         acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
-    for _ in range(ALONE if groups else 0):
+    for _ in range(DRIVEN_FIT_STEPS if groups else 0):
         there = {(block.run, block.channel): block for block in problem.blocks(acting, wanted)}
         pairs = [(h, there[h.run, h.channel]) for h in here]
         for d, others in groups.items():
@@ -208,7 +210,7 @@ def _settled(
             change = np.linalg.solve(G, right)[: len(own)]
             if change[0] * sign[d] <= 0.0:
                 continue
-            # Derivatives were taken at the driver's last size, and grow with it.
+            # Derivatives were taken at the driver's last size, and are proportional to it.
             step = change[1:] * (acting[d] - values[d]) / change[0]
             moved = point[others] + np.clip(step, -width[others], width[others])
             point[others] = np.clip(moved, problem.lower[others], problem.upper[others])

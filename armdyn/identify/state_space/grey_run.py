@@ -1,4 +1,4 @@
-"""One run, linear around its measured motion, with kicks between the pieces and glitches weighed down."""
+"""One run, linearised around its measured motion, with kicks between the pieces and small weights for glitches."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.fit import CHI2_NEAR_NOISE
+from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
@@ -25,32 +25,33 @@ from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.recording.gaps import until
 
-HALF = 0.5
-"""Of a swing, between two kicks: within it the motion is the model's own, so that friction keeps its sign and an error
-of a sensor at twice the swing's frequency cannot be taken for a force. With white noise in place of kicks real
-recordings say 10 to 1000 times less."""
-UNSTABLE = 100.0
-"""Times that an error may grow within a piece."""
-LOOSE = 100.0
-"""Typical sizes: prior width of what is fitted to linear sums; it only keeps what is not told from running away."""
-FIRST_PIECES, STRETCHED, FOLLOWED = 2, 2, 2
-"""Pieces through which a force is followed first, growth of their number, and most steps of the smoother at each."""
-UNBELIEVED = 4.0
-"""Standard deviations of an innovation beyond which a sample is no noise: one in 16,000 by chance."""
-MOST_ACTING = 0.75
-"""Share of the unknowns that act, above which it saves nothing to leave out the others."""
-MOST_UNBELIEVED = 0.1
-"""Share of the samples that can be glitches; more are how the sensor is."""
+PIECE_PERIODS = 0.5
+"""Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
+friction keeps its sign, and a sensor error at twice the swing's frequency cannot be taken for a force. With white
+process noise in place of kicks real recordings contain 10 to 1000 times less information."""
+MAX_ERROR_GROWTH = 100.0
+"""Growth of an error within a piece beyond which the piece is unstable."""
+LINEAR_PRIOR_SIZE = 100.0
+"""Prior width of the unknowns in linear sums, in typical sizes; it only bounds what the run does not identify."""
+FIRST_PIECES, PIECE_COUNT_GROWTH, MAX_SMOOTHER_STEPS = 2, 2, 2
+"""Number of pieces over which a force is followed first, growth of their number, and most steps of the smoother at
+each."""
+GLITCH_DEVIATES = 4.0
+"""Standard deviations of an innovation beyond which a sample is a glitch: one in 16,000 by chance."""
+MAX_ACTING_SHARE = 0.75
+"""Share of the unknowns with influence, above which leaving out the others saves nothing."""
+MAX_GLITCH_SHARE = 0.1
+"""Largest share of samples that can be glitches; more are a property of the sensor."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Of one run.
+    """Noise of one run.
 
     Attributes:
-        kick: standard deviation of the kicks, in typical sizes of the speeds.
-        level: by channel, of the white noise over the quiet noise.
-        colour: by channel.
+        kick: standard deviation of the kicks (process noise), in typical sizes of the speeds.
+        level: standard deviation of the white noise over the quiet noise, by channel.
+        colour: correlated sensor error by channel.
     """
 
     kick: float
@@ -59,21 +60,21 @@ class Noise:
 
 
 def scaled(noise: Noise, factor: float) -> Noise:
-    """The noise with everything larger by a factor."""
+    """The noise with all its standard deviations multiplied by a factor."""
     return Noise(noise.kick * factor, tuple(level * factor for level in noise.level), noise.colour)
 
 
 class GreyRun:
-    """One run around its motion.
+    """One run, linearised around its motion.
 
     Args:
-        problem: whose unknowns count.
-        index: of the run.
-        swing: period, s.
-        share: of a swing between two kicks.
+        problem: the problem of the unknowns.
+        index: position of the run in the problem.
+        swing: period of the swing, s.
+        share: length of a piece, between two kicks, in periods of the swing.
     """
 
-    def __init__(self, problem: Problem, index: int, swing: float, share: float = HALF) -> None:
+    def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
         model = problem.model
         assert isinstance(model, SimulatedModel)
         self.problem, self.index, self.swing = problem, index, swing
@@ -85,12 +86,12 @@ class GreyRun:
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def initial_states(self, values: np.ndarray) -> np.ndarray:
-        """(J, n) states from what was measured of the motion; else those that a smoother makes of a simulation.
+        """(J, n) states from the measured motion, or, where it was not measured, from a smoother on a simulation.
 
-        A piece in which an error grows out of all proportion, as near the upright, is cut.
+        A piece in which an error grows too much, as near the upright position, is cut.
 
         Args:
-            values: (P,) of the unknowns.
+            values: (P,) values of the unknowns.
         """
         theta = values[self.places]
         while True:
@@ -99,7 +100,7 @@ class GreyRun:
             _, by_start = self.pieces.motion(theta, states)
             size = by_start * self._typical
             grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
-            if not self.pieces.halve(~(grown < UNSTABLE)):
+            if not self.pieces.halve(~(grown < MAX_ERROR_GROWTH)):
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
@@ -108,19 +109,19 @@ class GreyRun:
         return self._from_force(values) if begin is None else self.pieces.states(theta, begin)
 
     def _from_force(self, values: np.ndarray) -> np.ndarray:
-        """(J, n) states that follow a force: simulated from the start, smoothed over a stretch that grows.
+        """(J, n) states that follow a measured force: simulated from the start, smoothed over a growing stretch.
 
-        What the model lacks, such as friction or a length that is a little wrong, has grown to another swing at the end
-        of a long simulation; kicks keep it small while the stretch grows.
+        What the model lacks, such as friction, or a slightly wrong length, would grow to a different swing in a long
+        simulation; kicks keep the difference small while the stretch grows.
         """
         theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
         states, known = self.pieces.rolled(theta), FIRST_PIECES
         none = np.zeros(len(values), dtype=bool)
         around = self.around(values, states, even, none)
-        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS:
-            begin, known = known, min(len(states), STRETCHED * known)
-            for _ in range(FOLLOWED):
-                if not around.finite or around.left(begin, known) < NEAR_NOISE:
+        while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
+            begin, known = known, min(len(states), PIECE_COUNT_GROWTH * known)
+            for _ in range(MAX_SMOOTHER_STEPS):
+                if not around.finite or around.left(begin, known) < CHI2_NEAR_NOISE:
                     break
                 states = around.smoothed_until(known)
                 states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
@@ -130,20 +131,20 @@ class GreyRun:
     def around(
         self, values: np.ndarray, states: np.ndarray, weights: Sequence[np.ndarray], wanted: np.ndarray
     ) -> "LinearisedRun":
-        """The run linearised at (P,) values of the unknowns and (J, n) states.
+        """Linearise the run at (P,) values of the unknowns and (J, n) states.
 
         Args:
-            values: (P,).
-            states: (J, n).
-            weights: by channel (N,) variance of each sample over the others'; larger where it is not believed.
-            wanted: (P,) bool, the unknowns by which it is linearised; the others are taken as known.
+            values: (P,) values of the unknowns.
+            states: (J, n) states at the beginning of the pieces.
+            weights: by channel, (N,) variance of each sample over that of the others; larger for suspected glitches.
+            wanted: (P,) bool, unknowns with respect to which the run is linearised; the others are treated as known.
         """
         pieces, places = self._holding(values, wanted)
         theta, unknowns = values[places], np.flatnonzero(wanted)
         parameters = np.flatnonzero(wanted[places])
         columns = np.searchsorted(unknowns, places[parameters])
         found = pieces.linearised(theta, states, parameters)
-        # States are momenta; what stays while a parameter changes, and what is kicked, are their rates.
+        # States are momenta; rates are what a parameter change keeps constant and what a kick changes.
         gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
         by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
         here, there = found.definition
@@ -155,7 +156,7 @@ class GreyRun:
         start = np.zeros((states.shape[1], len(unknowns) + 1))
         start[~free, -1] = (begin - states[0])[~free]
         start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
-        wide = by_start * (LOOSE * self._typical)
+        wide = by_start * (LINEAR_PRIOR_SIZE * self._typical)
         chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
@@ -165,9 +166,9 @@ class GreyRun:
         return LinearisedRun(self, states, chain, rows, definition, wanted)
 
     def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
-        """The pieces of a model without the effects that do nothing here, and the unknowns of its parameters.
+        """The pieces of a model without effects that have no influence here, and the unknowns of its parameters.
 
-        Those that bring states stay: states of all sets are the same ones.
+        Effects that add states are kept, so that all sets of effects have the same states.
         """
         model = self.pieces.model
         lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
@@ -176,15 +177,15 @@ class GreyRun:
 
 
 class LinearisedRun:
-    """A run linearised around a motion by some unknowns; whitened sums are kept by colour.
+    """A run linearised around a motion with respect to some unknowns; whitened sums are cached by colour.
 
     Args:
-        run: which.
-        states: (J, n) of the motion.
-        chain: of its pieces; P' unknowns.
-        rows: by channel.
-        definition: (J, n, P') how the states change with the unknowns where the motion stays.
-        wanted: (P,) bool, which of the problem's unknowns these are.
+        run: the run.
+        states: (J, n) states of the motion.
+        chain: transitions between its pieces, for P' unknowns.
+        rows: samples by channel.
+        definition: (J, n, P') derivatives of the states with respect to the unknowns, for a fixed motion.
+        wanted: (P,) bool, the unknowns of the linearisation among the problem's.
     """
 
     def __init__(
@@ -211,13 +212,13 @@ class LinearisedRun:
         self.kick_unit = float(1.0 / np.sqrt(max(np.median(told[self.sharpest]), 1e-300)))
 
     def gram(self, channel: int, colour: Colour) -> Gram:
-        """Whitened sums of one channel."""
+        """Whitened sums of one channel, for one colour of its error."""
         if (channel, colour) not in self._grams:
             (self._grams[channel, colour],) = self.rows[channel].whitened([colour])
         return self._grams[channel, colour]
 
     def innovations(self, noises: Sequence[Noise], kicks: np.ndarray) -> Innovations:
-        """At the colours and levels of C noises, with (K,) sizes of the kicks each; 0 for unknowns taken as known."""
+        """Innovations at the noises of C colours and levels, each with (K,) kick sizes; 0 for known unknowns."""
         acting = self._acting
         if acting.all() and self._wanted.all():
             return filtered(self._sums(noises, len(kicks)), self.chain, kicks)
@@ -234,15 +235,15 @@ class LinearisedRun:
 
     @cached_property
     def _acting(self) -> np.ndarray:
-        """(P',) bool: unknowns that change anything, as the place of an absent force does not; all where most do."""
+        """(P',) bool: unknowns with influence (the place of an absent force has none); all where most have it."""
         n = self.states.shape[1]
         acting = np.any(self.chain.by_unknown != 0.0, axis=(0, 1)) | np.any(self.chain.start[:, :-1] != 0.0, axis=0)
         for rows in self.rows:
             acting = acting | np.any(rows.value[:, :, n:-1] != 0.0, axis=(0, 1))
-        return np.asarray(acting if acting.sum() < MOST_ACTING * len(acting) else np.ones_like(acting))
+        return np.asarray(acting if acting.sum() < MAX_ACTING_SHARE * len(acting) else np.ones_like(acting))
 
     def _sums(self, noises: Sequence[Noise], kicks: int) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-        """Sums of consecutive pieces at C noises, for `filtered` with so many kicks."""
+        """Sums of consecutive pieces for C noises, as input of `filtered` with `kicks` sizes of the kicks."""
         width = self.rows[0].width
         for pieces in blocks(len(self.states), len(noises) * width * max(width, 2 * len(self.states[0]) * kicks)):
             grams = [
@@ -253,7 +254,7 @@ class LinearisedRun:
             yield np.array(sums), np.array(logs), rows[0]
 
     def _whitened(self, channel: int, colours: Sequence[Colour], pieces: slice) -> dict[Colour, Gram]:
-        """Sums of one channel and some pieces by colour."""
+        """Sums of one channel over some pieces, by colour."""
         known = {c: self._grams[channel, c].of(pieces) for c in colours if (channel, c) in self._grams}
         new = [c for c in colours if c not in known]
         return known | dict(zip(new, self.rows[channel].whitened(new, pieces), strict=True)) if new else known
@@ -263,34 +264,34 @@ class LinearisedRun:
         return range(len(self.rows))
 
     def smoothed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(J, n) states and (J, n) kicks after a (P,) change of the unknowns."""
+        """Smooth the run after a (P,) change of the unknowns: (J, n) states and (J, n) kicks."""
         moved, kicks = smoothed(self._at(noise), self.chain, noise.kick, change[self._wanted])
         return self.states + moved + self._definition @ change[self._wanted], kicks
 
     def left(self, begin: int, end: int) -> float:
-        """Mean squared error over the noise in the pieces from `begin` to `end`."""
+        """Mean squared residual over the noise variance in the pieces from `begin` to `end`."""
         residuals = [rows.value[:, begin:end, -1] for rows in self.rows]
         return sum(float(np.sum(r**2)) for r in residuals) / max(sum(r.size for r in residuals), 1)
 
     def smoothed_until(self, known: int) -> np.ndarray:
-        """(J, n) states that follow the samples of the first pieces alone, at kicks that one piece tells."""
+        """(J, n) states smoothed with the samples of the first `known` pieces, for kicks that one piece detects."""
         channels = len(self.rows)
         sums = self._at(Noise(self.kick_unit, (1.0,) * channels, (Colour(),) * channels))
         sums[known:] = 0.0
         return self.states + smoothed(sums, self.chain, self.kick_unit, np.zeros(int(self._wanted.sum())))[0]
 
     def _at(self, noise: Noise) -> np.ndarray:
-        """(J, w, w) whitened sums of all channels at a noise."""
+        """(J, w, w) whitened sums of all channels for one noise."""
         return combined([self.gram(c, colour) for c, colour in enumerate(noise.colour)], noise.level)[0]
 
     def believed(self, noise: Noise, change: np.ndarray) -> tuple[np.ndarray, ...]:
-        """By channel (N,) weights of the samples after a (P,) change, larger where no noise explains one."""
+        """(N,) weights of samples by channel after a (P,) change, larger for samples that noise does not explain."""
         change = change[self._wanted]
         moved, _ = smoothed(self._at(noise), self.chain, noise.kick, change)
         found = []
         for rows, colour, level in zip(self.rows, noise.colour, noise.level, strict=True):
             z = rows.deviates(colour, level, moved, change)
-            bad = z > UNBELIEVED
-            few = bad.sum() < MOST_UNBELIEVED * len(bad)
+            bad = z > GLITCH_DEVIATES
+            few = bad.sum() < MAX_GLITCH_SHARE * len(bad)
             found.append(np.where(bad & few, z**2, 1.0))
         return tuple(found)

@@ -1,16 +1,17 @@
-r"""A run's evidence about every unknown at once, where the model's own error is part of the model.
+r"""Information of a run on all unknowns at once, where the model's own error is part of the model (process noise).
 
-Between kicks, one for each piece of a motion, the motion is the model's own; sensors read it with white noise and with
-an error that is correlated in time:
+Kicks occur once for each piece of a motion; between them the motion is the model's own. Sensors measure it with white
+noise and with an error that is correlated in time:
 
     ds_{j+1} = A_j ds_j + B_j dtheta + d_j + w_j,                w ~ N(0, kick^2) in the speeds,
     r_k = Phi_k ds_j + X_k dtheta + m_k + v_k,                   v ~ N(0, level^2), m ~ an Ornstein-Uhlenbeck process,
 
-ds a change of the state at the beginning of piece j, d_j what the end of a piece lacks to the next beginning, r a
-residual. Samples are whitened (Anderson & Moore, Optimal Filtering, 1979, §5.5), the states leave by a Kalman filter
-whose measurements are whole pieces. It filters the residual and every column of X together; what comes out are sums
-X'X, X'r, r'r and a log-determinant, from which the likelihood of any dtheta follows (Harvey, Forecasting, Structural
-Time Series Models and the Kalman Filter, 1989, §3.4). The coloured error begins anew in every piece.
+where ds is a change of the state at the beginning of piece j, d_j the difference between the end of a piece and the
+next beginning, r a residual. Samples are whitened (Anderson & Moore, Optimal Filtering, 1979, §5.5), and the states are
+eliminated by a Kalman filter whose measurements are whole pieces. It filters the residual and every column of X
+together; the results are sums X'X, X'r, r'r and a log-determinant, from which the likelihood of any dtheta follows
+(Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, §3.4). The coloured error starts anew
+in every piece.
 
 Sources: Kristensen, Madsen & Jorgensen, Automatica 40 (2004) 225; Comput. Chem. Eng. 28 (2004) 1431.
 """
@@ -22,22 +23,23 @@ import numpy as np
 
 from armdyn.physics.pieces import Samples
 
-MOST_ROWS = 100
-"""Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing has no more to say."""
-AT_ONCE = 2**20
-"""Numbers of an array that is worked with at a time, 8 MB: a long run has thousands of pieces and looks at hundreds of
-noises. Larger is no faster."""
-ROUNDING = 1e-14
-"""Share of what the samples of a piece tell a state that is rounding, where they tell it through other states."""
-EVERY = slice(None)
+MAX_ROWS_PER_PIECE = 100
+"""Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing contains no more
+detail."""
+NUMBERS_AT_ONCE = 2**20
+"""Numbers of an array that are processed at once, 8 MB: a long run has thousands of pieces, evaluated at hundreds of
+noises. A larger array is no faster."""
+ROUNDING_INFORMATION_SHARE = 1e-14
+"""Information of a piece on a state, as a share of that through other states, that is only rounding."""
+ALL_PIECES = slice(None)
 
 
 @dataclass(frozen=True)
 class Colour:
-    """Correlated error of a sensor.
+    """Time-correlated error of a sensor.
 
     Attributes:
-        ratio: its variance over that of the white noise of one row.
+        ratio: variance of the error over that of the white noise of one row.
         time: correlation time, s.
     """
 
@@ -47,10 +49,10 @@ class Colour:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Whitened sums of one channel by piece, in units of the white noise: columns states, unknowns, residual.
+    """Whitened sums of one channel by piece, in units of the white noise; the columns are states, unknowns, residual.
 
     Attributes:
-        sums: (J, n + P + 1, n + P + 1).
+        sums: (J, n + P + 1, n + P + 1) products of the columns.
         log_std: (J,) sum of the logarithms of the rows' standard deviations over that of the white noise.
         rows: (J,) number of rows.
     """
@@ -60,22 +62,22 @@ class Gram:
     rows: np.ndarray
 
     def of(self, pieces: slice) -> "Gram":
-        """The sums of these pieces."""
+        """The sums of some pieces."""
         return Gram(self.sums[pieces], self.log_std[pieces], self.rows[pieces])
 
 
 class Rows:
-    """The samples of one channel around a motion, arranged by piece, ready to be whitened.
+    """Samples of one channel around a motion, arranged by piece, ready to be whitened.
 
     Args:
-        samples: of one channel.
-        pieces: J.
-        columns: (q,) unknown that each parameter is.
-        unknowns: P.
+        samples: the samples of one channel.
+        pieces: number of pieces J.
+        columns: (q,) index of the unknown of each parameter.
+        unknowns: number of unknowns P.
         noise: standard deviation of one sample.
-        weight: (N,) variance of each sample over that; larger where a sample is not believed.
-        definition: (J, n, q) how the states at the beginning of the pieces change with the parameters where the motion
-            stays; see `Linearised.definition`.
+        weight: (N,) variance of each sample over that of the noise; larger for suspected glitches.
+        definition: (J, n, q) derivatives of the states at the beginning of the pieces with respect to the parameters,
+            for a fixed motion; see `Linearised.definition`.
     """
 
     def __init__(
@@ -92,7 +94,7 @@ class Rows:
         N = len(samples.time)
         self.n, self.width = n, n + unknowns + 1
         counts = np.bincount(samples.piece, minlength=pieces)
-        group = max(1, -(-int(counts.max(initial=1)) // MOST_ROWS))
+        group = max(1, -(-int(counts.max(initial=1)) // MAX_ROWS_PER_PIECE))
         begins = np.concatenate([[0], np.cumsum(counts)])
         place = (np.arange(N) - begins[samples.piece]) // group
         m = int(place.max(initial=0)) + 1
@@ -116,7 +118,7 @@ class Rows:
             kept = key[inside][order]
             added = np.add.reduceat(rows, order, axis=0) if len(order) else rows
             self.value[kept % m, kept // m] = added * (np.sqrt(group) / (total[kept, None] * noise))
-        # A row's white variance is one where all of its samples are believed; averages of few samples have more.
+        # The white variance of a row is one where none of its samples is a glitch; averages of few samples have more.
         with np.errstate(divide="ignore"):
             self.white = (group / total).reshape(pieces, m).T
         self.there = (total > 0.0).reshape(pieces, m).T
@@ -124,7 +126,7 @@ class Rows:
         self.noise = noise / np.sqrt(group)
         self.count = float(self.there.sum())
 
-    def whitened(self, colours: Sequence[Colour], pieces: slice = EVERY) -> list[Gram]:
+    def whitened(self, colours: Sequence[Colour], pieces: slice = ALL_PIECES) -> list[Gram]:
         """Sums of the rows of some pieces under white noise and each of several coloured errors."""
         m, J, width = self.value[:, pieces].shape
         sums, logs = np.empty((len(colours), J, width, width)), np.empty((len(colours), J))
@@ -137,29 +139,29 @@ class Rows:
         return [Gram(own, log, count) for own, log in zip(sums, logs, strict=True)]
 
     def deviates(self, colour: Colour, level: float, moved: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """(N,) how far each sample's row is from what the ones before it in its piece let expect, in deviations.
+        """(N,) innovation of each sample's row in standard deviations, given the rows before it in its piece.
 
         Args:
-            colour: of the error.
-            level: of the white noise.
+            colour: the correlated error.
+            level: standard deviation of the white noise over the assumed one.
             moved: (J, n) change of the states at the beginning of the pieces.
-            change: (P,) of the unknowns.
+            change: (P,) change of the unknowns.
         """
         left = self.value[:, :, -1] - np.einsum("mjn,jn->mj", self.value[:, :, : self.n], moved)
         left -= self.value[:, :, self.n : -1] @ change
-        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white), EVERY)
+        rows, _ = self._scanned([colour], left[:, :, None], np.where(self.there, 1.0, self.white), ALL_PIECES)
         return np.abs(rows[:, 0, :, 0])[self._row] / level
 
     def _scanned(
         self, colours: Sequence[Colour], value: np.ndarray, white: np.ndarray, pieces: slice
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(m, C, J, w) rows of which each has left what those before it say of it; (C, J) sums of log deviations.
+        """(m, C, J, w) innovations of the rows, given the rows before each; (C, J) sums of log standard deviations.
 
         Args:
-            colours: C.
+            colours: C colours.
             value: (m, J, w) rows of the pieces.
-            white: (m, J) their white variance.
-            pieces: which ones these are.
+            white: (m, J) white variance of the rows.
+            pieces: the pieces of these rows.
         """
         m, J, width = value.shape
         stamps, there = self.time[pieces], self.there[:, pieces]
@@ -185,14 +187,14 @@ class Rows:
 
 
 def blocks(count: int, each: int) -> Iterator[slice]:
-    """Slices of `count` things of `each` numbers that are worked with together; see `AT_ONCE`."""
-    size = max(1, AT_ONCE // max(each, 1))
+    """Slices of `count` items of `each` numbers that are processed together; see `NUMBERS_AT_ONCE`."""
+    size = max(1, NUMBERS_AT_ONCE // max(each, 1))
     for first in range(0, count, size):
         yield slice(first, min(first + size, count))
 
 
 def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray, float, float]:
-    """(J, w, w) sums of several channels with levels of their white noise, the log-determinant's half, and the rows."""
+    """(J, w, w) sums of several channels at levels of their white noise, half the log-determinant, and the rows."""
     total = sum(gram.sums / level**2 for gram, level in zip(grams, levels, strict=True))
     logs = sum(np.sum(gram.log_std + gram.rows * np.log(level)) for gram, level in zip(grams, levels, strict=True))
     return np.asarray(total), float(logs), float(sum(np.sum(gram.rows) for gram in grams))
@@ -200,15 +202,15 @@ def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """How the pieces of a run follow one another.
+    """Transitions of the state between the pieces of a run.
 
     Attributes:
-        transition: (J, n, n).
-        by_unknown: (J, n, P).
-        gap: (J, n) d; of the last piece it is not used.
-        start: (n, P + 1) how the first state changes with the unknowns, and its own change.
-        start_variance: (n, n) of what is free in the first state.
-        kicked: (n, n) variance of a kick of size one.
+        transition: (J, n, n) A.
+        by_unknown: (J, n, P) B.
+        gap: (J, n) d; the last one is not used.
+        start: (n, P + 1) derivatives of the first state with respect to the unknowns, and its own change.
+        start_variance: (n, n) covariance of the free part of the first state.
+        kicked: (n, n) covariance of a kick of size one.
     """
 
     transition: np.ndarray
@@ -219,14 +221,14 @@ class Chain:
     kicked: np.ndarray
 
     def of(self, acting: np.ndarray) -> "Chain":
-        """The same for some of the unknowns, (P,) bool."""
+        """The transitions for some of the unknowns, (P,) bool."""
         start = self.start[:, np.append(acting, True)]
         return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
 
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """What a run says of the unknowns at S = C K noises: C colours, K sizes of the kicks with each.
+    """Information of a run on the unknowns at S = C K noises: C colours, each with K sizes of the kicks.
 
     Attributes:
         gram: (S, P, P) X'X.
@@ -243,14 +245,13 @@ class Innovations:
     rows: float
 
 
-@np.errstate(all="ignore")  # what a divergence has spoilt is no finite evidence
+@np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
 def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain, kicks: np.ndarray) -> Innovations:
-    """Leave the states out of sums, at (K,) standard deviations of the kicks.
+    """Eliminate the states from sums, for (K,) standard deviations of the kicks.
 
-    Args:
-        parts: of consecutive pieces (C, b, w, w) sums, (C,) their logarithms and the number of rows; see `combined`.
-        chain: of the run.
-        kicks: (K,).
+    parts: for consecutive pieces (C, b, w, w) sums, (C,) log-determinants and the number of rows; see `combined`.
+        chain: transitions of the run.
+        kicks: (K,) standard deviations of the kicks.
     """
     filter_ = _Filter(chain, kicks)
     whole: np.ndarray | float = 0.0
@@ -273,20 +274,20 @@ def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain
 
 
 class _Filter:
-    """The filter, advanced over consecutive pieces; see `filtered`."""
+    """Kalman filter, advanced over consecutive pieces; see `filtered`."""
 
     def __init__(self, chain: Chain, kicks: np.ndarray) -> None:
         self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
-        # The columns' states fall by what the unknowns add to them: the residual is r - X dtheta.
+        # The columns' states decrease by what the unknowns add to them: the residual is r - X dtheta.
         self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
         self._variance = chain.start_variance
 
     def advanced(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Over the next b pieces, of which the sums are (C, b, w, w).
+        """Advance over the next b pieces, whose sums are (C, b, w, w).
 
         Returns:
-            (C, K, b, n, P+1) means before the pieces; what these say against them, and (C, K, b, n, n) variances after
-            them; (C, K) the logarithm of the determinant.
+            (C, K, b, n, P+1) means before the pieces; the corrections by the pieces, and (C, K, b, n, n) variances
+            after them; (C, K) the logarithm of the determinant.
         """
         chain, n, here = self._chain, self._chain.gap.shape[1], self._next
         C, b, K, width = len(sums), sums.shape[1], len(self._noise), sums.shape[-1] - n
@@ -309,12 +310,12 @@ class _Filter:
 
 
 def square_root(matrices: np.ndarray) -> np.ndarray:
-    """(..., n, n) L of which L L' is one of (..., n, n) positive semidefinite matrices; what rounding leaves is 0."""
+    """(..., n, n) L with L L' equal to (..., n, n) positive semidefinite matrices; rounding errors are set to 0."""
     left, found = matrices.copy(), np.zeros_like(matrices)
     for k in range(left.shape[-1]):
         pivot = left[..., k, k]
-        # A pivot that is rounding of what was there would make a measurement of nothing.
-        pivot = np.where(pivot <= ROUNDING * matrices[..., k, k], np.inf, pivot)
+        # A pivot that is only rounding would be a measurement without information.
+        pivot = np.where(pivot <= ROUNDING_INFORMATION_SHARE * matrices[..., k, k], np.inf, pivot)
         found[..., k:, k] = left[..., k:, k] / np.sqrt(pivot)[..., None]
         below = found[..., k + 1 :, k]
         left[..., k + 1 :, k + 1 :] -= below[..., :, None] * below[..., None, :]
@@ -322,11 +323,11 @@ def square_root(matrices: np.ndarray) -> np.ndarray:
 
 
 def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(..., n, n) variances P after what says L L' of the states, and the logarithms of the determinants of 1 + P L L'.
+    """(..., n, n) variances P after information L L' on the states, and log-determinants of 1 + P L L'.
 
-    Column by column of (..., n, n) L, each a measurement of one number, by a square root of P: nothing is inverted that
-    may be singular, and a state that was not known at all is known to all digits after it (Potter's algorithm: Bierman,
-    Factorization Methods for Discrete Sequential Estimation, 1977, §2).
+    The columns of L (..., n, n) are used one by one, each as the measurement of one number, with a square root of P: no
+    matrix that may be singular is inverted, and a state that was unknown before is known to all digits afterwards
+    (Potter's algorithm: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §2).
     """
     root, size = square_root(variance), np.ones(variance.shape[:-2])
     for k in range(told.shape[-1]):
@@ -341,14 +342,14 @@ def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndar
 def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(J, n) most likely change of the states at the beginning of the pieces, and (J, n) the kicks there.
 
-    The adjoint recursion needs no inverse of a variance, so that states without noise do no harm (Bryson & Frazier
-    1963; Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, §10.4).
+    The adjoint recursion inverts no variance, so states without noise are allowed (Bryson & Frazier 1963; Bierman,
+    Factorization Methods for Discrete Sequential Estimation, 1977, §10.4).
 
     Args:
-        sums: (J, w, w).
-        chain: of the run.
-        kick: standard deviation.
-        change: (P,) of the unknowns.
+        sums: (J, w, w) sums of the pieces.
+        chain: transitions of the run.
+        kick: standard deviation of the kicks.
+        change: (P,) change of the unknowns.
     """
     M, eta, after, _ = _Filter(chain, np.array([kick])).advanced(sums[None])
     weights = np.append(-change, 1.0)

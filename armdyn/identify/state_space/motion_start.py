@@ -1,8 +1,8 @@
-"""Where a motion began that was not measured: looked for among many starts, over the first stretch of each run.
+"""Find how an unmeasured motion began: many start states are tried on the first stretch of each run.
 
-A descent from one guess gets lost: at angle 0 with the gripper at rest it stands on a saddle, and a recording of ten
-periods has ten minima. Each run's start is therefore looked for alone, among many, over its first stretch; those that
-fit about as well as the best are followed while the stretch grows, which tells them apart.
+A descent from one guess fails: at angle 0 with the gripper at rest the guess is a saddle point, and the cost of a
+recording of ten periods has ten minima. So the start of each run is searched alone, from many start states, over its
+first stretch; those that fit about as well as the best are followed while the stretch grows, which separates them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,30 +10,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, determined, duration, first_part
+from armdyn.identify.fit import CHI2_NEAR_NOISE, determined, duration, first_part
 from armdyn.identify.problem import Problem
 
-DESCENDED = 8
-"""Starts, the best of all that are tried, from which a descent is made on the first stretch."""
-KEPT = 4
-"""Of these, how many are followed."""
-RIVALS = 2.0
-"""Ratio of the costs, multiplied over the stretches so far, up to which two starts are both followed: the wrong one of
-two that a short stretch hardly tells apart becomes many times worse as it grows. A product, because what the model
-lacks shows least on the first."""
-GROWTH = 2.0
-"""From one stretch to the next."""
+DESCENDED_STARTS = 8
+"""Number of start states, the best of all, from which a descent is made on the first stretch."""
+FOLLOWED_STARTS = 4
+"""Number of these that are followed over longer stretches."""
+RIVAL_COST_RATIO = 2.0
+"""Ratio of the costs, multiplied over the stretches so far, up to which two start states are both followed: where a
+short stretch hardly distinguishes two, the cost of the wrong one grows many times with the stretch. It is a product,
+because the model's error is smallest on the first stretch."""
+STRETCH_GROWTH = 2.0
+"""Ratio of the lengths of a stretch and the one before."""
 
 
 def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each run's motion began.
+    """Find how the motion of each run began.
 
     Args:
-        problem: model, runs, noise.
-        values: (P,) to begin with.
+        problem: model, runs and noise.
+        values: (P,) start values.
 
     Returns:
-        (P,) values with the runs' starts, and (P,) where the shared values are also those that suit the starts best.
+        (P,) values with the runs' start states, and (P,) values in which the shared ones are fitted to the starts as
+        well.
     """
     begin, shared = values.copy(), []
     for i, run in enumerate(problem.runs):
@@ -49,12 +50,12 @@ def initial_values(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np
 
 
 def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(P,) values of a problem with one run at which its first part is fitted best, the start looked for everywhere.
+    """(P,) values that fit the first part of a single run best, with a global search for its start state.
 
     Args:
-        single: model, run, noise.
-        values: (P,) to begin with.
-        free: (P,) bool, what may change.
+        single: problem of one run.
+        values: (P,) start values.
+        free: (P,) bool, unknowns that may change.
     """
     (run,), model = single.runs, single.model
     theta = single.theta(0, values)
@@ -65,17 +66,17 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
     window, end = model.start_window(theta), duration(run)
     cut = _cut(single, window)
     own = _descended(cut, free, window, values)
-    near_noise = 2.0 * _cost(cut, own) < NEAR_NOISE * cut.samples
+    near_noise = 2.0 * _cost(cut, own) < CHI2_NEAR_NOISE * cut.samples
     if near_noise and np.array_equal(determined(cut, moved, own), moved):
         return own
     rows = [values, *(_with(single, values, guess, moved) for guess in guesses)]
     shared = free_in_window(single, free, window) & ~moved
     promised = [_promised_cost(cut, shared, row) for row in rows]
     order = sorted(range(len(rows)), key=lambda i: float(f"{promised[i]:.5g}"))  # mirror images keep their order
-    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED]]
+    found = [_descended(cut, free, window, rows[i]) for i in order[:DESCENDED_STARTS]]
     rivals = _best(single, [_Rival(values, values, _log_cost(cut, values)) for values in found])
     while len(rivals) > 1 and window < end:
-        window *= GROWTH
+        window *= STRETCH_GROWTH
         cut = _cut(single, window)
         now = [_descended(cut, free, window, rival.now) for rival in rivals]
         rivals = [
@@ -87,29 +88,30 @@ def start_of(single: Problem, values: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def _descended(cut: Problem, free: np.ndarray, window: float, values: np.ndarray) -> np.ndarray:
-    """(P,) a few steps on a stretch of `window` s; effects are fitted where it is long, or not told without them."""
+    """(P,) values after a few steps on a stretch of `window` s; effects are fitted where it determines them."""
     held, first = cut.with_weak_priors(values), free_in_window(cut, free, window)
     found = held.fit(first, values, most_steps=8)
-    if not np.array_equal(first, free) and 2.0 * found.at.cost >= NEAR_NOISE * cut.samples:
-        # Friction that takes half of the first swing's energy is told by it; else the swing's start is bent instead.
+    if not np.array_equal(first, free) and 2.0 * found.at.cost >= CHI2_NEAR_NOISE * cut.samples:
+        # Friction that takes half of the first swing's energy must be fitted; else the start of the swing is wrong
+        # instead.
         other = held.fit(free, values, most_steps=8)
         found = other if other.at.cost < found.at.cost else found
     return found.values
 
 
 def free_in_window(problem: Problem, free: np.ndarray, window: float) -> np.ndarray:
-    """(P,) bool: what of `free` is fitted to a stretch of `window` s: the base, and effects where it is long enough."""
+    """(P,) bool: unknowns of `free` to fit to a stretch of `window` s: the base, and effects where it is long."""
     return free if window >= problem.model.settled_window else free & (problem.per_run | ~problem.is_effect)
 
 
 @dataclass(frozen=True, eq=False)
 class _Rival:
-    """One of several starts: where it stood after the first stretch, where it stands now, its cost over all of them.
+    """One of several start states, with its values after the first stretch, its present values, and its cost so far.
 
     Attributes:
-        initial_values: (P,).
-        now: (P,).
-        cost: sum over the stretches of the cost's logarithm.
+        initial_values: (P,) values after the first stretch.
+        now: (P,) present values.
+        cost: sum over the stretches of the logarithm of the cost.
     """
 
     initial_values: np.ndarray
@@ -118,7 +120,7 @@ class _Rival:
 
 
 def _cut(problem: Problem, window: float) -> Problem:
-    """The first part of every run."""
+    """A problem with the first part of every run."""
     return Problem(problem.model, [first_part(run, window) for run in problem.runs], problem.noise)
 
 
@@ -128,7 +130,7 @@ def _with(single: Problem, values: np.ndarray, guess: Mapping[str, float], moved
 
 
 def _promised_cost(cut: Problem, free: np.ndarray, values: np.ndarray) -> float:
-    """Cost of a start, once the shared values have made their best of it: a wrong mass must not choose the swing."""
+    """Cost of a start state after the shared values are optimised for it: a wrong mass must not choose the swing."""
     with np.errstate(all="ignore"):
         at = cut.with_weak_priors(values).expansion(values, free)
     if not np.isfinite(at.cost):
@@ -145,14 +147,14 @@ def _log_cost(cut: Problem, values: np.ndarray) -> float:
 
 
 def _best(single: Problem, rivals: Sequence[_Rival]) -> list[_Rival]:
-    """The best, and those that may yet turn out to be better; of two that predict the same for the whole run the first.
+    """The best start state and those that may still win; of two that predict the same for the whole run, the first.
 
-    Below a gripper at rest a swing and its mirror image give the same tension.
+    With the gripper at rest, a swing and its mirror image give the same tension.
     """
     order = sorted(rivals, key=lambda rival: round(rival.cost, 4))
     kept: list[_Rival] = []
     for rival in order:
-        if len(kept) == KEPT or rival.cost > order[0].cost + np.log(RIVALS):
+        if len(kept) == FOLLOWED_STARTS or rival.cost > order[0].cost + np.log(RIVAL_COST_RATIO):
             break
         if not any(_same(single, rival.now, other.now) for other in kept):
             kept.append(rival)

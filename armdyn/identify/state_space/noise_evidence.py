@@ -1,8 +1,8 @@
 """The evidence of every set of effects, each at the noise that suits it best.
 
-The model's own error, as kicks of the speeds once in every half swing, and the sensors' coloured error are unknown;
-what a set of effects is worth is its evidence at the noise that suits it best (type-II maximum likelihood: Bishop,
-Pattern Recognition and Machine Learning, 2006, §3.5).
+The model's own error (kicks of the speeds, once in every half swing) and the sensors' coloured error are unknown; so a
+set of effects is scored by its evidence at the noise that suits it best (type-II maximum likelihood: Bishop, Pattern
+Recognition and Machine Learning, 2006, §3.5).
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,24 +12,24 @@ from itertools import product
 import numpy as np
 
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_run import LOOSE, LinearisedRun, Noise, scaled
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE, LinearisedRun, Noise, scaled
 from armdyn.identify.state_space.innovations import Colour
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 
-KICKS = np.arange(-7.0, 10.1, 1.2)
-"""Natural logarithms of the kicks that are tried, over what one piece tells of a speed."""
-RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
+LOG_KICKS = np.arange(-7.0, 10.1, 1.2)
+"""Natural logarithms of the kicks that are tried, relative to the accuracy with which one piece determines a speed."""
+COLOUR_RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
-TIMES = (0.02, 0.08, 1.0 / 3.0)
-"""Correlation times that are tried, in swings: beyond a third it would be an offset."""
-LEVELS = (0.6, 1.6)
-"""Factors on the level of one of several channels that are tried beside the present one."""
-PULLED = float(np.log(100.0))
-"""Nats that a value could gain beyond a bound from which on it is the bound that explains."""
-COARSE = (3, 3)
-"""Every which of the colours, and of the kicks, is looked at first."""
-ROUNDS = 3
-"""In which the noises of several runs, and levels beside values, settle."""
+COLOUR_PERIODS = (0.02, 0.08, 1.0 / 3.0)
+"""Correlation times that are tried, in periods of the swing: beyond a third the error would be an offset."""
+LEVEL_FACTORS = (0.6, 1.6)
+"""Factors that are tried on the noise level of one of several channels, besides 1."""
+MAX_BOUND_PULL_NATS = float(np.log(100.0))
+"""Gain of log evidence, nats, that a value would have beyond its bound, from which on the set relies on the bound."""
+COARSE_STRIDES = (3, 3)
+"""Stride in the grid of colours, and in that of kicks, of a first coarse search."""
+NOISE_ROUNDS = 3
+"""Rounds in which the noises of several runs, and levels beside values, are optimised in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +37,13 @@ class Table:
     """Innovations of one run at S noises.
 
     Attributes:
-        noises: (S,).
-        gram: (S, P, P).
-        slope: (S, P).
-        square: (S,).
-        log_std: (S,).
-        rows: of the run.
-        kicks: number of kicks that follow one another in `noises`.
+        noises: the S noises.
+        gram: (S, P, P) X'X, see `Innovations`.
+        slope: (S, P) X'r.
+        square: (S,) r'r.
+        log_std: (S,) sums of the logarithms of the innovations' standard deviations.
+        rows: number of rows of the run.
+        kicks: number of sizes of the kicks, which follow one another in `noises`.
     """
 
     noises: tuple[Noise, ...]
@@ -62,12 +62,12 @@ class Table:
         return replace(self, gram=self.gram[:, kept[:, None], kept], slope=slope, square=square)
 
     def likelihood(self, level: np.ndarray) -> np.ndarray:
-        """(S,) logarithms at (S,) levels of everything."""
+        """(S,) log likelihoods, with (S,) levels as factors on all standard deviations."""
         return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
 
 
 def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
-    """Innovations at every one of `noises` with every size (K,) of the kicks."""
+    """Innovations at each of `noises`, with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
     return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
@@ -80,63 +80,63 @@ def at_one(around: LinearisedRun, noise: Noise) -> Table:
 
 def at_every_kick(around: LinearisedRun, noise: Noise) -> Table:
     """Innovations over the whole range of kicks, with the colours of one noise."""
-    return tabled(around, [noise], around.kick_unit * np.exp(KICKS))
+    return tabled(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
 
 
 def everywhere(around: LinearisedRun, noise: Noise) -> Table:
-    """Innovations over the whole range of kicks and of one channel's colours, the other channels' as in `noise`.
+    """Innovations over the whole range of kicks and of one channel's colours; the other channels keep theirs.
 
-    The channel that says most about the motion is looked at; what the others are like shows beside it.
+    The channel with the most information on the motion is varied; the others are optimised afterwards.
     """
     noise = scaled(noise, 1.0 / min(noise.level))
-    swing, kicks = around.run.swing, around.kick_unit * np.exp(KICKS)
-    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(RATIOS[1:], TIMES)]
+    swing, kicks = around.run.swing, around.kick_unit * np.exp(LOG_KICKS)
+    colours = [Colour()] + [Colour(r, t * swing) for r, t in product(COLOUR_RATIOS[1:], COLOUR_PERIODS)]
     k = around.sharpest
     noises = [replace(noise, colour=(*noise.colour[:k], colour, *noise.colour[k + 1 :])) for colour in colours]
     return tabled(around, noises, kicks)
 
 
 def nearby(around: LinearisedRun, noise: Noise) -> Table:
-    """Innovations around one noise."""
+    """Innovations at noises around one noise."""
     noise = scaled(noise, 1.0 / min(noise.level))
-    kicks = np.clip(noise.kick / around.kick_unit, np.exp(KICKS[0]), np.exp(KICKS[-1])) * around.kick_unit
+    kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
     kicks = kicks * np.exp(np.arange(-4.0, 4.0))
     found = [noise]
     for c, colour in enumerate(noise.colour):
         for other in _neighbours(colour, around.run.swing):
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
-        for factor in LEVELS if len(noise.level) > 1 else ():
+        for factor in LEVEL_FACTORS if len(noise.level) > 1 else ():
             found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
     return tabled(around, found, kicks)
 
 
 def _neighbours(colour: Colour, swing: float) -> list[Colour]:
-    """Colours next to one in the grid."""
+    """Neighbours of a colour in the grid."""
     if colour.ratio == 0.0:
-        return [Colour(RATIOS[1], t * swing) for t in TIMES[1::2]]
-    r = RATIOS.index(min(RATIOS, key=lambda x: abs(x - colour.ratio)))
-    t = int(np.argmin([abs(x * swing - colour.time) for x in TIMES]))
+        return [Colour(COLOUR_RATIOS[1], t * swing) for t in COLOUR_PERIODS[1::2]]
+    r = COLOUR_RATIOS.index(min(COLOUR_RATIOS, key=lambda x: abs(x - colour.ratio)))
+    t = int(np.argmin([abs(x * swing - colour.time) for x in COLOUR_PERIODS]))
     found = [Colour()] if r == 1 else []
     for dr, dt in ((-1, 0), (1, 0), (0, -1), (0, 1), (2, 0), (-2, 0)):
-        if 0 < r + dr < len(RATIOS) and 0 <= t + dt < len(TIMES):
-            found.append(Colour(RATIOS[r + dr], TIMES[t + dt] * swing))
+        if 0 < r + dr < len(COLOUR_RATIOS) and 0 <= t + dt < len(COLOUR_PERIODS):
+            found.append(Colour(COLOUR_RATIOS[r + dr], COLOUR_PERIODS[t + dt] * swing))
     return found
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a set is worth at the noise that suits it best.
+    """Evidence of a set of effects at the noise that suits it best.
 
     Attributes:
         value: log evidence of the training runs, nats.
-        predicted: log likelihood of the others, as predicted.
-        occam: nats of `value` that the unknowns' freedom costs.
-        change: (P,) of the unknowns.
-        picks: by run, which of the table's noises; the level is not the table's.
-        levels: by run, factor on the level.
-        information: (P, P) of the training runs, levels counted in.
-        inside: whether no effect does what it does by a value that the runs pull beyond a bound; one at which the
-            effect is absent, and one from which they pull no more than by chance, is none.
+        predicted: log likelihood of the other runs, as predicted.
+        occam: part of `value`, nats, that the freedom of the unknowns costs.
+        change: (P,) change of the unknowns.
+        picks: by run, index of the noise in the run's table, without its level.
+        levels: by run, factor on the noise level.
+        information: (P, P) information of the training runs, with the levels optimised.
+        inside: whether all values are inside their bounds: no effect relies on a value that the runs pull beyond its
+            bound. Bounds at which the effect is absent, and pulls within chance, do not count.
     """
 
     value: float
@@ -150,15 +150,15 @@ class Evidence:
 
 
 class Tables:
-    """Tables of several runs at one point, from which the evidence of every set follows.
+    """Tables of several runs at one point, from which the evidence of every set of effects follows.
 
     Args:
-        tables: by run, those that are fitted first.
-        values: (P,) the point.
-        problem: whose unknowns these are.
+        tables: table by run; the fitted runs come first.
+        values: (P,) values of the point.
+        problem: the problem of these unknowns.
         training: number of runs that are fitted; the others are predicted.
         removable: (P,) bool, unknowns that are at null where they are not fitted.
-        begin: by run, the noise near which evidence is looked for, in one round; None for several, from the middle.
+        begin: by run, noise from which the search starts, in one round; None starts in the middle, in several rounds.
     """
 
     def __init__(
@@ -170,31 +170,36 @@ class Tables:
         removable: np.ndarray,
         begin: Sequence[int] | None = None,
     ) -> None:
-        self._begin, self._rounds = begin, ROUNDS if begin is None else 1
+        self._begin, self._rounds = begin, NOISE_ROUNDS if begin is None else 1
         self.tables, self.values, self.problem, self.training = tuple(tables), values, problem, training
         self._removable = removable
         self._owner = np.array([-1 if c.run is None else c.run for c in problem.columns])
         self.rows = sum(table.rows for table in tables[:training])
         with np.errstate(divide="ignore"):
             known = np.minimum(1.0 / problem.prior_weight, 1.0 / problem.guess_weight)
-            self._width = np.minimum(LOOSE * problem.typical, known)
+            self._width = np.minimum(LINEAR_PRIOR_SIZE * problem.typical, known)
         self._typical = np.minimum(problem.typical, self._width)
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
 
     def coarse(self, like: Evidence) -> "Tables":
-        """The same at fewer noises, looked at once from a set's own: enough to see which sets to look at closely."""
+        """Tables at fewer noises, searched once from a set's noise: enough to choose the sets for a full search."""
         thinned, begin = [], []
         for table, pick in zip(self.tables, like.picks, strict=True):
             colours = len(table.noises) // table.kicks
             at = np.array(
-                [c * table.kicks + k for c in range(0, colours, COARSE[0]) for k in range(0, table.kicks, COARSE[1])]
+                [
+                    c * table.kicks + k
+                    for c in range(0, colours, COARSE_STRIDES[0])
+                    for k in range(0, table.kicks, COARSE_STRIDES[1])
+                ]
             )
             begin.append(int(np.argmin(np.abs(at - pick))))
             thinned.append(
                 replace(
                     table, noises=tuple(table.noises[i] for i in at), gram=table.gram[at], slope=table.slope[at],
-                    square=table.square[at], log_std=table.log_std[at], kicks=len(range(0, table.kicks, COARSE[1])),
+                    square=table.square[at], log_std=table.log_std[at],
+                    kicks=len(range(0, table.kicks, COARSE_STRIDES[1])),
                 )
             )  # fmt: skip
         return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
@@ -246,7 +251,7 @@ class Tables:
         information = np.zeros((len(change), len(change)))
         information[np.ix_(c, c)] = H
         ends = (self.values + change)[c] != p.null[c]
-        inside = not np.any((pulled > PULLED) & ends & p.is_effect[c])
+        inside = not np.any((pulled > MAX_BOUND_PULL_NATS) & ends & p.is_effect[c])
         occam = float(self._freedom(H, c)) + spread
         return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 
@@ -255,15 +260,15 @@ class Tables:
     ) -> tuple[float, int, float]:
         """Log density of a run as the training runs predict it, at the noise that suits it best.
 
-        What these leave uncertain of the values is integrated over, as are the unknowns that are its `own`: a length
-        that is known to a micrometre may still be a swing too long or too short after a thousand of them.
+        The uncertainty of the fitted values is integrated out, and so are the unknowns of the run alone (`own`): a
+        length known to a micrometre may still be a swing too long or too short after a thousand swings.
 
         Args:
-            r: which run.
-            change: (P,) from the training runs.
-            c: (k,) unknowns that they fitted.
-            known: (k, k) what they say of these, in inverse squares.
-            own: (m,) unknowns of the run alone.
+            r: index of the run.
+            change: (P,) change fitted to the training runs.
+            c: (k,) indices of the unknowns fitted to them.
+            known: (k, k) information of the training runs on these.
+            own: (m,) indices of the unknowns of the run alone.
         """
         loose, moved = np.concatenate([c, own]), np.flatnonzero(change)
         part = self.tables[r].after(moved, change[moved], loose)
@@ -276,7 +281,7 @@ class Tables:
         return float(over[pick]) + _peak(over, pick, part.kicks), pick, float(level[pick])
 
     def _solved(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(S, c) change that is best, and (S,) what is added to the squared error: negative where it falls."""
+        """(S, c) best change, and (S,) the change of the squared error, negative where it falls."""
         t = self._width[c]
         d = solve_positive(H + np.diag(t**-2.0), g + self._centre[c] / t**2)
         off = (d - self._centre[c]) / t
@@ -284,14 +289,14 @@ class Tables:
         return d, squares + np.sum(off**2, axis=1)
 
     def _freedom(self, H: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(S,) nats that the freedom of unknowns c costs, of (S, c, c) what runs say of them."""
+        """(S,) nats that the freedom of the unknowns c costs, from (S, c, c) information on them."""
         T = self._typical[c]
         return 0.5 * log_det(T[:, None] * H * T + np.eye(len(c)))
 
     def _over(
         self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(S,) evidence at every noise of one run's table beside the sums of the others, and (S,) its level."""
+        """(S,) evidence at every noise of one run's table, given the sums of the other runs, and (S,) its level."""
         levels = np.full(len(part.square), level)
         for k in range(self._rounds + 1):
             H = part.gram / levels[:, None, None] ** 2 + H0
@@ -303,7 +308,7 @@ class Tables:
         return part.likelihood(levels) - 0.5 * added - self._freedom(H, c), levels
 
     def _bounded(self, H: np.ndarray, g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-        """(c,) the best change within the bounds, what is added to the squared error, (c,) nats of pull beyond them."""
+        """(c,) best change within the bounds, its change of squared error, and (c,) gain beyond the bounds, nats."""
         p, t = self.problem, self._width[c]
         lower, upper = (p.lower - self.values)[c], (p.upper - self.values)[c]
         A = H + np.diag(t**-2.0)
@@ -315,7 +320,7 @@ class Tables:
 
 
 def _peak(value: np.ndarray, best: int, kicks: int) -> float:
-    """By how much a parabola through the best of (S,) values and its neighbours along the kicks is higher."""
+    """Height of a parabola through the best of (S,) values and its neighbours along the kicks, above that value."""
     k = best % kicks
     if not 0 < k < kicks - 1:
         return 0.0

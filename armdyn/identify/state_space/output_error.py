@@ -1,8 +1,8 @@
-"""Output error from the measured motion: a fit that is never lost.
+"""Output-error fits that start at the measured motion, so that they do not get lost in a wrong minimum.
 
-Started at one state and simulated to the end of a long recording, a pendulum that is slightly wrong is soon in another
-phase, and a descent ends in one of many minima. Here the fit begins linear around the measured motion, with kicks that
-hold what the model lacks; the kicks shrink to nothing, and the motion goes over into the model's own.
+A slightly wrong pendulum that is simulated from one state over a long recording is soon in another phase, and a descent
+ends in one of many minima. Here the model is first linearised around the measured motion, with kicks (process noise)
+for what the model lacks; the kicks then shrink to nothing, and the measured motion changes into the simulated one.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,33 +11,34 @@ from itertools import islice
 
 import numpy as np
 
-from armdyn.identify.fit import NEAR_NOISE, Fit, converged, fit
-from armdyn.identify.least_squares import GROSS
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit, converged, fit
+from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
-from armdyn.identify.state_space.grey_box import NEARBY, GreyBox, NoiseAndMotion
+from armdyn.identify.state_space.grey_box import NEARBY_LOOKS, GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.places import places
 from armdyn.identify.state_space.starts import alike, likeliest_starts
 from armdyn.physics.simulated import SimulatedModel
 
-UNLIKE = 0.1
-"""Relative difference from which a value that a recording shows directly is tried beside the one that a model has."""
-SKETCHED = 5
-"""Steps after which the better ones of several starts are carried on."""
-OTHERS = 3
-"""Places on the way of shrinking kicks from which a fit with large errors is tried as well."""
-SIZES = (0.2, 0.4, 0.7, 1.5, 3.0)
-"""Factors on the size of effects with which fits with large errors are tried as well."""
-ASTRAY = 10.0
-"""Kicks, over what one piece tells of a speed, beyond which a motion that only a force shows may be a wrong one."""
-MOST_STEPS, QUICK_STEPS = 30, 10
-"""Of a fit, and of one that only ranks a set among others."""
-MOST_PREDICTED = 5_000_000
-"""Samples that a fit with large errors may predict in looking at other places: five seconds. All of them are looked at
-in recordings of up to 37,000 samples, five minutes of a swing; in longer ones fewer, beyond 111,000 none."""
+DIFFERENT_VALUE_SHARE = 0.1
+"""Relative difference from which a value that a recording shows directly is tried as well as the model's own."""
+SKETCH_STEPS = 5
+"""Steps after which only the better ones of several starts are continued."""
+OTHER_STARTS = 3
+"""Number of values, taken while the kicks shrink, from which a fit with large errors is tried as well."""
+OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
+"""Factors on the sizes of effects from which fits with large errors are tried as well."""
+WRONG_MOTION_KICK = 10.0
+"""Kicks, relative to the accuracy with which one piece determines a speed, beyond which a motion that was derived from
+a force may be a wrong one."""
+MAX_FIT_STEPS, RANKING_STEPS = 30, 10
+"""Largest number of steps of a fit, and of a fit that only ranks a set among others."""
+MAX_PREDICTED_SAMPLES = 5_000_000
+"""Samples that a fit with large errors may predict in trying other start values: five seconds. All start values are
+tried in recordings of up to 37,000 samples, five minutes of a swing; fewer in longer ones, none beyond 111,000."""
 
 
 def shows_motion(problem: Problem) -> bool:
-    """Whether every run shows the motion itself, and not only a force that depends on it."""
+    """Whether every run contains the motion itself, and not only a force that depends on it."""
     model = problem.model
     if not isinstance(model, SimulatedModel):
         return False
@@ -51,22 +52,22 @@ def shows_motion(problem: Problem) -> bool:
 
 
 class AroundMotion:
-    """Runs around their measured motion, and the fits that begin there.
+    """Runs linearised around their measured motion, and the fits that start there.
 
     Args:
-        problem: model with every effect that may be fitted, training runs first.
-        training: number of runs that are fitted; the others are followed.
-        present: (P,) bool, unknowns of effects that the model has already.
-        options: (P,) values to begin with, of which the likeliest counts.
+        problem: problem of the model with every effect that may be fitted; training runs come first.
+        training: number of runs that are fitted; the others are only predicted.
+        present: (P,) bool, unknowns of effects that the model already has.
+        options: (P,) start values each, of which the likeliest is used.
 
     Attributes:
-        box: the runs.
+        box: the linearised runs.
         measured: whether the motion itself was measured, and not only a force.
-        base: (P,) bool, what is fitted in every set: what the runs tell of it where no effect is added. An angle does
-            not see a mass, and a drag would take it with it.
-        point: where the base is settled.
-        seen: (P,) bool, unknowns that change something in these runs, or are known otherwise.
-        places: by unknown, values that matter only where their effect is there; see `places`.
+        base: (P,) bool, unknowns fitted in every set: those of the base model that the runs identify without added
+            effects. A mass is not visible in an angle, and a drag that is fitted with it would change it.
+        point: point at which the base is optimised.
+        seen: (P,) bool, unknowns that change something in these runs, or have a prior.
+        places: start values by unknown, for unknowns without influence while their effect is absent; see `places`.
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
@@ -91,13 +92,13 @@ class AroundMotion:
 
     @property
     def names_of_places(self) -> dict[str, float]:
-        """By parameter, where the effect of what matters only where it is there is looked for first."""
+        """Start values by parameter name, for parameters without influence while their effect is absent."""
         return {self.problem.columns[k].parameter.name: place for k, place in self.places.items()}
 
     def _begun(self, wanted: np.ndarray, options: Sequence[np.ndarray]) -> tuple[np.ndarray, NoiseAndMotion]:
-        """The base that is told, and the runs settled with it from (P,) options or from what recordings show directly.
+        """Unknowns of the base that the runs identify, and the point optimised from (P,) options or shown values.
 
-        A value of the file may be far off, and the period of a large swing shows a length that is too large.
+        A value of the model file may be far off, and the period of a large swing suggests a length that is too large.
         """
         problem, values = self.problem, options[0]
         model = problem.model
@@ -111,7 +112,7 @@ class AroundMotion:
             name = problem.columns[j].parameter.name
             if name in shown:
                 other[j] = np.clip(np.median(shown[name]), problem.lower[j], problem.upper[j])
-        if np.any(np.abs(other - values) > UNLIKE * np.abs(values)):
+        if np.any(np.abs(other - values) > DIFFERENT_VALUE_SHARE * np.abs(values)):
             options = [*options, other]
         if self.measured:
             options = likeliest_starts(problem, self.box.training, wanted, values) or options
@@ -120,54 +121,54 @@ class AroundMotion:
             if any(alike(option, point.values, wanted) for _, point in found):
                 continue
             found.append(self._settled_from(option, wanted))
-            if not self.measured and self.box.largest_kick(found[-1][1]) < ASTRAY:
-                break  # nothing says that the motion may be another one
-            # An option may cut pieces of the runs, which all of them share.
+            if not self.measured and self.box.largest_kick(found[-1][1]) < WRONG_MOTION_KICK:
+                break  # no sign that the motion may be a wrong one
+            # An option may cut pieces of the runs, which all options share.
             found = [(base, self._settled_anew(base, point)) for base, point in found]
         return max(found, key=lambda one: one[1].evidence)
 
     def _settled_from(self, option: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, NoiseAndMotion]:
-        """Those of (P,) `wanted` unknowns that the runs tell, and the runs settled with them from (P,) values."""
+        """The unknowns of (P,) `wanted` that the runs identify, and the point optimised with them from (P,) values."""
         begin = self.box.begin(option)
         base = self.box.determined(begin, wanted)
         if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
-            # What a start makes up for is kept by a weak prior: an effect may bring what tells it.
+            # An unknown that a start state compensates gets a weak prior: an added effect may make it identifiable.
             with np.errstate(all="ignore"):
                 change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
             base[np.flatnonzero(guessed)[change > 0.0]] = True
         return base, self.box.settled(base, begin)
 
     def _settled_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
-        """A point, settled again where pieces were cut since: evidence at other kicks is not comparable."""
-        return self.box.settled(free, point, NEARBY) if self.box.is_cut(point) else point
+        """A point, optimised again where pieces were cut since: only evidence with as many kicks is comparable."""
+        return self.box.settled(free, point, NEARBY_LOOKS) if self.box.is_cut(point) else point
 
     def settled(self, free: np.ndarray, like: np.ndarray | None = None) -> NoiseAndMotion:
-        """The runs settled with (P,) `free` unknowns, other effects at null; from the most similar set that was.
+        """Optimise the runs with (P,) `free` unknowns, other effects at null, starting from the most similar set.
 
-        Where `like` is given, also from where that set stands: the better one counts.
+        Where `like` is given, the point of that set is a second start; the better result counts.
         """
         key = free.tobytes()
         if key not in self._settled:
-            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY))
+            self._settled[key] = free, self._followed_anew(free, self.box.settled(free, self._near(free), NEARBY_LOOKS))
         if like is not None:
             there = self._settled[like.tobytes()][1]
-            other = self.box.settled(free, self._without(there, free), NEARBY)
+            other = self.box.settled(free, self._without(there, free), NEARBY_LOOKS)
             if other.evidence > self._settled[key][1].evidence:
                 self._settled[key] = free, other
         return self._settled[key][1]
 
     def settled_point(self, free: np.ndarray) -> NoiseAndMotion | None:
-        """Where the runs were settled with (P,) `free` unknowns; None where they were not."""
+        """The point optimised with (P,) `free` unknowns; None where it was not computed."""
         found = self._settled.get(free.tobytes())
         return None if found is None else found[1]
 
     def _followed_anew(self, free: np.ndarray, point: NoiseAndMotion) -> NoiseAndMotion:
-        """A settled point, or a better one where a force is followed anew with its values.
+        """An optimised point, or a better one whose motion is derived from the force anew, with its values.
 
-        The motion that followed a force with other values, such as without the bias that is most of it, may be another
-        one altogether; then large kicks are what is left of the difference.
+        The motion derived from the force with other values, such as without the bias that is most of the force, may be
+        wrong altogether; the difference then appears as large kicks.
         """
-        if self.measured or self.box.largest_kick(point) < ASTRAY:
+        if self.measured or self.box.largest_kick(point) < WRONG_MOTION_KICK:
             return point
         other = self.box.settled(free, self.box.begin(self.box.with_starts(point)))
         return max(self._settled_anew(free, point), other, key=lambda one: one.evidence)
@@ -177,44 +178,46 @@ class AroundMotion:
         return self._near(free).weights
 
     def _near(self, free: np.ndarray) -> NoiseAndMotion:
-        """The point of the most similar set that was settled, effects that are not `free` at null."""
+        """The point of the most similar optimised set, with effects that are not `free` at null."""
         near = min(self._settled.values(), key=lambda one: (np.sum(one[0] != free), -one[1].evidence))[1]
         return self._without(near, free)
 
     def _without(self, near: NoiseAndMotion, free: np.ndarray) -> NoiseAndMotion:
-        """A point with the effects that are not `free` at null."""
+        """A point, with the effects that are not `free` set to null."""
         return replace(
             near, values=np.where(self.box.removable & ~free, self.problem.null, near.values), evidence=-np.inf
         )
 
     def starts(self, free: np.ndarray) -> Iterator[np.ndarray]:
-        """(P,) values from which a fit of the whole runs may begin, the likeliest first; computed when asked for."""
+        """(P,) start values for a fit of the whole runs, the likeliest first; computed when needed."""
         return self.box.starts(free, self._near(free))
 
     def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-        """(P,) values with other sizes of the effects than `starts`, (P,) values each, have.
+        """(P,) start values in which the effects have other sizes than in `starts`, each (P,).
 
-        Where an effect is not the right one, its best size over whole runs is another one than around the motion, or
-        than in other runs.
+        The best size of a wrong effect over whole runs differs from its size in the linearised runs, and from run to
+        run.
         """
         sized = free & self.box.removable
         if sized.any():
             found = list(islice(starts, 2))
-            yield from (np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in SIZES)
+            yield from (
+                np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in OTHER_SIZE_FACTORS
+            )
             yield from self._of_single_runs(free, found[0])
 
     def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
-        """(P,) values from which a fit may begin where the model's are guesses, whatever was settled; see `spread`.
+        """(P,) start values for a model whose values are guesses; see `likeliest_starts`.
 
-        What a base alone comes to, which lacks something, may be far from where it is with what it lacks.
+        The optimum of a base model that lacks an effect may be far from its optimum with the effect.
         """
         return likeliest_starts(self.problem, self.box.training, free, self._given)
 
     def _of_single_runs(self, free: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-        """(P,) values with every run's start as that run alone tells it, and all else as one of the runs tells it.
+        """(P,) values with every run's start fitted to that run alone, and all others fitted to one of the runs.
 
-        A friction that is not the right one has another size in a large swing than in a small one; between them lie
-        minima in which a start makes up for the wrong size.
+        A friction of a wrong kind has another size in a large swing than in a small one; between them are minima in
+        which a start state compensates the wrong size.
         """
         problem, count = self.problem, self.box.training
         if count == 1:
@@ -232,25 +235,25 @@ class AroundMotion:
         return [np.where(problem.per_run, starts, told) for told in found]
 
 
-def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHERS) -> Fit:
-    """The best of the minima next to (P,) values, of which the first is the likeliest; at most so many `others`.
+def best_minimum(problem: Problem, free: np.ndarray, starts: Iterable[np.ndarray], others: int = OTHER_STARTS) -> Fit:
+    """The best of the minima reached from (P,) start values, the likeliest of which comes first.
 
-    A fit that ends at the noise, or near enough where no `others` are asked for, is in no wrong minimum: then the kicks
-    need not be shrunk step by step.
+    At most `others` further starts are tried. A fit that ends at the noise, or near it where `others` is 0, is in the
+    right minimum: then the kicks need not be shrunk step by step.
     """
-    values, steps = iter(starts), MOST_STEPS if others else QUICK_STEPS
+    values, steps = iter(starts), MAX_FIT_STEPS if others else RANKING_STEPS
     found = [_bounded_fit(problem, free, next(values), steps)]
-    if found[0].chi2_per_sample > (NEAR_NOISE if others else GROSS):
+    if found[0].chi2_per_sample > (CHI2_NEAR_NOISE if others else GROSS_ERROR_RATIO):
         found += [_bounded_fit(problem, free, tied, steps) for tied in islice(values, 1)]
     best = min(found, key=lambda one: one.cost)
-    others = min(others, MOST_PREDICTED // (problem.samples * (3 * SKETCHED + MOST_STEPS)))
-    if best.chi2_per_sample > GROSS and others:
-        # With large errors the kicks' way may have left the best minimum; other places on it are nearer then.
+    others = min(others, MAX_PREDICTED_SAMPLES // (problem.samples * (3 * SKETCH_STEPS + MAX_FIT_STEPS)))
+    if best.chi2_per_sample > GROSS_ERROR_RATIO and others:
+        # With large errors the shrinking kicks may have left the best minimum; earlier values may be nearer.
         nearer = sorted(values, key=lambda one: _cost(problem, one))[: 3 * others]
-        sketched = sorted((_bounded_fit(problem, free, v, SKETCHED) for v in nearer), key=lambda one: one.cost)
-        found += [_bounded_fit(problem, free, one.values, MOST_STEPS) for one in sketched[:others]]
+        sketched = sorted((_bounded_fit(problem, free, v, SKETCH_STEPS) for v in nearer), key=lambda one: one.cost)
+        found += [_bounded_fit(problem, free, one.values, MAX_FIT_STEPS) for one in sketched[:others]]
     best = min(found, key=lambda one: one.cost)
-    return converged(best) if steps == MOST_STEPS else best
+    return converged(best) if steps == MAX_FIT_STEPS else best
 
 
 def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: int) -> Fit:
@@ -265,7 +268,7 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
-    """A run fitted by its start, and what else is (P,) `free`, from its measured motion; the rest stays."""
+    """Fit a single run: its start and the unknowns (P,) `free`, from its measured motion; the others are fixed."""
     model = single.model
     assert isinstance(model, SimulatedModel)
     swing = model.swing(single.runs[0], single.theta(0, values))

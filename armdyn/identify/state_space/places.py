@@ -1,9 +1,9 @@
-"""Where thresholds are: values of an effect on which nothing depends while it is absent.
+"""Thresholds of absent effects: values on which nothing depends while their effect is at null.
 
-A tank that never overflows does not show its edge: at its null value the effect has no derivative by its place, and no
-descent finds one. How much the effect is, at a place that is given, is linear all the same. So the place is looked for
-over all that the recordings reach, at each of which the evidence of the size alone is asked; then it is a value like
-any other, and counts as one.
+A tank that never overflows contains no sign of its edge: while the effect is at its null value, the derivative with
+respect to its threshold is zero, and no descent finds it. For a given threshold, however, the predictions are linear in
+the size of the effect. So thresholds over the whole range of the recordings are tried, and the evidence of the size
+alone is compared; afterwards the threshold is an unknown like any other, and counts as one.
 """
 
 from dataclasses import replace
@@ -13,22 +13,23 @@ import numpy as np
 from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 
-FARTHEST, TRIED = 10.0, 21
-"""Typical sizes to either side of the declared place, and places tried there, evenly."""
-HALVINGS = 3
-"""Of the distance between two places that are tried, around the best one: from there a descent goes on."""
-ALIKE = 1e-6
-"""Nats by which places differ that matter at all."""
+PLACE_RANGE_SIZES, PLACES_TRIED = 10.0, 21
+"""Distance to either side of the declared threshold, in typical sizes, and number of thresholds tried there, evenly."""
+PLACE_HALVINGS = 3
+"""Number of times that the distance between tried thresholds is halved around the best one; a descent continues from
+there."""
+EQUAL_PLACE_NATS = 1e-6
+"""Smallest difference of log evidence, nats, between thresholds that have any influence."""
 
 
 def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
-    """By unknown, the likeliest place of what matters only where its effect is there.
+    """Find the likeliest threshold, by unknown, of every effect that has one.
 
     Args:
-        box: all runs around their motion.
-        point: where the base is settled.
-        base: (P,) bool, what is fitted of it.
-        seen: (P,) bool, unknowns that change something where no effect is there.
+        box: all runs, linearised around their motion.
+        point: point at which the base is optimised.
+        base: (P,) bool, unknowns of the base that are fitted.
+        seen: (P,) bool, unknowns that change something while all effects are absent.
     """
     problem, found, values = box.problem, dict[int, float](), point.values.copy()
     hidden = problem.is_effect & box.removable & ~problem.per_run & ~seen
@@ -47,9 +48,9 @@ def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarr
 
 
 def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int) -> float | None:
-    """The place at which what is (P,) `free` is likeliest, alike ones next to the declared one; None where all are."""
+    """The likeliest threshold `place` with (P,) `free` unknowns; of equal ones the next to the declared one."""
     problem = box.problem
-    centre, step = point.values[place], 2.0 * FARTHEST / (TRIED - 1) * problem.typical[place]
+    centre, step = point.values[place], 2.0 * PLACE_RANGE_SIZES / (PLACES_TRIED - 1) * problem.typical[place]
     tried = dict[float, float]()
 
     def worth(at: float) -> float:
@@ -64,11 +65,11 @@ def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int
             tried[at] = value if np.isfinite(value) else -np.inf
         return tried[at]
 
-    for k in np.arange(TRIED) - TRIED // 2:
+    for k in np.arange(PLACES_TRIED) - PLACES_TRIED // 2:
         worth(centre + k * step)
-    if np.ptp(list(tried.values())) < ALIKE:
+    if np.ptp(list(tried.values())) < EQUAL_PLACE_NATS:
         return None
-    for _ in range(HALVINGS):
+    for _ in range(PLACE_HALVINGS):
         step *= 0.5
         best = max(tried, key=lambda one: (tried[one], -abs(one - centre)))
         worth(best - step)

@@ -1,4 +1,4 @@
-"""SetScore around the measured motion: for models that simulate, where the model's own error is part of the model."""
+"""Score sets of effects around the measured motion: for models that simulate, with process noise."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import combinations
@@ -9,37 +9,38 @@ import numpy as np
 from armdyn.identify.fit import channel_rmse
 from armdyn.identify.problem import transferred
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.set_score import TIE, SetScore, SetScorer
-from armdyn.identify.state_space.grey_box import SETTLED, NoiseAndMotion
-from armdyn.identify.state_space.grey_run import LOOSE
+from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
+from armdyn.identify.state_space.grey_box import CONVERGED_NATS, NoiseAndMotion
+from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE
 from armdyn.identify.state_space.noise_evidence import Tables, everywhere
-from armdyn.identify.study import LITTLE, Study
+from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
 
-LOOKED_AT = 16
-"""Changes of a set, those that promise most at a few noises, that are scored at all."""
-VERIFIED = 4
-"""Changes of a set, those that promise most of their kind, that are settled before one of them is taken."""
-COMPARED = 3
-"""Next steps of a way, those that promise most, that are compared by what they leave."""
-MANY = 36
-"""Effects, those that promise most alone, of which two are added at once: more than any catalogue has for a model."""
-MOST_PAIRED = 3
-"""Effects of a set to which two more are added at once: what one imitates, two may be."""
+SCORED_SETS = 16
+"""Changes of a set that are scored in full, those with the best score at a few noises."""
+VERIFIED_SETS = 4
+"""Changes of a set, the best of their kind, that are optimised before one of them is taken."""
+COMPARED_STEPS = 3
+"""Candidates for the next step of a path, the best ones, that are compared by their residual."""
+PAIRED_EFFECTS = 36
+"""Effects, the best ones alone, of which pairs are added: more than any catalogue has for a model."""
+MAX_SET_FOR_PAIRS = 3
+"""Largest set to which pairs of effects are added: two effects may be what one imitates."""
 
-PROMISED = 12.0
-"""Nats below which a set may turn out to be tied where it is settled itself."""
-MOSTLY = 0.5
-"""Share of an effect's evidence up to which a rival may lack it, to be settled itself and compared by what it leaves:
-seen from where a sensor's lag of 12 ms is settled, a gripper's lacks 19 of 414 nats that it has where it is settled."""
-KEPT = 4
-"""Settled sets whose tables are kept, the last ones: two that are compared in turn, and what they came from."""
+POSSIBLE_TIE_NATS = 12.0
+"""Difference of log evidence, nats, below which a set may turn out to be tied when it is optimised itself."""
+MAX_LACKING_SHARE = 0.5
+"""Share of an effect's evidence that a rival may lack and still be optimised itself and compared by its residual:
+seen from the point of a sensor's lag of 12 ms, a lag of the gripper lacks 19 of the 414 nats that it has at its own
+point."""
+CACHED_SETS = 4
+"""Optimised sets whose tables are kept, the last ones: two that are compared in turn, and the set they came from."""
 
 
 class StateSpaceScorer(SetScorer):
-    """Scores sets by their evidence at the noise that suits each best.
+    """Scores sets by their evidence, each at the noise that suits it best.
 
     Args:
-        study: model, runs, catalogue.
+        study: model, runs and catalogue.
     """
 
     most_named = 5
@@ -59,7 +60,7 @@ class StateSpaceScorer(SetScorer):
         self.settle(())
 
     def settle(self, effects: Iterable[Candidate]) -> SetScore:
-        """A set at its own motion and noise; other sets are scored from there until another one is settled."""
+        """Optimise a set at its own motion and noise; others are scored from there until the next one is optimised."""
         self._at = frozenset(effects)
         point = self._motion.settled(self._free(self._at))
         kept = self._tables.pop(self._at, None)
@@ -67,15 +68,15 @@ class StateSpaceScorer(SetScorer):
             box = self._motion.box
             kept = point, box.tables(box.around(point), point, everywhere)
         self._tables[self._at] = kept
-        if len(self._tables) > KEPT:
+        if len(self._tables) > CACHED_SETS:
             del self._tables[next(iter(self._tables))]
-        # What was scored from elsewhere is looked at anew; what was settled stays.
+        # Scores from another point are computed again; those of optimised sets stay.
         self._settled.add(self._at)
         self._known = {key: one for key, one in self._known.items() if key in self._settled and key != self._at}
         return self.of(self._at)
 
     def _verify(self, effects: tuple[Candidate, ...]) -> SetScore:
-        """What a set is worth at its own motion and noise; linearised by its own unknowns alone, it is faster found."""
+        """Score of a set at its own motion and noise; linearising by its own unknowns alone is faster."""
         key, free, box = frozenset(effects), self._free(effects), self._motion.box
         point = self._motion.settled(free)
         if key not in self._verified or self._verified[key][0] is not point:
@@ -84,7 +85,7 @@ class StateSpaceScorer(SetScorer):
         return self._verified[key][1]
 
     def _free(self, effects: Iterable[Candidate]) -> np.ndarray:
-        """(P,) bool: what is fitted with a set."""
+        """(P,) bool: unknowns that are fitted with a set."""
         free = self._always.copy()
         for c in effects:
             free |= self._columns[c]
@@ -116,58 +117,59 @@ class StateSpaceScorer(SetScorer):
         )
 
     def best_set(self, say: Callable[[str], None]) -> SetScore:
-        """The set that is worth most: one or two effects more, one exchanged for one or two, or one less, in turn.
+        """The set with the best score: changed by one or two effects more, one exchanged for one or two, or one less.
 
-        What a change promises is seen from the present set; it is taken where it holds at its own motion and noise.
+        A change is predicted from the present set; it is taken where it holds at its own motion and noise.
         """
         now, refused = self.settle(()), {frozenset[Candidate]()}
         while True:
             say(f"{len(now.effects)} effects chosen")
             changed = [one for one in self._changed(now.effects) if frozenset(one) not in refused]
             promised = [self.of(one) for one in self._looked_at(changed)]
-            promised = sorted((o for o in promised if o.score > now.score + SETTLED), key=lambda o: -o.score)
-            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED]
+            promised = sorted((o for o in promised if o.score > now.score + CONVERGED_NATS), key=lambda o: -o.score)
+            options = _unlike([one.effects for one in promised], now.effects)[:VERIFIED_SETS]
             refused |= {frozenset(option) for option in options}
             found = []
             for i, option in enumerate(options):
                 say(f"{i} of {len(options)} candidates tried")
                 found.append(self._verify(option))
-            better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + SETTLED]
-            following = next((one for one in better if one.score > self._again(now, one).score + SETTLED), None)
+            better = [one for one in sorted(found, key=lambda o: -o.score) if one.score > now.score + CONVERGED_NATS]
+            following = next((one for one in better if one.score > self._again(now, one).score + CONVERGED_NATS), None)
             if following is None:
                 return self.settle(now.effects)
             now = self.settle(following.effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """See `SetScorer.ties`: by evidence, each set settled near the other one as well, or by what they leave.
+        """See `SetScorer.ties`: by evidence, each set optimised from the other's point as well, or by residual.
 
-        Above the noise something else is missing, which an exchange that changes the error by little may stand for.
+        Where the residual is above the noise, another effect is missing too, and an exchange that changes the error by
+        little may be due to it.
         """
         standing = self.schwarz_score(whole)
         gap = standing - self.schwarz_score(other)
-        near = gap <= MOSTLY * (standing - self.schwarz_score(without))
-        if (near or gap < PROMISED) and standing - self.schwarz_score(self._again(other, whole)) < TIE:
+        near = gap <= MAX_LACKING_SHARE * (standing - self.schwarz_score(without))
+        if (near or gap < POSSIBLE_TIE_NATS) and standing - self.schwarz_score(self._again(other, whole)) < TIE_NATS:
             return True
         study = self._study
         if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
-            return False  # an experiment that was made to tell them apart does it by evidence
+            return False  # the evidence decides in an experiment that was made to distinguish them
         found = study.fit_with((*study.present, *whole.effects), None)
         if study.is_at_noise(found):
             return False
         least = study.squared_error(found)
         left, most = (study.left((*study.present, *one.effects)) for one in (other, without))
-        return left * (1.0 - LITTLE) < least and left - least < LITTLE * (most - least)
+        return left * (1.0 - MIN_SHARE_PER_VALUE) < least and left - least < MIN_SHARE_PER_VALUE * (most - least)
 
     def _again(self, now: SetScore, better: SetScore) -> SetScore:
-        """The score of a set, settled from where a better one stands as well: its noise may be better there."""
+        """The score of a set, optimised from the point of a better one as well: its noise may be better there."""
         self._motion.settled(self._free(now.effects), self._free(better.effects))
         return self._verify(now.effects)
 
     def _looked_at(self, sets: Sequence[tuple[Candidate, ...]]) -> Sequence[tuple[Candidate, ...]]:
-        """Those of many sets that are worth a closer look."""
+        """The sets of many that are worth a full score."""
         coarse = self._coarse()
         ranked = sorted(sets, key=lambda one: self._promised(coarse, one), reverse=True)
-        return list(dict.fromkeys([*ranked[:LOOKED_AT], *_unlike(ranked, self._at)[:LOOKED_AT]]))
+        return list(dict.fromkeys([*ranked[:SCORED_SETS], *_unlike(ranked, self._at)[:SCORED_SETS]]))
 
     def _coarse(self) -> Tables:
         """Sums at few noises, those near the one that suits the present set."""
@@ -179,25 +181,25 @@ class StateSpaceScorer(SetScorer):
         return found.value + found.predicted - self.complexity_penalty(one) if found.inside else -np.inf
 
     def _changed(self, effects: tuple[Candidate, ...]) -> Iterator[tuple[Candidate, ...]]:
-        """Sets that differ from one by little."""
+        """Sets that differ from a set by a small change."""
         left = [c for c in self.candidates if c not in effects]
         paired = left
-        if len(left) > MANY:
+        if len(left) > PAIRED_EFFECTS:
             coarse = self._coarse()
-            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:MANY]
-        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MOST_PAIRED else ())]
+            paired = sorted(left, key=lambda c: -self._promised(coarse, (*effects, c)))[:PAIRED_EFFECTS]
+        coming = [(), *((c,) for c in left), *(combinations(paired, 2) if len(effects) <= MAX_SET_FOR_PAIRS else ())]
         for gone in (None, *effects):
             rest = tuple(c for c in effects if c != gone)
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """See `SetScorer.next_reported`: what leaves least in output error, of those that promise most.
+        """See `SetScorer.next_reported`: the smallest output error among the sets with the best scores.
 
-        What a reader counts is the error: an offset of the camera may be surer than the drag that it hides behind.
+        A reader compares errors: an offset of the camera may be more certain than the drag that it hides.
         """
         self.settle(now.effects)
         promised = sorted((self.of((*now.effects, *one)) for one in options), key=lambda one: -one.score)
-        compared = promised if not now.effects else promised[:COMPARED]
+        compared = promised if not now.effects else promised[:COMPARED_STEPS]
         best = min(compared, key=lambda one: self._study.left((*self._study.present, *one.effects)))
         return self.settle(best.effects)
 
@@ -222,15 +224,15 @@ class StateSpaceScorer(SetScorer):
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))
         T = self.problem.typical
-        told = np.isfinite(found.information).all()  # runs in which a simulation diverges tell nothing
+        told = np.isfinite(found.information).all()  # where a simulation diverges, nothing is determined
         information = T[:, None] * found.information * T if told else np.zeros((len(T), len(T)))
-        spread = np.linalg.pinv(np.eye(len(T)) / LOOSE**2 + information, hermitian=True)
+        spread = np.linalg.pinv(np.eye(len(T)) / LINEAR_PRIOR_SIZE**2 + information, hermitian=True)
         deviations = T * np.sqrt(np.maximum(np.diag(spread), 0.0))
         return transferred(fit.values, fit.problem, self.problem), deviations
 
 
 def _unlike(sets: Iterable[tuple[Candidate, ...]], now: Collection[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Of many sets, in their order, those that bring, or else leave out, no effect that an earlier one does."""
+    """Sets, in their order, each of which adds (or else removes) an effect that no earlier one does."""
     found, changed = list[tuple[Candidate, ...]](), set[Candidate]()
     for effects in sets:
         change = set(effects).difference(now) or set(now).difference(effects)

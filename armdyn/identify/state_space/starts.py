@@ -1,7 +1,7 @@
-"""Several values to begin with, where those of a model are no more than guesses: the likeliest within the bounds.
+"""Start values for a model whose values are guesses: the likeliest ones within the bounds.
 
-A motion that is simulated in short pieces, each begun where it was measured, is nearly linear in all values: what is
-best there has few minima, and lies near the one of the whole recording.
+A motion simulated in short pieces, each started at the measurement, is nearly linear in all values: the cost has few
+minima there, and they lie near the minimum of the whole recording.
 """
 
 from collections.abc import Iterator
@@ -14,30 +14,31 @@ from armdyn.identify.state_space.grey_box import GreyBox
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.physics.simulated import SimulatedModel
 
-TRIED, KEPT = 24, 3
-"""Values that are tried in short pieces, and those of them that are told, the likeliest and unlike each other."""
-WIDE = 3.0
-"""Factor by which they differ from the value of the model, up or down; of one without a size, so many typical ones."""
-SHORT = 1.0 / 8.0
-"""Of a swing: the short pieces. In half a swing a stiffness that is four times too large is another oscillation."""
-SWINGS = 8.0
-"""Of every run, through which they are tried."""
-ROUNDS = 4
-"""In which a start settles in short pieces."""
-AGAIN = 3
-"""Starts that end at the best place that was found, after which no more are tried."""
-ALIKE = 0.05
-"""Relative difference up to which two ends are one."""
+TRIED_STARTS, KEPT_STARTS = 24, 3
+"""Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
+START_SPREAD_FACTOR = 3.0
+"""Largest factor between a tried value and the model's value, up or down; where that is 0, in typical sizes."""
+SHORT_PIECE_PERIODS = 1.0 / 8.0
+"""Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
+oscillation."""
+TRIED_PERIODS = 8.0
+"""Length of the part of every run in which values are tried, in periods of the swing."""
+START_ROUNDS = 4
+"""Rounds in which a start is optimised in short pieces."""
+REPEATED_BEST_STARTS = 3
+"""Number of starts that end at the best optimum found, after which no more are tried."""
+SAME_START_SHARE = 0.05
+"""Relative difference up to which two results are the same."""
 
 
 def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-    """(P,) values from which a fit may begin, the likeliest first; none where no value is a guess, or all diverge.
+    """(P,) start values for a fit, the likeliest first; an empty list where no value is a guess, or all diverge.
 
     Args:
-        problem: model and runs, those that are fitted first.
-        training: number of these.
+        problem: model and runs; the fitted runs come first.
+        training: number of fitted runs.
         wanted: (P,) bool, unknowns that are fitted.
-        values: (P,) as the model has them.
+        values: (P,) values of the model.
     """
     model = problem.model
     assert isinstance(model, SimulatedModel)
@@ -47,7 +48,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, SWINGS * model.swing(run, problem.theta(i, values)))
+        first_part(run, TRIED_PERIODS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only(needed), runs, problem.noise)
@@ -58,35 +59,35 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         if np.isfinite(evidence):
             ends.append((evidence, transferred(end, cut, problem)))
             best = max(ends, key=lambda one: one[0])[1]
-            if sum(alike(end, best, guessed) for _, end in ends) == AGAIN:
+            if sum(alike(end, best, guessed) for _, end in ends) == REPEATED_BEST_STARTS:
                 break
     told = list[np.ndarray]()
     for _, end in sorted(ends, key=lambda one: -one[0]):
-        if len(told) < KEPT and not any(alike(end, other, guessed) for other in told):
+        if len(told) < KEPT_STARTS and not any(alike(end, other, guessed) for other in told):
             told.append(end)
     return told
 
 
 def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
-    """Whether two (P,) values are about the same in the unknowns `where`, (P,) bool."""
-    return bool(np.allclose(one[where], other[where], rtol=ALIKE, atol=0.0))
+    """Whether two (P,) values are nearly equal in the unknowns `where`, (P,) bool."""
+    return bool(np.allclose(one[where], other[where], rtol=SAME_START_SHARE, atol=0.0))
 
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Evidence and (P,) values, with those that begin the runs, where these settle in short pieces from (P,) values."""
+    """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
     model = cut.model
     assert isinstance(model, SimulatedModel)
     swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
-    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT)
-    with np.errstate(all="ignore"):  # values that diverge have no finite evidence
-        point = box.settled(free, box.begin(values), (at_every_kick,) * ROUNDS)
+    box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
+    with np.errstate(all="ignore"):  # diverging values have no finite evidence
+        point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)
     return point.evidence, box.with_starts(point)
 
 
 def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
-    """(P,) values, the given ones first, then evenly around them within their bounds: an additive recurrence.
+    """(P,) values, the given ones first, then an even sequence within their bounds (additive recurrence).
 
-    Its steps are powers of 1/g, g^(k+1) = g + 1 of k dimensions (Roberts, The unreasonable effectiveness of
+    Its steps are powers of 1/g with g^(k+1) = g + 1 in k dimensions (Roberts, The unreasonable effectiveness of
     quasirandom sequences, 2018).
     """
     places = np.flatnonzero(guessed).tolist()
@@ -95,7 +96,7 @@ def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterat
         ratio = (1.0 + ratio) ** (1.0 / (len(places) + 1))
     steps = ratio ** -np.arange(1.0, len(places) + 1)
     yield values
-    for k in range(1, TRIED):
+    for k in range(1, TRIED_STARTS):
         tried = values.copy()
         for j, share in zip(places, (0.5 + k * steps) % 1.0, strict=True):
             tried[j] = _between(problem, j, values[j], share)
@@ -103,13 +104,17 @@ def _spread(problem: Problem, guessed: np.ndarray, values: np.ndarray) -> Iterat
 
 
 def _between(problem: Problem, unknown: int, value: float, share: float) -> float:
-    """A value of an unknown, from the lowest (share 0) to the highest (share 1) that is tried."""
+    """A value of an unknown between the lowest (share 0) and the highest (share 1) that is tried."""
     lower, upper = problem.lower[unknown], problem.upper[unknown]
     if weight := problem.prior_weight[unknown]:
         mean = problem.prior_mean[unknown]
         lower, upper = max(lower, mean - 2.0 / weight), min(upper, mean + 2.0 / weight)
     typical = problem.typical[unknown]
-    ends = np.sort([value / WIDE, value * WIDE]) if value else WIDE * np.array([-typical, typical])
+    ends = (
+        np.sort([value / START_SPREAD_FACTOR, value * START_SPREAD_FACTOR])
+        if value
+        else START_SPREAD_FACTOR * np.array([-typical, typical])
+    )
     low, high = np.clip(ends, lower, upper)
     if low * high > 0.0:
         return float(np.sign(value) * abs(low) ** (1.0 - share) * abs(high) ** share)

@@ -6,7 +6,7 @@ from hidden_effects import arm as hidden_arm
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states
 from armdyn.experiments.criteria import Conditioned, DOptimality, RivalSeparation, Separated
-from armdyn.experiments.series import LONGEST_PERIOD, AxisMotion, Series
+from armdyn.experiments.series import JOINT_MAX_PERIOD, AxisMotion, Series
 
 
 def extended(model, effects):
@@ -109,7 +109,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(coefficients)
 
 def test_a_long_motion_repeats_a_period(coefficients):
     series = Series(50.0)
-    assert series.period <= LONGEST_PERIOD
+    assert series.period <= JOINT_MAX_PERIOD
     time = np.linspace(0.0, 5.0, 20)
     x = coefficients(series)
     assert series.motion(x, time + series.period).q == pytest.approx(series.motion(x, time).q)

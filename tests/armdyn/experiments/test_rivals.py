@@ -11,7 +11,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import Experiment
 from armdyn.experiments.plan import other_kinds
-from armdyn.experiments.rivals import NOTHING, named, of_diagnosis, refitted, require_gripper, weakest
+from armdyn.experiments.rivals import NO_EFFECT, named, of_diagnosis, refitted, require_gripper, weakest
 from armdyn.experiments.separation import outlook
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.study import Study
@@ -54,7 +54,7 @@ def test_ties_become_hypotheses_with_what_the_runs_say_of_their_values(windy):
 
 def test_one_name_stands_against_no_effect(windy):
     found = named(windy, ["wind"])
-    assert {h.name for h in found.hypotheses} == {"wind", NOTHING}
+    assert {h.name for h in found.hypotheses} == {"wind", NO_EFFECT}
     assert found.hypotheses[0].name == "wind"  # there is wind
     assert found.hypotheses[1].misfit > 20.0
 

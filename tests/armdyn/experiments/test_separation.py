@@ -6,12 +6,12 @@ from scipy.stats import norm
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
-from armdyn.experiments.gripper import STEP, GripperProblem, design_motion, motion_series
+from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable
 from armdyn.experiments.search import Lagrangian, random_motion
-from armdyn.experiments.separation import MARGIN, Rival, beliefs, linear_separation, outlook
+from armdyn.experiments.separation import TIE_CHI2, Rival, beliefs, linear_separation, outlook
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
 
@@ -35,7 +35,7 @@ def separation(truth, rival):
     return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
 
 
-def gripper(effects, seconds=4.0, limits=None, step=STEP):
+def gripper(effects, seconds=4.0, limits=None, step=NODE_SECONDS):
     hypotheses = [hypothesis(name) for name in effects]
     cell = Experiment("motion", "", noise=LOAD_CELL)
     return GripperProblem(hypotheses, cell, motion_series(seconds), limits or GripperLimits(), step)
@@ -143,13 +143,13 @@ def test_the_probability_is_that_of_simulated_outcomes():
         at = np.clip(at, truth.lower, truth.upper)
         readings = truth.predict(at)[0] + rng.standard_normal(len(truth.predict(at)[0]))
         own, other = (Rival(held, readings).refitted(at if held is truth else None)[0] for held in both)
-        wins += other - own > MARGIN
+        wins += other - own > TIE_CHI2
     expected = foretold.right[0]
     assert 0.05 < expected < 0.95  # else it would be no test
     assert abs(wins / count - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / count) + 0.05
     # The usual approximation N(lambda, 4 lambda) is not far off either.
     rise = foretold.chi2_increase[0, 1]
-    assert abs(norm.sf((MARGIN - rise) / (2.0 * np.sqrt(rise))) - expected) < 0.25
+    assert abs(norm.sf((TIE_CHI2 - rise) / (2.0 * np.sqrt(rise))) - expected) < 0.25
 
 
 def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limits():

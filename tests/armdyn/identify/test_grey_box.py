@@ -14,7 +14,7 @@ from armdyn.identify.state_space.innovations import Colour, combined, filtered, 
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.physics.pieces import Pieces
-from armdyn.physics.simulated import RESTING, end_of_motion
+from armdyn.physics.simulated import REST_AMPLITUDE_SHARE, end_of_motion
 from armdyn.run import Channel, Run
 
 G, LENGTH = 9.81, 0.4
@@ -249,9 +249,9 @@ def test_an_oscillation_ends_where_it_is_a_small_share_of_its_largest_amplitude(
     value += noise * np.random.default_rng(0).normal(size=len(time))
     value[-500] += glitch
     end = end_of_motion(Channel(time, value, "rad/s"), period)
-    assert 0.5 * decay * np.log(1.0 / RESTING) < end < decay * np.log(1.0 / RESTING) + period
+    assert 0.5 * decay * np.log(1.0 / REST_AMPLITUDE_SHARE) < end < decay * np.log(1.0 / REST_AMPLITUDE_SHARE) + period
     if noise <= 0.01:
-        assert end > decay * np.log(1.0 / RESTING) - 1.5 * period
+        assert end > decay * np.log(1.0 / REST_AMPLITUDE_SHARE) - 1.5 * period
 
 
 def test_what_goes_on_has_no_end():

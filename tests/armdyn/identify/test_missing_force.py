@@ -9,8 +9,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
-from armdyn.identify.residual.force_law import SQUARE, STEP, VISCOUS, law
-from armdyn.identify.residual.missing_force import INDEPENDENT, Unexplained, between, curves, pooled
+from armdyn.identify.residual.force_law import SQUARE_SHAPE, STEP_SHAPE, VISCOUS_SHAPE, law
+from armdyn.identify.residual.missing_force import MIN_INDEPENDENT_SAMPLES, Unexplained, between, curves, pooled
 from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 
@@ -109,12 +109,13 @@ def _samples(seed, friction, drag=0.0, noise=0.2):
 
 
 @pytest.mark.parametrize(
-    ("friction", "drag", "shapes"), [(0.5, 0.0, [STEP]), (0.0, 0.2, [SQUARE]), (0.5, 0.2, [STEP, SQUARE])]
+    ("friction", "drag", "shapes"),
+    [(0.5, 0.0, [STEP_SHAPE]), (0.0, 0.2, [SQUARE_SHAPE]), (0.5, 0.2, [STEP_SHAPE, SQUARE_SHAPE])],
 )
 def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
     terms = law(curves([_samples(0, friction, drag), _samples(1, friction, drag)])).terms
     assert [term.shape for term in terms] == shapes
-    sizes = {STEP: 2 * friction, SQUARE: drag}
+    sizes = {STEP_SHAPE: 2 * friction, SQUARE_SHAPE: drag}
     assert [term.size for term in terms] == pytest.approx([sizes[shape] for shape in shapes], rel=0.15)
 
 
@@ -179,7 +180,7 @@ def test_bins_hold_equally_many_samples_and_enough_of_them():
         for curve in found:
             assert 8 <= len(curve.x) <= 32
             assert np.all(np.diff(curve.x) > 0.0)
-            assert len(curve.x) == 8 or samples / len(curve.x) >= INDEPENDENT
+            assert len(curve.x) == 8 or samples / len(curve.x) >= MIN_INDEPENDENT_SAMPLES
 
 
 def test_nothing_is_drawn_against_what_stands_still():
@@ -221,6 +222,6 @@ def test_viscous_friction_is_a_straight_line():
     run = generate("joint_viscous_friction", 1.0, 2)
     found = compare(Study(arm_model(robot="baxter"), [run], [], []))
     told = law(found.missing_force)
-    assert [term.shape for term in told.terms] == [VISCOUS]
+    assert [term.shape for term in told.terms] == [VISCOUS_SHAPE]
     assert told.terms[0].size == pytest.approx(2.0, rel=0.05)
     assert len(told.alike) == 6
