@@ -21,7 +21,7 @@ from armdyn.read_files import may_replace, refuse_to_replace
 _OPEN_FILE = re.compile(r"/(?:dev|proc/self)/fd/(\d+)")
 _STANDARD = {"/dev/stdout": 1, "/dev/stderr": 2}
 _TEMPORARY = ".armdyn-{}.tmp"
-ABANDONED = 86400.0
+ABANDONED_SECONDS = 86400.0
 """Age, s, from which a temporary file belongs to a program that was killed."""
 
 
@@ -203,5 +203,5 @@ def _remove_abandoned(directory: Path) -> None:
     """Remove temporary files of programs that were killed."""
     for left in directory.glob(_TEMPORARY.format("*")):
         with suppress(OSError):
-            if time.time() - left.stat().st_mtime > ABANDONED:
+            if time.time() - left.stat().st_mtime > ABANDONED_SECONDS:
                 left.unlink()

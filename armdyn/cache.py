@@ -13,8 +13,8 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-LONGEST_NAME = 100
+OTHERS_WRITE_MODE = stat.S_IWGRP | stat.S_IWOTH
+MAX_ENTRY_NAME_LENGTH = 100
 """Largest number of characters of an entry's name; file systems take 255, and a hash follows."""
 
 
@@ -37,12 +37,12 @@ def private_directory() -> Path | None:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         directory = root.resolve(strict=True)
         found = directory.stat()
-        if not chosen and _is_ours(found) and found.st_mode & OTHERS_WRITE:
-            directory.chmod(stat.S_IMODE(found.st_mode) & ~OTHERS_WRITE)
+        if not chosen and _is_ours(found) and found.st_mode & OTHERS_WRITE_MODE:
+            directory.chmod(stat.S_IMODE(found.st_mode) & ~OTHERS_WRITE_MODE)
             found = directory.stat()
     except (OSError, RuntimeError, ValueError):  # no home, no place, links in a circle, a null character
         return None
-    private = _is_ours(found) and not found.st_mode & OTHERS_WRITE
+    private = _is_ours(found) and not found.st_mode & OTHERS_WRITE_MODE
     return directory if private and os.access(directory, os.R_OK | os.W_OK | os.X_OK) else None
 
 
@@ -52,12 +52,12 @@ def is_private(file: Path) -> bool:
         found = file.lstat()
     except OSError:
         return False
-    return stat.S_ISREG(found.st_mode) and _is_ours(found) and not found.st_mode & OTHERS_WRITE
+    return stat.S_ISREG(found.st_mode) and _is_ours(found) and not found.st_mode & OTHERS_WRITE_MODE
 
 
 def entry_name(name: str) -> str:
     """Turn a name from a file, such as a robot's, into a part of a file name: letters, digits, ``_`` and ``-``."""
-    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:LONGEST_NAME] or "_"
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)[:MAX_ENTRY_NAME_LENGTH] or "_"
 
 
 def _is_ours(found: os.stat_result) -> bool:

@@ -19,15 +19,15 @@ from armdyn.quoting import identifier
 # No -ffinite-math-only: a NaN must stay a NaN. No -march=native: the cache may be shared between machines. No
 # reassociation and no contraction: an effect at its null value must change nothing to the last digit. -O2 takes twice
 # the time to compile and gives code that is no faster.
-FLAGS = ("-O1", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
-SWITCH = "ARMDYN_COMPILE"
+COMPILER_FLAGS = ("-O1", "-fPIC", "-shared", "-w", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
+COMPILE_VARIABLE = "ARMDYN_COMPILE"
 """Environment variable; with ``0`` the virtual machine is used."""
 
 
 @cache
 def compiler() -> str | None:
     """The C compiler on the path; None where there is none or ``ARMDYN_COMPILE=0``."""
-    if os.environ.get(SWITCH) == "0":
+    if os.environ.get(COMPILE_VARIABLE) == "0":
         return None
     return shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc") or shutil.which("clang")
 
@@ -54,7 +54,7 @@ def compile_functions(name: str, functions: Mapping[str, ca.Function]) -> dict[s
     for key, function in functions.items():
         generator.add(function if function.name() == key else _renamed(key, function))
     source = generator.dump()
-    identity = "\n".join((source, command, *FLAGS, platform.machine(), ca.__version__))
+    identity = "\n".join((source, command, *COMPILER_FLAGS, platform.machine(), ca.__version__))
     stem = f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:20]}"
     try:
         library = _kept(directory, stem) or _compile(command, source, directory, stem)
@@ -89,7 +89,7 @@ def _compile(command: str, source: str, directory: Path, stem: str) -> Path | No
         code, product = Path(scratch, "code.c"), Path(scratch, "code.so")
         code.write_text(source)
         result = subprocess.run(
-            [command, *FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False
+            [command, *COMPILER_FLAGS, str(code), "-o", str(product), "-lm"], capture_output=True, check=False
         )
         if result.returncode != 0:
             return None

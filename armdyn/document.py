@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from armdyn.recording.channels import FloatArray
 
-MOST_ROWS = 15
+MAX_CARD_ROWS = 15
 """Of a table in a card, and on a terminal where the table has no name; pages and data frames have all."""
 Columns = Mapping[str, Sequence[Any]]
 """Values by name of their column."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from urdf.table_file import TableFileError, hint
 
-LONGEST_NAME = 60
+MAX_SHOWN_NAME_LENGTH = 60
 """Largest number of characters of a name in a message."""
 
 
@@ -63,7 +63,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], besides: str = "") -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
-        shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+        shown = name if len(name) <= MAX_SHOWN_NAME_LENGTH else f"{name[:MAX_SHOWN_NAME_LENGTH]}..."
         told = hint(shown, self.valid)
         super().__init__(f"unknown {kind} '{shown}': {told if told.endswith('?') else told + besides}")
 
@@ -72,7 +72,7 @@ class TaskFailedError(ArmdynError):
     """The input is valid but the answer is negative: infeasible, unreachable, stopped for safety."""
 
 
-LONGEST_MESSAGE = 300
+MAX_SHOWN_MESSAGE_LENGTH = 300
 """Largest number of characters shown of a message from another library; some contain whole matrices."""
 
 
@@ -87,7 +87,7 @@ def sentence_of(error: BaseException, failed: str) -> str:
         failed: text such as ``"the estimator node failed at 1.20 s"``.
     """
     said = " ".join(str(error).split())
-    said = said if len(said) <= LONGEST_MESSAGE else said[:LONGEST_MESSAGE] + " ..."
+    said = said if len(said) <= MAX_SHOWN_MESSAGE_LENGTH else said[:MAX_SHOWN_MESSAGE_LENGTH] + " ..."
     if isinstance(error, ArmdynError):
         return said
     frames = traceback.extract_tb(error.__traceback__)

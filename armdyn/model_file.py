@@ -20,7 +20,7 @@ from urdf.table_file import Check, read_as
 
 BASES = {"pendulum": "armdyn.pendulum.model", "arm": "armdyn.arm.model"}
 """Module of each base; a user's own base is the path of a Python file."""
-KEYS = ("base", "effects", "parameters", "background", "history")
+MODEL_FILE_KEYS = ("base", "effects", "parameters", "background", "history")
 """Keys of every model file; each base has further ones."""
 _Names = str | tuple[str, ...]
 _Sizes = dict[str, Annotated[float, Check(lambda size: size >= 0.0, "write a number that is not negative")]]
@@ -203,7 +203,7 @@ def _parsed(table: Mapping[str, Any], folder: Path, extra: Sequence[Effect]) -> 
     if not isinstance(base, str) or (base not in BASES and not own):
         raise UnknownNameError("base", str(base), BASES)
     reader = import_module("armdyn.physics.user" if own else BASES[base])
-    keys = (*KEYS, *reader.KEYS)
+    keys = (*MODEL_FILE_KEYS, *reader.KEYS)
     for key in table:
         if key not in keys:
             raise UnknownNameError("key", key, keys)

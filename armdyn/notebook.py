@@ -3,10 +3,10 @@
 from html import escape
 from typing import Any
 
-from armdyn.document import MOST_ROWS, Curve, Document, Level, Table
+from armdyn.document import MAX_CARD_ROWS, Curve, Document, Level, Table
 from armdyn.errors import InputError, UnknownNameError
 
-MOST_POINTS = 2000
+MAX_CURVE_POINTS = 2000
 """Largest number of points per curve of a figure."""
 GREY, ORANGE, BLUE, GREEN, VERMILLION = "#7B8794", "#E69F00", "#0072B2", "#009E73", "#D55E00"
 """Colours of Okabe and Ito's palette, as in the reports."""
@@ -30,7 +30,7 @@ def _html(table: Table) -> str:
     body = "".join(f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
     made = f"<table><thead><tr>{header}</tr></thead><tbody>{body}</tbody></table>"
     folded = f"<details><summary>{len(table)} {escape(table.name)}</summary>{made}</details>"
-    return folded if len(table) > MOST_ROWS else made
+    return folded if len(table) > MAX_CARD_ROWS else made
 
 
 def frame(document: Document, what: str) -> Any:
@@ -67,7 +67,7 @@ def figure(document: Document) -> Any:
     for curve in curves:
         if curve.half_width is not None:
             made.add_trace(_band(go, curve, curve.run == runs[0]), 1 + rows.index(curve.row), 1)
-        thin = slice(None, None, -(-len(curve.time) // MOST_POINTS))
+        thin = slice(None, None, -(-len(curve.time) // MAX_CURVE_POINTS))
         shown: dict[str, Any] = {"legendgroup": curve.label, "showlegend": (curve.run, curve.label) not in listed}
         listed.add((curve.run, curve.label))
         if curve.dots:
@@ -104,7 +104,7 @@ def figure(document: Document) -> Any:
 
 def _band(go: Any, curve: Curve, shown: bool) -> Any:
     """A band around a curve, as a closed polygon."""
-    thin = slice(None, None, -(-len(curve.time) // MOST_POINTS))
+    thin = slice(None, None, -(-len(curve.time) // MAX_CURVE_POINTS))
     time, middle = curve.time[thin].tolist(), curve.value[thin]
     half = middle * 0.0 if curve.half_width is None else curve.half_width[thin]
     outline = [*(middle + half).tolist(), *reversed((middle - half).tolist())]

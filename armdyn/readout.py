@@ -15,7 +15,7 @@ from armdyn.codegen import Buffered
 from armdyn.physics.definition import Expression
 from armdyn.smoothing import MAX_UNDISTORTED_CUTOFF, LowPass, Samples, basis_matrix
 
-ON_A_NODE = 1e-9
+NODE_TOLERANCE = 1e-9
 """Distance of a sample from a node, in intervals of the nodes, below which it needs no interpolation."""
 
 
@@ -80,7 +80,7 @@ class Interpolated(Sampler):
         after = np.clip(np.searchsorted(nodes, inside), 1, len(nodes) - 1)
         nearest = after - (inside - nodes[after - 1] < nodes[after] - inside)
         interval = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
-        if np.max(np.abs(at - nodes[nearest]), initial=0.0) < ON_A_NODE * interval:
+        if np.max(np.abs(at - nodes[nearest]), initial=0.0) < NODE_TOLERANCE * interval:
             if not derivative:
                 return _rows(np.ones((len(at), 1)), nearest[:, None], len(nodes))
             columns = np.clip(nearest[:, None] + [-1, 1], 0, len(nodes) - 1)

@@ -23,11 +23,11 @@ from typing import NoReturn
 from armdyn.errors import ArmdynError, InputError
 from urdf.bounds import LARGEST_TEXT, MIB, USER_MEMORY, USER_SECONDS
 
-WAITED = 8.0
+MAX_WAIT_RATIO = 8.0
 """Time of the copy, as a multiple of its processor time limit, after which it counts as waiting for something."""
-PATIENCE = 2.0
+REPORT_SECONDS = 2.0
 """Time, s, in which a copy must report its line when its time is up."""
-LONGEST_SAID = 300
+MAX_EXCEPTION_LENGTH = 300
 """Largest number of characters of an exception's message."""
 _OUTCOME = b"outcome:"
 
@@ -76,7 +76,7 @@ def _fault(error: BaseException, path: Path) -> InputError:
         said = "ends the program: remove sys.exit or exit"
     else:
         said = " ".join((str(error) if isinstance(error, ArmdynError) else f"{type(error).__name__}: {error}").split())
-    return InputError(said if said.startswith(str(path)) else f"{place_of(error, path)}: {said[:LONGEST_SAID]}")
+    return InputError(said if said.startswith(str(path)) else f"{place_of(error, path)}: {said[:MAX_EXCEPTION_LENGTH]}")
 
 
 def place_of(error: BaseException | None, path: Path) -> str:
@@ -130,7 +130,7 @@ def rehearse(path: Path, work: Callable[[], object]) -> None:
 
 def _read(pipe: int) -> bytes:
     """Read the pipe until its last end is closed, or for a little longer than the copy may live."""
-    said, end = b"", time.monotonic() + WAITED * USER_SECONDS + PATIENCE
+    said, end = b"", time.monotonic() + MAX_WAIT_RATIO * USER_SECONDS + REPORT_SECONDS
     while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0] and (part := os.read(pipe, 65536)):
         said += part
     return said
@@ -152,7 +152,7 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
             signal.SIGPROF, file=writing, all_threads=False, chain=True
         )  # reports the line, then ends the process
         signal.setitimer(signal.ITIMER_PROF, USER_SECONDS)
-        faulthandler.dump_traceback_later(WAITED * USER_SECONDS, exit=True, file=writing)
+        faulthandler.dump_traceback_later(MAX_WAIT_RATIO * USER_SECONDS, exit=True, file=writing)
         outcome: BaseException | None = None
         try:
             work()
@@ -181,7 +181,7 @@ def _why(said: bytes, status: int) -> str:
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
         return f"takes longer than {USER_SECONDS:g} s of processor time: do less there"
     if said.startswith(b"Timeout") or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL):
-        return f"waits for something, longer than {WAITED * USER_SECONDS:g} s: do less there"
+        return f"waits for something, longer than {MAX_WAIT_RATIO * USER_SECONDS:g} s: do less there"
     if os.WIFSIGNALED(status):
         return f"ends the program by {signal.Signals(os.WTERMSIG(status)).name}: mend it"
     return f"ends the program, or takes more than {USER_MEMORY / MIB:g} MiB: mend it"

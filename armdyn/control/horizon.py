@@ -13,7 +13,7 @@ from armdyn.control.questions import Question
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, Dynamics
 from armdyn.physics.simulate import runge_kutta
 
-WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
+SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
 """Settings of SAC that the cost takes as arguments, in this order."""
 
 
@@ -34,7 +34,7 @@ def horizon_functions(
     extended_size = 2 + sum(PLANAR_STATE_SIZE * (1 + len(names)) for names in watched)
     sizes = [len(d.names) for d in dynamics]
     z, u, t = ca.SX.sym("z", extended_size), ca.SX.sym("u"), ca.SX.sym("t")
-    theta, weights = ca.SX.sym("theta", sum(sizes)), ca.SX.sym("weights", len(WEIGHTS))
+    theta, weights = ca.SX.sym("theta", sum(sizes)), ca.SX.sym("weights", len(SAC_WEIGHTS))
     scales = ca.SX.sym("scales", len(question.parameters) + 1)
     x, v = z[0], z[1]
     w = ca.vertcat(t, x, v, u, ca.SX(3, 1))

@@ -20,10 +20,10 @@ import numpy as np
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import TaskFailedError
 
-QUASI_NEWTON_FIRST = 2
+FIRST_QUASI_NEWTON_STEPS = 2
 """Number of quasi-Newton steps first: Newton's method from a stationary guess can end at one that does not swing."""
-ARMIJO = 1e-4
-SHORTEST_STEP = 2.0**-20
+ARMIJO_SHARE = 1e-4
+MIN_STEP_LENGTH = 2.0**-20
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class ProjectionOptimizer:
         at = project(np.tile(start, (1, N + 1)), controls, np.zeros((n, N)))
         history: list[float] = []
         while len(history) < most_iterations:
-            newton = len(history) >= QUASI_NEWTON_FIRST
+            newton = len(history) >= FIRST_QUASI_NEWTON_STEPS
             model = quadratic_model(newton)
             if newton and not (model.least_curvature > 0 and np.isfinite(model.slope)):
                 newton = False
@@ -147,9 +147,9 @@ class ProjectionOptimizer:
                 return Solution(at.states, at.controls[0], at.cost, model.slope, tuple(history), seconds)
             dz, dv = (a.copy() for a in self._forward(model.A, model.B, model.gains, model.feedforward))
             size = 1.0
-            while size >= SHORTEST_STEP:
+            while size >= MIN_STEP_LENGTH:
                 trial = project(at.states + size * dz, at.controls + size * dv, model.gains)
-                if np.isfinite(trial.cost) and trial.cost <= at.cost + ARMIJO * size * model.slope:
+                if np.isfinite(trial.cost) and trial.cost <= at.cost + ARMIJO_SHARE * size * model.slope:
                     break
                 size /= 2
             else:

@@ -126,7 +126,7 @@ class Question:
         return ca.Function("criterion", [G], [cost, ca.densify(ca.reshape(ca.gradient(cost, ca.vec(G)), k, k))])
 
 
-LENGTH = Question(("length",), criterion=Criterion.FLOOR)
+LENGTH_QUESTION = Question(("length",), criterion=Criterion.FLOOR)
 """The paper's question: the length alone, judged at each moment."""
 
 

@@ -23,8 +23,8 @@ from time import perf_counter
 
 import numpy as np
 
-from armdyn.control.horizon import WEIGHTS, horizon_functions
-from armdyn.control.questions import LENGTH, Question
+from armdyn.control.horizon import SAC_WEIGHTS, horizon_functions
+from armdyn.control.questions import LENGTH_QUESTION, Question
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 
@@ -86,8 +86,8 @@ class SacSettings:
         return round(self.horizon / self.dt)
 
     def weights(self) -> np.ndarray:
-        """(5,) weights in the order of `WEIGHTS`."""
-        return np.array([getattr(self, name) for name in WEIGHTS])
+        """(5,) weights in the order of `SAC_WEIGHTS`."""
+        return np.array([getattr(self, name) for name in SAC_WEIGHTS])
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class SequentialActionControl:
         self,
         model: PendulumModel,
         settings: SacSettings | None = None,
-        question: Question = LENGTH,
+        question: Question = LENGTH_QUESTION,
         rival: PendulumModel | None = None,
     ) -> None:
         self.settings, self.question = settings or SacSettings(), question

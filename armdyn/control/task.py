@@ -11,11 +11,11 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
 
-CONTINUATION = (0.0, 0.2, 0.4, 0.7, 1.0)
+CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values from which a plan is continued where it is not found directly."""
 
 
-ROOF_SLOPE, ROUND = 1.0, 0.005
+ROOF_SLOPE, ROOF_RADIUS = 1.0, 0.005
 """Slope of a roof over the wall, above which the load must stay, and radius, m, of its ridge. The wall alone is too
 thin: it would push a load inside it to the side, and a fast load passes it between two nodes."""
 
@@ -188,7 +188,7 @@ class TaskPlanner:
             # From rest, strong friction hides the swing: it is found while the effects grow from zero.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = None
-            for share in CONTINUATION:
+            for share in CONTINUATION_SHARES:
                 free = solve(unconstrained, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
@@ -246,7 +246,7 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
-    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + ROUND**2) - ROUND
+    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + ROOF_RADIUS**2) - ROOF_RADIUS
     roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)

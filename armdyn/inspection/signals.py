@@ -8,9 +8,9 @@ from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.recording.differences import LONGEST_SPAN, normalised_differences, quiet_std
-from armdyn.recording.gaps import GAP, gaps_of, shortest_gap
-from armdyn.recording.spikes import FEW, at_the_end, spikes_of
+from armdyn.recording.differences import MAX_DIFFERENCE_SPAN, normalised_differences, quiet_std
+from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
+from armdyn.recording.spikes import ALLOWED_FAULTS, at_the_end, spikes_of
 from armdyn.recording.tracks import second_track
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
@@ -183,7 +183,7 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     if np.sum(np.abs(third) > 0.5 * LOST_COUNT_DEVIATES * usual) > 8:
         return None
     around = channel.time[at - SAMPLES_BESIDE_STEP + 1 : at + SAMPLES_BESIDE_STEP + 1]
-    if np.diff(around).max() > LONGEST_SPAN * float(np.median(np.diff(channel.time))):
+    if np.diff(around).max() > MAX_DIFFERENCE_SPAN * float(np.median(np.diff(channel.time))):
         return None
     places = range(max(SAMPLES_BESIDE_STEP, at - 2), min(n - SAMPLES_BESIDE_STEP - 1, at + 3))
     sizes, roughs = zip(*(_jump(channel.time, value, k) for k in places), strict=True)
@@ -225,7 +225,7 @@ def rates(run: Run) -> Iterator[Check]:
             continue
         seen.add(channel.time.tobytes())
         usual = float(np.median(steps))
-        near = steps[steps < GAP * usual]
+        near = steps[steps < GAP_INTERVALS * usual]
         spread = float(np.std(near)) / usual
         if spread > MIN_JITTER_RATIO:
             yield Check(
@@ -266,7 +266,9 @@ def motions(run: Run) -> Iterator[Check]:
 def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
-    low, high = np.sort(value)[[min(FEW, len(value) - 1), max(-1 - FEW, -len(value))]]  # without glitches
+    low, high = np.sort(value)[
+        [min(ALLOWED_FAULTS, len(value) - 1), max(-1 - ALLOWED_FAULTS, -len(value))]
+    ]  # without glitches
     return bool(high - low > max(MIN_MOTION_DEVIATES * quiet_std(channel.time, value), MIN_MOTION_SIZE))
 
 

@@ -22,7 +22,7 @@ from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
 from armdyn.recording.channels import MIN_SAMPLES
-from armdyn.recording.spikes import HIGHEST_RATE, clean
+from armdyn.recording.spikes import MAX_COMPARED_RATE, clean
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
@@ -203,7 +203,11 @@ class PhysicsModel(SimulatedModel):
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
         return clean(
-            run, names, self.physics.inputs, self._held(run), HIGHEST_RATE * DEFAULT_STEP_PERIODS / self.physics.step
+            run,
+            names,
+            self.physics.inputs,
+            self._held(run),
+            MAX_COMPARED_RATE * DEFAULT_STEP_PERIODS / self.physics.step,
         )
 
     def jumps(self, run: Run) -> np.ndarray:

@@ -53,7 +53,7 @@ JOINT_CHANNELS = {
     "enabled": ChannelKind(("1",)),  # 0 where the drive was off
 }
 
-LARGEST = {
+MAX_SIZE_BY_UNIT = {
     "s": 1e10,  # admits the seconds since 1970
     "m": 1e3,
     "m/s": 1e3,
@@ -65,11 +65,11 @@ LARGEST = {
     "N m": 1e6,
 }
 """Largest plausible size per SI unit: beyond it the unit is wrong or the sensor sent garbage."""
-LARGEST_OF_OTHERS = 1e15
+MAX_SIZE_OF_OTHER_UNITS = 1e15
 """Largest plausible size in any other unit: a frequency of light, in Hz, is the largest that anybody records."""
-FURTHER = "extra"
+EXTRA_PREFIX = "extra"
 """Prefix, before the dot, of a column with any further quantity, such as ``extra.temperature``."""
-FURTHER_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
+EXTRA_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
 MIN_SAMPLES = 10
@@ -85,7 +85,7 @@ def in_contract(name: str) -> bool:
 def is_auxiliary(name: str) -> bool:
     """Whether `name` is the name of a further quantity, of any kind, that was recorded besides the channels."""
     quantity, _, own = name.partition(".")
-    return quantity == FURTHER and own.isidentifier()
+    return quantity == EXTRA_PREFIX and own.isidentifier()
 
 
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
@@ -96,9 +96,9 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
     """
     quantity, _, joint = name.partition(".")
     if not in_contract(name):
-        if quantity == FURTHER:
-            raise InputError(f"{where} '{shown(name)}': write a further quantity as {FURTHER_FORM}")
-        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {FURTHER_FORM}")
+        if quantity == EXTRA_PREFIX:
+            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_FORM}")
+        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_FORM}")
     if is_auxiliary(name):
         return ChannelKind(("1",))
     return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
@@ -151,7 +151,7 @@ def channel_unit(name: str, unit: str) -> Conversion:
 
 def _valid_names(joint: str) -> Iterable[str]:
     of_joints = (f"{quantity}.{joint or '<joint>'}" for quantity in JOINT_CHANNELS)
-    return ("time", *PENDULUM_CHANNELS, *of_joints, f"{FURTHER}.{joint or '<name>'}")
+    return ("time", *PENDULUM_CHANNELS, *of_joints, f"{EXTRA_PREFIX}.{joint or '<name>'}")
 
 
 class SampleError(InputError):
@@ -194,7 +194,7 @@ class Channel:
             raise InputError("a channel holds a missing or infinite sample: leave missing samples out")
         check_clock(time)
         for unit, array in (("s", time), (self.unit, value)):
-            largest = LARGEST.get(unit, LARGEST_OF_OTHERS)
+            largest = MAX_SIZE_BY_UNIT.get(unit, MAX_SIZE_OF_OTHER_UNITS)
             beyond = np.flatnonzero(np.abs(array) > largest)
             if beyond.size:
                 i = int(beyond[0])
@@ -280,7 +280,7 @@ def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
     first: dict[str, tuple[str, str, int]] = {}
     for name, unit in channels:
         quantity, dot, joint = name.partition(".")
-        if not dot or quantity == FURTHER or len(JOINT_CHANNELS[quantity].units) == 1:
+        if not dot or quantity == EXTRA_PREFIX or len(JOINT_CHANNELS[quantity].units) == 1:
             continue
         slides = JOINT_CHANNELS[quantity].units.index(unit)
         other, other_unit, other_slides = first.setdefault(joint, (name, unit, slides))

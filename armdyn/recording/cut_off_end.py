@@ -10,10 +10,10 @@ from itertools import pairwise
 
 from urdf.bounds import shown
 
-HARMLESS = 1e-6
+HARMLESS_CUT_ERROR = 1e-6
 """Error of a cut, as a share of the usual step from row to row, that may remain unnoticed: of numbers with 15 to 17
 digits one in ten has a digit less, whether it was cut there or not."""
-LOOKED_AT = 1000
+COMPARED_ROWS = 1000
 """Number of rows before the last one with which it is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
 
@@ -24,7 +24,7 @@ def is_whole(cells: Sequence[str]) -> bool:
     Args:
         cells: last cells of the column, as written; the last of them is checked.
     """
-    *others, last = (cell.strip() for cell in cells[-LOOKED_AT - 1 :])
+    *others, last = (cell.strip() for cell in cells[-COMPARED_ROWS - 1 :])
     found = _NUMBER.fullmatch(last)
     if found is None or not any(map(str.isdigit, last)):
         return last in others  # a word, or the empty cell of a missing sample
@@ -42,7 +42,7 @@ def is_whole(cells: Sequence[str]) -> bool:
     # Either all have as many digits after the point, or all have as many significant digits.
     counts = [behind, [len(m[0].replace(",", ".").lstrip("+-0.").replace(".", "")) for m in (*numbers, found)]]
     *before, digits = counts[0 if len(set(behind[:-1])) == 1 else 1]
-    return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS * steps[len(steps) // 2])
+    return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS_CUT_ERROR * steps[len(steps) // 2])
 
 
 def cut_off(row: int, cell: str, column: str) -> str:

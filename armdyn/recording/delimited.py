@@ -15,12 +15,12 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
-from armdyn.recording.cut_off_end import LOOKED_AT, cut_off, is_whole
+from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
 from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
-BLOCK = 2**20
+BLOCK_CHARACTERS = 2**20
 """Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
-MISSING = frozenset({"", "nan", "-nan", "+nan"})
+MISSING_CELLS = frozenset({"", "nan", "-nan", "+nan"})
 """Cells of missing samples, in lower case."""
 IntArray = npt.NDArray[np.int64]
 
@@ -95,7 +95,7 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
 
 
 def parse_delimited(
-    text: str, separator: str = ",", missing: Collection[str] = MISSING, *, decimal_comma: bool = False
+    text: str, separator: str = ",", missing: Collection[str] = MISSING_CELLS, *, decimal_comma: bool = False
 ) -> Delimited:
     """Parse the header and the numbers of a table.
 
@@ -114,7 +114,7 @@ def parse_delimited(
     row = text.count("\n", 0, start) + (start > len(text)) + 1
     labels = labels_of(header, separator)
     unfinished = start < len(text) and not text.endswith("\n")  # a complete file ends in a newline
-    size = len(text) if '"' in text else BLOCK  # a cell in quotes may contain line breaks
+    size = len(text) if '"' in text else BLOCK_CHARACTERS  # a cell in quotes may contain line breaks
     tables, rows = [np.empty((0, len(labels)))], [np.empty(0, dtype=np.int64)]
     texts: dict[int, dict[int, str]] = {}
     count = 0
@@ -140,8 +140,8 @@ def parse_delimited(
             raise InputError(f"has more than {MOST_ROWS} rows: cut it, or record more slowly")
     last = text[text.rfind("\n") + 1 :]
     if unfinished and last.strip():
-        tail = text[text.find(header) + len(header) :][-BLOCK:].split("\n")[1:]
-        ends = [line.rpartition(separator)[2] for line in tail[-LOOKED_AT - 1 :] if line.strip()]
+        tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]
+        ends = [line.rpartition(separator)[2] for line in tail[-COMPARED_ROWS - 1 :] if line.strip()]
         if not is_whole(ends):
             raise CutOffError(cut_off(row, ends[-1], name_and_unit(labels[-1])[0]))
     return Delimited(labels, np.concatenate(tables), np.concatenate(rows), texts)

@@ -4,14 +4,18 @@ import numpy as np
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| over the standard deviation, for normally distributed x."""
-FEWEST = 8
+MIN_DIFFERENCES = 8
 """Least number of differences that determine the noise of a signal."""
-LONGEST_SPAN = 1.5
+MAX_DIFFERENCE_SPAN = 1.5
 """Span of a difference, in usual spans, beyond which there is a gap between its samples."""
 
 
 def normalised_differences(
-    time: np.ndarray, value: np.ndarray, order: int, longest_span: float = LONGEST_SPAN, interval: float | None = None
+    time: np.ndarray,
+    value: np.ndarray,
+    order: int,
+    longest_span: float = MAX_DIFFERENCE_SPAN,
+    interval: float | None = None,
 ) -> np.ndarray:
     """(n - k, ...) divided differences of order k over the root of the sum of their squared weights; nan across a gap.
 
@@ -48,11 +52,11 @@ def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: f
         time: (n,) time stamps, s.
         value: (n,) samples.
         order: order of the differences (Gasser et al., Biometrika 73 (1986) 625).
-        unknown: result where fewer than `FEWEST` differences have no gap.
+        unknown: result where fewer than `MIN_DIFFERENCES` differences have no gap.
 
     Returns:
         The standard deviation, in the unit of `value`.
     """
     differences = normalised_differences(time, value, order) if len(value) > order else np.zeros(0)
     whole = differences[np.isfinite(differences)]
-    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= FEWEST else unknown
+    return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= MIN_DIFFERENCES else unknown

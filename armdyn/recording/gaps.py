@@ -8,10 +8,10 @@ import numpy as np
 from armdyn.recording.channels import MIN_SAMPLES, Channel, FloatArray
 from armdyn.run import Run
 
-GAP, CUT = 5.0, 0.25
+GAP_INTERVALS, GAP_SECONDS = 5.0, 0.25
 """A gap exceeds both this number of usual intervals and this time, s. Over 0.25 s motions of 1.5 Hz are still
 interpolated to 2 %."""
-FEWEST = 40
+MIN_PIECE_SAMPLES = 40
 """Least number of samples of every channel in a piece, where the whole run has so many."""
 
 
@@ -35,7 +35,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 def shortest_gap(time: FloatArray) -> float:
     """Interval between two of (n,) stamps, s, beyond which samples between them are missing."""
     steps = np.diff(time)
-    return max(GAP * float(np.median(steps)), CUT) if len(steps) else CUT
+    return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS
 
 
 def until(run: Run, end: float) -> Run:
@@ -63,7 +63,7 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
         return (run,)
     edges = [-np.inf, *(t for span in spans for t in span), np.inf]
     parts = [between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
-    whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= FEWEST]
+    whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_PIECE_SAMPLES]
     if not whole:
         return (run,)
     return in_pieces(run, whole, f"no samples {told(spans)}: the run is cut there, each piece with its own start")

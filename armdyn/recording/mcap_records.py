@@ -16,10 +16,10 @@ from typing import Any
 from armdyn.errors import InputError
 from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
 
-CUT = "is cut off, its recording did not end properly"
-BLOCK = 2**17
+CUT_MESSAGE = "is cut off, its recording did not end properly"
+BLOCK_BYTES = 2**17
 """Number of bytes that zstd compresses at a time."""
-HEAD = 1 + 8 + 28
+CHUNK_HEAD_BYTES = 1 + 8 + 28
 """Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
 
 
@@ -57,7 +57,7 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
                 yield record
             whole = source.tell()
     except (EndOfFile, RecordLengthLimitExceeded, struct.error):
-        problems.append(CUT)
+        problems.append(CUT_MESSAGE)
         yield from _of_cut_chunk(data[whole:])
     except InputError:
         raise
@@ -96,7 +96,7 @@ def _expanded(data: bytes, compression: str, most: int) -> bytes:
             import zstandard
 
             opened = zstandard.ZstdDecompressor(max_window_size=LARGEST_CHUNK).stream_reader(data)
-            while len(found) <= most and (piece := opened.read(BLOCK)):
+            while len(found) <= most and (piece := opened.read(BLOCK_BYTES)):
                 found += piece
         elif compression == "lz4":
             import lz4.frame
@@ -109,11 +109,11 @@ def _of_cut_chunk(data: bytes) -> Iterator[Any]:
     """The complete records at the beginning of a chunk that was cut off."""
     from mcap.opcode import Opcode
 
-    if len(data) < HEAD + 4 or data[0] != Opcode.CHUNK:
+    if len(data) < CHUNK_HEAD_BYTES + 4 or data[0] != Opcode.CHUNK:
         return
-    size = int.from_bytes(data[HEAD : HEAD + 4], "little")
-    start = HEAD + 4 + size
-    compression = data[HEAD + 4 : start].decode(errors="replace")
+    size = int.from_bytes(data[CHUNK_HEAD_BYTES : CHUNK_HEAD_BYTES + 4], "little")
+    start = CHUNK_HEAD_BYTES + 4 + size
+    compression = data[CHUNK_HEAD_BYTES + 4 : start].decode(errors="replace")
     yield from _records(_expanded(data[start + 8 :], compression, LARGEST_CHUNK))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STILL = 0.01
+HARDLY_MOVING_SHARE = 0.01
 """Share of a recording during which a joint certainly moves, below which a report says that it hardly moves."""
 
 
@@ -63,7 +63,7 @@ def sentence(prepared: Mapping[str, Preparation]) -> str:
             f" The drives smoothed their torques below {_range(smoothed)} Hz before they were recorded: samples beside "
             "each other show less noise than there is, and only what is well below is compared."
         )
-    still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < STILL]
+    still = [channel.partition(".")[2] for channel, done in prepared.items() if done.moving < HARDLY_MOVING_SHARE]
     if still:
         names = " and ".join(part for part in (", ".join(still[:-1]), still[-1]) if part)
         text += (

@@ -28,14 +28,14 @@ from armdyn.recording.units import Known, parse_quantity
 from armdyn.toml_file import read_toml
 from urdf.table_file import TableFileError, parse_table
 
-POSITIVE = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
+POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
 """Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
 
 
-KEYS = ("description", "recorded", "noise", "known", "asked",
+SIDECAR_KEYS = ("description", "recorded", "noise", "known", "asked",
         "source", "licence", "license", "published", "urdf", "notes")  # fmt: skip
 """Keys that are used, and further keys for readers of the file."""
-ALIKE = 0.75
+MISSPELLING_SIMILARITY = 0.75
 """Similarity (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
 
 
@@ -120,13 +120,13 @@ def utc(value: object, where: str) -> datetime:
 def _check_keys(table: Mapping[str, object]) -> None:
     """Refuse a misspelt key and a value outside its table; other unknown keys are for readers."""
     for key in table:
-        if key in KEYS:
+        if key in SIDECAR_KEYS:
             continue
-        if key in POSITIVE:
+        if key in POSITIVE_VALUES:
             raise InputError(f"'{key}' stands outside every table: put it below a line '[known]'")
         if in_contract(key):
             raise InputError(f"'{key}' stands outside every table: put it below a line '[noise]'")
-        close = difflib.get_close_matches(key.lower(), KEYS, n=1, cutoff=ALIKE)
+        close = difflib.get_close_matches(key.lower(), SIDECAR_KEYS, n=1, cutoff=MISSPELLING_SIMILARITY)
         if close:
             raise InputError(f"unknown key '{key}': did you mean '{close[0]}'?")
 
@@ -183,7 +183,7 @@ def _noise(name: str, value: object) -> Known:
 
 def _known(name: str, value: object) -> Known:
     where = f"[known] {name}"
-    known = _quantity(where, value, POSITIVE.get(name))
-    if name in POSITIVE and known.value <= 0.0:
+    known = _quantity(where, value, POSITIVE_VALUES.get(name))
+    if name in POSITIVE_VALUES and known.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: measure it again")
     return known

@@ -8,49 +8,53 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from armdyn.kept import cached_with_first_argument
-from armdyn.recording.differences import LONGEST_SPAN, normalised_differences
+from armdyn.recording.differences import MAX_DIFFERENCE_SPAN, normalised_differences
 from armdyn.run import Channel, Run
 from armdyn.smoothing.choice import resolution
 
-ORDER = 4
+SPIKE_DIFFERENCE_ORDER = 4
 """Order of the differences that reveal a spike: they vanish for a cubic, which follows the signal well enough."""
-SPIKE = 6.0
+SPIKE_DEVIATES = 6.0
 """Robust standard deviations beyond which a difference is not noise; one in 5e8 of white noise is larger."""
-STEP = 1.0
+MAX_ROUNDING_STEPS = 1.0
 """Largest difference of a signal rounded to the steps of an encoder or of a file's digits, in such steps: the sum of
 the absolute weights over the root of the sum of their squares, 16 / 8.4, times half a step."""
-EXACT = 1e-9
+ROUNDING_RANGE_SHARE = 1e-9
 """Size of differences, as a share of a signal's range, below which they are rounding of numbers without noise."""
-AROUND = 25
+LOCAL_DIFFERENCES = 25
 """Number of differences to either side that give their local size, where a signal is rougher than elsewhere."""
-TOGETHER = 2
+MAX_ADJACENT_FAULTS = 2
 """Largest number of adjacent faulty samples; more are an event of the motion."""
-CROWD = 1.0 / 3.0
+MAX_FAULT_DENSITY = 1.0 / 3.0
 """Largest share of faulty samples from the first to the last of a group; where every other sample would be faulty, the
 signal vibrates."""
-FARTHER = 1.5
+MIN_STEP_RATIO = 1.5
 """Size of a step across a gap, as a multiple of the longest other change over as long a time."""
-RARE = 0.03
+MAX_FAULT_SHARE = 0.03
 """Largest share of samples that are faults; more are the usual noise of this sensor. Of samples that fail one time in a
 hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
-FEW = 4
+ALLOWED_FAULTS = 4
 """Number of faults that even a short run may have."""
-ROUGH, STANDS_OUT = 2.0, 4.0
+ROUGHNESS_RATIO, ROUGH_FAULT_RATIO = 2.0, 4.0
 """Where differences are typically so many times those of the quietest stretch, an event occurs, such as a load that
 hits something and vibrates; a fault there is so many times larger than everything that is left without it."""
-HOPELESS = 0.4
+MAX_STRANGE_SHARE = 0.4
 """Share of differences that are too large beyond which single faults are not searched."""
-CROWDED = 5.0
+SATURATION_RATIO = 5.0
 """Ratio of the number of samples with the extreme value to that with the next value (plus one) from which the sensor
 was saturated: of a coarsely rounded sine 2.4 times as many are at the peak."""
-HIGHEST_RATE = 125.0
+MAX_COMPARED_RATE = 125.0
 """Sampling rate, Hz, above which samples are averaged in groups: a swing contains nothing faster."""
-DISTURBED = 2
+SAMPLES_BESIDE_SATURATION = 2
 """Samples to either side of a saturated one that are left out as well, because noise decided which ones saturated."""
 
 
 def clean(
-    run: Run, measured: Iterable[str], driving: Iterable[str], held: Collection[str] = (), highest: float = HIGHEST_RATE
+    run: Run,
+    measured: Iterable[str],
+    driving: Iterable[str],
+    held: Collection[str] = (),
+    highest: float = MAX_COMPARED_RATE,
 ) -> Run:
     """The run without faulty samples of the channels that a model uses, at a reduced rate.
 
@@ -73,13 +77,15 @@ def clean(
 
 def without_saturation(run: Run, names: Iterable[str]) -> Run:
     """The run without samples of these channels that are at the end of the sensor's range."""
-    return _without(run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", DISTURBED)
+    return _without(
+        run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", SAMPLES_BESIDE_SATURATION
+    )
 
 
 def without_spikes(run: Run, names: Iterable[str]) -> Run:
     """The run without isolated outliers of these channels; `Run.warnings` has their number.
 
-    Where their share exceeds `RARE`, all samples are kept, and a warning says so.
+    Where their share exceeds `MAX_FAULT_SHARE`, all samples are kept, and a warning says so.
     """
     found = {name: spikes_of(run.channels[name]) for name in names}
     many = {name: bad for name, bad in found.items() if not _rare(int(bad.sum()), len(bad))}
@@ -114,7 +120,7 @@ def outlier_sentence(runs: Iterable[Run]) -> str:
 
 
 def _rare(faults: int, samples: int) -> bool:
-    return faults <= max(FEW, RARE * samples)
+    return faults <= max(ALLOWED_FAULTS, MAX_FAULT_SHARE * samples)
 
 
 def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int) -> Run:
@@ -136,7 +142,7 @@ def at_the_end(value: np.ndarray) -> np.ndarray:
     levels, counts = np.unique(value, return_counts=True)
     found = np.zeros(len(value), dtype=bool)
     for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
-        if counts[extreme] >= CROWDED * (1 + counts[beside]):
+        if counts[extreme] >= SATURATION_RATIO * (1 + counts[beside]):
             found |= value == levels[extreme]
     return found
 
@@ -152,26 +158,30 @@ def spikes_of(channel: Channel) -> np.ndarray:
 def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
     """(n,) bool: samples whose removal makes the samples around them lie on a smooth curve.
 
-    Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: a difference is too large beyond `SPIKE` times
-    the median absolute difference, of all or of those nearby, whichever is larger. A sample is a spike where it and few
-    others explain all differences that are too large around it. Otherwise they are an event: a load that hits something
-    vibrates for longer, and the torque of dry friction, where a joint reverses, steps and stays.
+    Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: a difference is too large beyond
+    `SPIKE_DEVIATES` times the median absolute difference, of all or of those nearby, whichever is larger. A sample is a
+    spike where it and few others explain all differences that are too large around it. Otherwise they are an event: a
+    load that hits something vibrates for longer, and the torque of dry friction, where a joint reverses, steps and
+    stays.
     """
     found = np.zeros(len(value), dtype=bool)
-    if len(value) < 2 * AROUND:
+    if len(value) < 2 * LOCAL_DIFFERENCES:
         return found
-    size = np.abs(normalised_differences(time, value, ORDER))
+    size = np.abs(normalised_differences(time, value, SPIKE_DIFFERENCE_ORDER))
     if not np.isfinite(size).any():
         return found
-    rounding = max(STEP * resolution(value), EXACT * float(np.ptp(value)))
+    rounding = max(MAX_ROUNDING_STEPS * resolution(value), ROUNDING_RANGE_SHARE * float(np.ptp(value)))
     typical = _typical(np.where(np.isfinite(size), size, np.nanmedian(size)))
-    limit = np.maximum(SPIKE * 1.4826 * typical, rounding)
+    limit = np.maximum(SPIKE_DEVIATES * 1.4826 * typical, rounding)
     strange = np.flatnonzero(size > limit)
-    if not 0 < len(strange) <= HOPELESS * len(value):
+    if not 0 < len(strange) <= MAX_STRANGE_SHARE * len(value):
         return found
-    for group in np.split(strange, np.flatnonzero(np.diff(strange) > ORDER) + 1):
-        begin, end = max(0, group[0] - ORDER), min(len(value), group[-1] + 2 * ORDER + 1)
-        rough = bool(typical[group].max() > ROUGH * typical.min())
+    for group in np.split(strange, np.flatnonzero(np.diff(strange) > SPIKE_DIFFERENCE_ORDER) + 1):
+        begin, end = (
+            max(0, group[0] - SPIKE_DIFFERENCE_ORDER),
+            min(len(value), group[-1] + 2 * SPIKE_DIFFERENCE_ORDER + 1),
+        )
+        rough = bool(typical[group].max() > ROUGHNESS_RATIO * typical.min())
         window = _Window(time[begin:end], value[begin:end], float(limit[group].max()), rough)
         found[[begin + i for i in window.culprits(len(group))]] = True
     return found
@@ -189,20 +199,21 @@ class _Window:
 
     def __init__(self, time: np.ndarray, value: np.ndarray, limit: float, rough: bool) -> None:
         self._time, self._value, self._limit = time, value, limit
-        largest = np.nanmax(np.abs(normalised_differences(time, value, ORDER)))
+        largest = np.nanmax(np.abs(normalised_differences(time, value, SPIKE_DIFFERENCE_ORDER)))
         if rough:
-            self._limit = min(limit, float(largest) / STANDS_OUT)
+            self._limit = min(limit, float(largest) / ROUGH_FAULT_RATIO)
         self._typical = float(np.median(np.diff(time)))
 
     def culprits(self, strange: int) -> list[int]:
         """Positions of the fewest samples without which no difference is too large; empty where it is an event.
 
         Args:
-            strange: how many differences are too large; every sample takes part in `ORDER` + 1 of them.
+            strange: how many differences are too large; every sample takes part in `SPIKE_DIFFERENCE_ORDER` + 1 of
+                them.
         """
         count = len(self._time)
-        for few in range(1, TOGETHER + 1):
-            if count <= ORDER + 1 + few:
+        for few in range(1, MAX_ADJACENT_FAULTS + 1):
+            if count <= SPIKE_DIFFERENCE_ORDER + 1 + few:
                 return []
             choices = np.array(list(combinations(range(count), few)))
             left = self._left(choices)
@@ -213,12 +224,12 @@ class _Window:
                 rest = np.nanmean(self._differences(enough) ** 2, axis=0)
                 found = (self._isolated(enough[i].tolist()) for i in np.argsort(rest, kind="stable"))
                 return next((out for out in found if out), [])
-        return self._isolated(self._one_by_one(int(CROWD * strange) + 1))
+        return self._isolated(self._one_by_one(int(MAX_FAULT_DENSITY * strange) + 1))
 
     def _one_by_one(self, most: int) -> list[int]:
         """Samples taken out one after another, each time that which explains most; empty where `most` do not do."""
         out: list[int] = []
-        while len(out) < most and len(self._time) > len(out) + ORDER + 2:
+        while len(out) < most and len(self._time) > len(out) + SPIKE_DIFFERENCE_ORDER + 2:
             others = [i for i in range(len(self._time)) if i not in out]
             left = self._left(np.array([[*out, i] for i in others]))
             out.append(others[int(np.argmin(left))])
@@ -233,9 +244,9 @@ class _Window:
         ordered = np.sort(out)
         alone = np.split(ordered, np.flatnonzero(np.diff(ordered) > 1) + 1)
         longest = max((len(side_by_side) for side_by_side in alone), default=0)
-        crowded = len(out) > TOGETHER and len(out) > CROWD * (ordered[-1] - ordered[0] + 1)
+        crowded = len(out) > MAX_ADJACENT_FAULTS and len(out) > MAX_FAULT_DENSITY * (ordered[-1] - ordered[0] + 1)
         step = any(self._steps(side_by_side, ordered) for side_by_side in alone)
-        return [] if longest > TOGETHER or crowded or step else out
+        return [] if longest > MAX_ADJACENT_FAULTS or crowded or step else out
 
     def _steps(self, out: np.ndarray, everything: np.ndarray) -> bool:
         """Whether the signal is elsewhere after neighbouring samples that are taken out than it was before them.
@@ -254,7 +265,7 @@ class _Window:
             return False
         between = bool(np.all((self._value[out] >= ends.min()) & (self._value[out] <= ends.max())))
         usual = float(np.median(others) if between else np.max(others))
-        return bool(np.ptp(ends) > FARTHER * usual + self._limit)
+        return bool(np.ptp(ends) > MIN_STEP_RATIO * usual + self._limit)
 
     def _left(self, choices: np.ndarray) -> np.ndarray:
         """(r,) sum of what differences are beyond the limit, squared, without the samples (r, k) that a row names."""
@@ -269,16 +280,20 @@ class _Window:
         kept[np.arange(rows)[:, None], choices] = False
         place = np.nonzero(kept)[1].reshape(rows, -1)
         # A gap that is made here is no gap of the recording: differences across it tell a spike from a step.
-        longest = LONGEST_SPAN + without / ORDER
-        return np.abs(normalised_differences(self._time[place].T, self._value[place].T, ORDER, longest, self._typical))
+        longest = MAX_DIFFERENCE_SPAN + without / SPIKE_DIFFERENCE_ORDER
+        return np.abs(
+            normalised_differences(
+                self._time[place].T, self._value[place].T, SPIKE_DIFFERENCE_ORDER, longest, self._typical
+            )
+        )
 
 
 def _typical(size: np.ndarray) -> np.ndarray:
     """(n,) median of all, or of those around each where that is larger."""
-    return np.maximum(median_filter(size, 2 * AROUND + 1, mode="mirror"), np.median(size))
+    return np.maximum(median_filter(size, 2 * LOCAL_DIFFERENCES + 1, mode="mirror"), np.median(size))
 
 
-def thin_out(run: Run, held: Collection[str] = (), highest: float = HIGHEST_RATE) -> Run:
+def thin_out(run: Run, held: Collection[str] = (), highest: float = MAX_COMPARED_RATE) -> Run:
     """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
 
     Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.

@@ -6,14 +6,14 @@ import numpy.typing as npt
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.smoothing.choice import resolution
 
-FAR = 12.0
+MIN_TRACK_STEPS = 12.0
 """Distance of the other series, in usual steps from sample to sample; the fastest step of a swing is 1.6 times the
 usual one."""
-LEAST = 0.01
-"""Least distance of the other series, rad or m, and at least `STEPS` times the resolution: a coarse encoder alternates
-by one."""
-STEPS = 5.0
-BACK = 0.2
+MIN_TRACK_DISTANCE = 0.01
+"""Least distance of the other series, rad or m, and at least `MIN_TRACK_RESOLUTIONS` times the resolution: a coarse
+encoder alternates by one."""
+MIN_TRACK_RESOLUTIONS = 5.0
+MAX_RETURN_SHORTFALL = 0.2
 """Share of the way to the other series and back that may be missing, because both series have moved on."""
 
 
@@ -28,12 +28,12 @@ def second_track(values: FloatArray) -> npt.NDArray[np.bool_]:
     step = np.abs(np.diff(values, axis=0)).max(axis=1)
     over = np.abs(values[2:] - values[:-2]).max(axis=1)
     usual = float(np.median(np.minimum(np.minimum(step[1:], step[:-1]), over)))
-    least = max(FAR * usual, LEAST, STEPS * max(map(resolution, values.T)))
-    away = 1 + np.flatnonzero((np.minimum(step[1:], step[:-1]) > least) & (over < BACK * step[:-1]))
+    least = max(MIN_TRACK_STEPS * usual, MIN_TRACK_DISTANCE, MIN_TRACK_RESOLUTIONS * max(map(resolution, values.T)))
+    away = 1 + np.flatnonzero((np.minimum(step[1:], step[:-1]) > least) & (over < MAX_RETURN_SHORTFALL * step[:-1]))
     if len(away) < MIN_SAMPLES:
         return one
     lags = [np.abs(values[away[3:]] - values[away[3 - lag : -lag]]).max(axis=1) for lag in (1, 2, 3)]
-    if np.median(np.min(lags, axis=0)) > BACK * np.median(step[away - 1]):
+    if np.median(np.min(lags, axis=0)) > MAX_RETURN_SHORTFALL * np.median(step[away - 1]):
         return one  # independent faults of a sensor
     last = [values[away[0] - 1], values[away[0]]]
     for i, value in enumerate(values):

@@ -22,9 +22,9 @@ _PLUS_MINUS = re.compile(r"\s*(?:\+/-|±|\+-)\s*")
 _NEWTON_METRE = re.compile(r"\bNm\b")
 
 
-ENERGY = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
+ENERGY_UNITS = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
 """Units of energy, and of power for a time, by their names in pint: their dimensions are those of a torque."""
-LONGEST = 80
+MAX_UNIT_LENGTH = 80
 """Largest number of characters of a unit."""
 _POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
@@ -66,7 +66,7 @@ def si_factor(unit: str, expected: str) -> float:
     given, wanted = _from_zero(unit), _from_zero(expected)
     if given.dimensions != wanted.dimensions:
         raise InputError(f"'{unit}' is of another kind than '{expected}': write it in '{expected}' or a multiple of it")
-    if expected == "N m" and any(name in given.names for name in ENERGY):
+    if expected == "N m" and any(name in given.names for name in ENERGY_UNITS):
         raise InputError(f"'{unit}' is a unit of energy, and a torque is none: write it in 'N m', or leave it out")
     # To pint an angle, a cycle and a per cent are all plain numbers: 3 Hz would silently become 3 rad/s.
     plain = given.factor == 1.0 and "hertz" not in given.names
@@ -206,8 +206,8 @@ def _check_size(unit: str) -> None:
     for character in plain:
         depth += (character == "(") - (character == ")")
         deepest = max(deepest, depth)
-    if len(unit) > LONGEST or deepest > 2 or len(_POWER.findall(plain)) != powers:
-        shown = unit if len(unit) <= LONGEST else f"{unit[:40]}..."
+    if len(unit) > MAX_UNIT_LENGTH or deepest > 2 or len(_POWER.findall(plain)) != powers:
+        shown = unit if len(unit) <= MAX_UNIT_LENGTH else f"{unit[:40]}..."
         raise InputError(f"unknown unit '{shown}': write powers of one digit, such as 's', 'mm', 'm/s^2', 'N s^2/m^2'")
 
 

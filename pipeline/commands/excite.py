@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from armdyn.document import MOST_ROWS, NextStep
+from armdyn.document import MAX_CARD_ROWS, NextStep
 from armdyn.errors import InputError
 from pipeline.console.options import (
     EffectsOption,
@@ -92,7 +92,7 @@ def excite(
     known = shlex.join(["--robot", choice.robot] if choice.robot else ["--urdf", str(choice.urdf_file)])
     again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
     notes = missing_meshes(found.goal.columns.arm.robot)
-    document = excitation_document(found, MOST_ROWS, notes)
+    document = excitation_document(found, MAX_CARD_ROWS, notes)
     finish(
         replace(document, next_steps=again if joints is None and tool is None else []),
         lambda: excitation_answer(found, output),

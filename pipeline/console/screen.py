@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
-from armdyn.document import MOST_ROWS
+from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
 from pipeline.console.noticed import noticed
 
@@ -63,7 +63,7 @@ def show(document: "Document") -> None:
             console.print(sentence, soft_wrap=True)
         for table in tables:
             made = plain_table(*(Column(column.heading, overflow="fold") for column in table.narrow))
-            most = len(table) if table.name else MOST_ROWS
+            most = len(table) if table.name else MAX_CARD_ROWS
             for row in list(zip(*(column.texts for column in table.narrow), strict=True))[:most]:
                 made.add_row(*row)
             console.print(made)

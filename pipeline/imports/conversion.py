@@ -14,8 +14,8 @@ from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.inspection.check import Check
 from armdyn.inspection.correction import Reading
 from armdyn.recording.channels import (
-    LARGEST,
-    LARGEST_OF_OTHERS,
+    MAX_SIZE_BY_UNIT,
+    MAX_SIZE_OF_OTHER_UNITS,
     MIN_SAMPLES,
     Channel,
     Conversion,
@@ -147,7 +147,8 @@ def _channel(
     if table is None and not present.all():
         notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
     beyond = present & (
-        np.abs(value, where=present, out=np.zeros_like(value)) > LARGEST.get(to_si.unit, LARGEST_OF_OTHERS)
+        np.abs(value, where=present, out=np.zeros_like(value))
+        > MAX_SIZE_BY_UNIT.get(to_si.unit, MAX_SIZE_OF_OTHER_UNITS)
     )
     if beyond.any() and 2 * beyond.sum() < present.sum():
         notes.append(

@@ -5,7 +5,7 @@ The first two lines in a row that hold mostly numbers tell what divides the cell
 
 from itertools import pairwise
 
-from armdyn.recording.delimited import MISSING, separator_of
+from armdyn.recording.delimited import MISSING_CELLS, separator_of
 from pipeline.imports.words import KINDS, fits
 from urdf.bounds import number, shown
 
@@ -74,7 +74,7 @@ _BRACKETS = " ()[]-"
 
 def _is_row(line: str) -> bool:
     cells = _cells(line, separator_of(line))
-    said = [cell for cell in cells if cell.lower() not in MISSING]
+    said = [cell for cell in cells if cell.lower() not in MISSING_CELLS]
     return len(cells) > 1 and bool(said) and 2 * sum(map(is_number, said)) >= len(said)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.document import MOST_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
+from armdyn.document import MAX_CARD_ROWS, Chart, Column, Document, KeyFigure, Level, Section, Table
 from ik import PathTable
 from pipeline.report.theme import LIMIT, MODEL, REFERENCE
 from urdf import Line, Robot
@@ -58,7 +58,7 @@ def ik_report(table: PathTable, robot: Robot | None) -> Document:
 
 def _node_table(table: PathTable) -> Table:
     """Speed, acceleration, margin, torque and manipulability at nodes that are evenly apart."""
-    s = np.linspace(table.s[0], table.s[-1], MOST_ROWS)
+    s = np.linspace(table.s[0], table.s[-1], MAX_CARD_ROWS)
     nodes = [int(np.abs(table.s - at).argmin()) for at in s]
     low, high = np.array([table.torque_acceleration_range(at) for at in s]).T
     return Table(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from derivatives import assert_jacobian
 
-from armdyn.control.questions import LENGTH, Criterion, information, separation
+from armdyn.control.questions import LENGTH_QUESTION, Criterion, information, separation
 from armdyn.control.sac import SacSettings, SacState, SequentialActionControl, needle
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
@@ -30,7 +30,7 @@ UNKNOWNS = ("length", "mass", "pivot_viscous_friction.coefficient", "sensor_bias
 
 
 QUESTIONS = [
-    LENGTH,
+    LENGTH_QUESTION,
     information(("length", "linear_drag.coefficient", "mass")),
     information(("length",), ("mass", "sensor_bias.force")),
     information(("length", "linear_drag.coefficient"), ("mass",), Criterion.INVERSE),
@@ -144,7 +144,7 @@ def held(x, v, a, dt):
 
 
 def test_a_motion_tells_what_it_was_asked_for():
-    asked = ((None, None), (LENGTH, None), (separation(UNKNOWNS), PIVOT))
+    asked = ((None, None), (LENGTH_QUESTION, None), (separation(UNKNOWNS), PIVOT))
     separated, informed = zip(*(driven(*question) for question in asked), strict=True)
     # A horizon of 1.4 s sees little of slow friction: 20 against 8; a motion designed as a whole reaches 60.
     assert separated[2] > 2.0 * separated[1]

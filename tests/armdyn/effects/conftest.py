@@ -7,7 +7,7 @@ from armdyn import codegen
 def virtual_machine():
     """Two dozen formulations on short runs: compiling them would take longer than running them."""
     patch = pytest.MonkeyPatch()
-    patch.setenv(codegen.SWITCH, "0")
+    patch.setenv(codegen.COMPILE_VARIABLE, "0")
     codegen.compiler.cache_clear()
     yield
     patch.undo()

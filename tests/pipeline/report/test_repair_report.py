@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from armdyn.arm.links import LinkChange, LinkQuantity
-from armdyn.document import MOST_ROWS, Column, Document, Level, NextStep, Section, Table
+from armdyn.document import MAX_CARD_ROWS, Column, Document, Level, NextStep, Section, Table
 from armdyn.errors import UnknownNameError
 from armdyn.identify.explained import RepairStep, Scale
 from armdyn.identify.holdout import HoldoutKind
@@ -151,7 +151,7 @@ def test_a_data_frame_holds_the_values_and_not_their_texts():
 
 
 def test_a_long_table_says_how_much_of_it_is_left_out(capsys):
-    long = Table([Column("number", list(range(MOST_ROWS + 7)))])
+    long = Table([Column("number", list(range(MAX_CARD_ROWS + 7)))])
     show(Document("A result", "it is so", [Section("Numbers", tables=[long])]))
     assert "and 7 more" in capsys.readouterr().out
 
