@@ -34,7 +34,7 @@ LONGEST_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no furt
 
 @dataclass(frozen=True)
 class Branch:
-    """The rows that make the task square.
+    """The equations that select one branch of postures and make the task square.
 
     Attributes:
         weights: W, (r, n); r = n - 6 may be 0.
@@ -69,7 +69,7 @@ class Branch:
             guess: postures to start from, (k, n).
 
         Returns:
-            Postures, (k, n) [rad or m], and the largest entry of what is left of each equation, (k,) [m or rad].
+            Postures, (k, n) [rad or m], and the largest residual of each system's equations, (k,) [m or rad].
         """
         rotation, position = path.pose(s)
         height = self.height(s)

@@ -1,4 +1,4 @@
-"""From a robot and a path to the table."""
+"""Build the table of postures of a robot along a path."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -30,7 +30,7 @@ def build_line_table(robot: Robot, line: Line | None = None, progress: Progress 
     Args:
         robot: the arm.
         line: where the tool point moves; the robot's own line if not given.
-        progress: told what is being done.
+        progress: called with a text on the progress.
 
     Raises:
         UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
@@ -45,7 +45,7 @@ def build_path_table(robot: Robot, path: Path, progress: Progress | None = None)
     Args:
         robot: the arm.
         path: where the tool moves.
-        progress: told what is being done.
+        progress: called with a text on the progress.
 
     Raises:
         UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
@@ -55,7 +55,7 @@ def build_path_table(robot: Robot, path: Path, progress: Progress | None = None)
 
 
 def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, Any]:
-    """Everything that a table holds."""
+    """All fields of a table, by name."""
     say = progress or (lambda _: None)
     say("planning the branch")
     collisions = CollisionModel(robot)
@@ -86,7 +86,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
 
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
-    """Why a path cannot be followed: targets that cannot be held, or what the plan said."""
+    """The reason why a path cannot be followed: targets that cannot be held, or the reason of the planner."""
     misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
     if misses:
         return (
@@ -100,16 +100,16 @@ def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str)
 
 
 def default_path(robot: Robot) -> File:
-    """Where the table of a robot's own line is kept."""
+    """Path of the file in which the table of a robot's own line is cached."""
     return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{FORMAT}.npz"
 
 
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
-    """The table of a robot's own line: built once, kept in the user's cache, built again when anything changed.
+    """The table of a robot's own line; it is built once, cached, and built again when the robot or the code changed.
 
     Args:
         robot: the arm.
-        progress: told what is being done.
+        progress: called with a text on the progress.
     """
     path = default_path(robot)
     try:

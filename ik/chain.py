@@ -19,7 +19,7 @@ POSE = 6  # equations that hold a tool in place
 
 @dataclass(frozen=True)
 class ToolMotion:
-    """Where the tool point is and how the joints move it, for b postures; the batch is the last axis.
+    """Pose of the tool point and its derivatives by the joints, for b postures; the batch is the last axis.
 
     Attributes:
         rotation: orientation of the tool frame in the base frame, (3, 3, b).
@@ -34,7 +34,7 @@ class ToolMotion:
     levers: Array
 
     def error(self, rotation: Array, position: Array) -> Array:
-        """What is left to targets (3, 3, b) or (3, 3, 1) and (3, b): (6, b) [m and rad]."""
+        """Remaining error to targets (3, 3, b) or (3, 3, 1) and (3, b): (6, b) [m and rad]."""
         return np.concatenate((position - self.position, rotation_error(rotation, self.rotation)))
 
 
@@ -131,7 +131,7 @@ class Chain:
         r"""The part of the tool's acceleration that comes from moving, $\dot J \dot q$.
 
         Args:
-            motion: where the arm is.
+            motion: pose and joint axes of the arm.
             rate: joint rates, (b, n).
 
         Returns:

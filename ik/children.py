@@ -1,4 +1,4 @@
-"""Processes that work for this one: they leave signals to it, and end with it, whatever it dies of."""
+"""Processes that work for this one: they leave signals to it, and end with it, however it ends."""
 
 import multiprocessing
 import os

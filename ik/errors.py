@@ -1,4 +1,4 @@
-"""What can go wrong between a path and a table."""
+"""Errors of building and loading tables of postures."""
 
 from pathlib import Path
 from typing import Any
@@ -8,18 +8,18 @@ from urdf import Robot
 
 
 class StaleTableError(InputError):
-    """A table that was built for another robot or other settings, or whose file is damaged."""
+    """A table or volume was built for another robot or other settings, or its file is damaged."""
 
 
 class UnreachableError(TaskFailedError):
-    """A path that the arm cannot follow: the message says where, why and what to do."""
+    """The arm cannot follow a path: the message says where, why and what to do."""
 
 
 def check_owner(source: Path, about: dict[str, Any], robot: Robot, remedy: str) -> None:
     """Refuse the file of a table or a volume that was built for another robot or other settings of it.
 
     Raises:
-        StaleTableError: says which, and the remedy.
+        StaleTableError: the file belongs to another robot or other settings; the message has the remedy.
     """
     if about["robot"] != robot.name:
         raise StaleTableError(f"{source}: it is of robot '{about['robot']}', not '{robot.name}'; {remedy}")

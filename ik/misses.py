@@ -21,7 +21,7 @@ class Miss:
         position: of the tool point, (3,) [m].
         distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
         angle: how far the tool stays turned away [rad]; 0 for a collision.
-        why: it is beyond reach, or which joint or which links forbid it; the end of a sentence.
+        why: the reason, as the end of a sentence: beyond reach, or the joint or the links that forbid it.
     """
 
     s: float
@@ -32,20 +32,20 @@ class Miss:
 
     @property
     def sentence(self) -> str:
-        """Which target, how far off and why."""
+        """The target, the distance by which it is missed, and the reason, as a sentence."""
         where = ", ".join(f"{value:.3f}" for value in self.position)
         off = f" by {1e3 * self.distance:.1f} mm and {1e3 * self.angle:.0f} mrad" if self.distance or self.angle else ""
         return f"the target s = {self.s:.3f} m at ({where}) m is missed{off}: {self.why}"
 
 
 def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
-    """Look at targets along a path one by one, each with its own best posture.
+    """Find the best posture for each target along a path, and the reason where it is missed.
 
     Args:
         robot: the arm.
         path: where the tool should be.
         s: path coordinates, (k,) [m].
-        collisions: what the arm must not touch.
+        collisions: collision model of the arm.
 
     Returns:
         The targets that cannot be held, in the order of s.

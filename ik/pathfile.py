@@ -1,4 +1,4 @@
-"""Paths as text: the readable file of a path, and what a table keeps of it."""
+"""Paths as text: a path's own readable file, and its description in a table."""
 
 from pathlib import Path as File
 from typing import Any
@@ -17,9 +17,9 @@ KEYS = (
     "follow", "points", "tool_rpy", "rotation", "rotations",
 )  # fmt: skip
 LARGEST = 100.0
-"""m; what is farther is in another unit."""
+"""Largest coordinate, m; a larger one is in another unit."""
 MOST_POINTS = 1000
-"""Of a spline."""
+"""Largest number of points of a spline."""
 
 
 def read_path(file: str | File) -> Path:
@@ -53,7 +53,7 @@ def path_of(content: dict[str, Any]) -> Path:
     Raises:
         KeyError: an entry is missing.
         TypeError, ValueError: an entry is of the wrong kind or length.
-        InputError: the path is not one.
+        InputError: the entries do not describe a valid path.
     """
     path = _path_of(content)
     if not path.s_max - path.s_min <= LONGEST:

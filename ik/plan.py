@@ -1,4 +1,4 @@
-"""From a path to the branch of postures along it that keeps within the joint limits and touches nothing."""
+"""Plan a branch of postures along a path that keeps within the joint limits and touches nothing."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Planner:
     Args:
         robot: the arm and its home posture.
         path: where the tool should be.
-        collisions: what the arm must not touch; None leaves collisions out.
+        collisions: collision model of the arm; None leaves collisions out.
 
     Attributes:
         s: coordinates of the plan, (k,) [m].
@@ -39,10 +39,10 @@ class Planner:
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
     def plan(self) -> tuple[Branch, Array]:
-        """The branch, and postures on it at the coordinates `s`, (k, n).
+        """Plan the branch, with postures on it at the coordinates `s`, (k, n).
 
         Raises:
-            UnreachableError: there is none; the message is the reason, as the end of a sentence.
+            UnreachableError: there is no such branch; the message is the reason, as the end of a sentence.
         """
         carried = self._carry_along()
         if self.chain.joints != POSE + 1:  # without a spare joint there is only one branch
@@ -166,7 +166,7 @@ class Planner:
         return np.linalg.svd(jacobian)[2][:, POSE:, :].transpose(0, 2, 1)
 
     def _objection(self, q: Array) -> str:
-        """What is wrong with postures (k, n) along the path, or nothing."""
+        """What is wrong with postures (k, n) along the path, in words; empty where nothing is."""
         margin = self.robot.limits.margin(q)
         if margin.min() < 0:
             node, joint = divmod(int(margin.argmin()), margin.shape[1])

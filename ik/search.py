@@ -31,7 +31,7 @@ LOOKS = 9  # targets on a line that must be reachable at all
 
 
 class Found(NamedTuple):
-    """A line, and the speed, the margins and the score that it reaches."""
+    """A line, with the speed, the margins and the score that it reaches."""
 
     line: Line
     home: Array  # (n,), the posture at s = 0 that picks the branch
@@ -45,7 +45,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Demand:
-    """What line is looked for.
+    """Requirements on the line to find.
 
     Attributes:
         direction: unit vector of growing s in the base frame, (3,).
@@ -67,7 +67,7 @@ class Demand:
 
 
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
-    """Vary distance, height and centre of a line; maximise usable speed and joint margin.
+    """Find a line for an arm: vary distance, height and centre, and maximise usable speed and joint margin.
 
     The score is (least speed on the core + 0.3 least speed on the line) * min(1, margin / 0.5 rad); lines that touch
     something, or on which some joint cannot hold the arm still, with or without springs, are rejected.
@@ -78,8 +78,8 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
 
     Args:
         robot: the arm; its home posture is one of the starts.
-        demand: what is looked for.
-        progress: told what is being done.
+        demand: requirements on the line; by default those of `Demand`.
+        progress: called with a text on the progress.
 
     Raises:
         UnreachableError: no line of this length and direction can be followed.
@@ -196,7 +196,7 @@ class _Search:
         return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: Found) -> Found:
-        """Ask for a little less than the best speed, and measure how close the arm comes to anything."""
+        """Require slightly less than the best speed, and measure how close the arm comes to an obstacle."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
         core_speed = float(np.floor(1e3 * KEPT * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
@@ -205,7 +205,7 @@ class _Search:
         return found._replace(home=home, clearance=clearance)
 
     def _first_look(self, position: Array) -> Array:
-        """Speed along the direction in some posture at each target, (k,) [m/s]; 0 where none was found."""
+        """Speed along the direction in some posture at each target, (k,) [m/s]; 0 where no posture was found."""
         rotation = np.broadcast_to(self.rotation, (len(position), 3, 3))
         answers = self.solver.solve(rotation, position, starts=REACHABLE_STARTS, tolerance=1e-6)
         jacobian = self.chain.jacobian(self.chain.motion(answers.q)).transpose(2, 0, 1)

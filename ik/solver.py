@@ -53,7 +53,7 @@ def descend(
         hopeless: error above which a target is given up after `PATIENCE` steps [m and rad].
 
     Returns:
-        Postures, (k, n), and what each misses its target by, (6, k) [m and rad].
+        Postures, (k, n), and their remaining errors, (6, k) [m and rad].
     """
     q = q.copy() if limits is None else np.clip(q, limits.lower, limits.upper)
     final, errors = q.copy(), np.full((POSE, len(q)), np.inf)
@@ -89,13 +89,13 @@ def descend(
 
 @dataclass(frozen=True)
 class Answers:
-    """What was found for k targets.
+    """Solutions of inverse kinematics for k targets.
 
     Attributes:
         q: postures within the joint limits, (k, n) [rad or m]; the closest ones seen where the target was missed.
         reached: which targets were reached, (k,).
-        distance: how far off the tool point is, (k,) [m].
-        angle: how far its orientation is off, (k,) [rad].
+        distance: remaining distance of the tool point, (k,) [m].
+        angle: remaining angle of the tool, (k,) [rad].
     """
 
     q: Array
@@ -172,7 +172,7 @@ class Solver:
             position: position of the tool point, (3,) [m].
 
         Returns:
-            Those that reached it, (m, n) with m from 0 to `TRIED`, from the nearest start on.
+            Postures that reach the target, (m, n) with m from 0 to `TRIED`, from the nearest start on.
         """
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
         nearest = self._tree.query(_features(turned, placed)[0], k=TRIED)[1]
@@ -182,5 +182,5 @@ class Solver:
 
 
 def _features(rotation: Array, position: Array) -> Array:
-    """Points (k, 9) whose distances tell how different two poses are."""
+    """Points (k, 9) whose distances measure how different two poses are."""
     return np.concatenate((position / REACH_SCALE, rotation[:, 0], rotation[:, 2])).T

@@ -39,7 +39,7 @@ class Posture(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """What the joints do while the tool moves on the path; (n,) or (k, n)."""
+    """Motion of the joints while the tool moves on the path; arrays are (n,) or (k, n)."""
 
     q: Array  # rad or m
     v: Array  # rad/s
@@ -51,19 +51,19 @@ class PathTable:
     """One smooth branch of postures along a path; k evenly spaced nodes, n joints.
 
     Attributes:
-        robot_name: whose joints these are.
-        joint_names: from base to tool.
+        robot_name: name of the robot.
+        joint_names: names of the joints from base to tool.
         tool_frame: frame that carries the tool.
         tool_offset: tool point in that frame, (3,) [m]; it is this point that moves on the path.
-        path: where the tool moves.
+        path: path of the tool.
         s: nodes, (k,) [m].
         q: postures, (k, n) [rad or m].
         dq_ds: their first derivatives, (k, n) [rad/m].
         d2q_ds2: their second derivatives, (k, n) [rad/m^2].
-        jacobian: of the tool point in base axes, linear rows first, (k, 6, n).
-        limits: of the joints.
-        torque: what motion takes from the joints' torques at the nodes.
-        fingerprint: of the robot and its settings.
+        jacobian: Jacobian of the tool point in base axes, linear rows first, (k, 6, n).
+        limits: limits of the joints.
+        torque: terms of the joints' torques for a motion along the path, at the nodes.
+        fingerprint: digest of the robot and its settings.
         joint_margin: smallest distance of any joint to its position limits over the path [rad or m].
         speed_limit: largest speed at each node, (k,) [m/s].
         acceleration_limit: largest acceleration at each node at that speed, (k,) [m/s^2].
@@ -112,7 +112,7 @@ class PathTable:
         start, end = self.q[node], self.q[node + 1]
         speed, end_speed = width * self.dq_ds[node], width * self.dq_ds[node + 1]
         bend, end_bend = 0.5 * width**2 * self.d2q_ds2[node], 0.5 * width**2 * self.d2q_ds2[node + 1]
-        # Error at the right end of the parabola from the left end: in value, slope and half the bend.
+        # Error at the right end of the parabola from the left end: in value, slope and half the second derivative.
         value_gap = end - start - speed - bend
         slope_gap = end_speed - speed - 2 * bend
         bend_gap = end_bend - bend
@@ -220,11 +220,11 @@ class PathTable:
 
         Args:
             path: the file.
-            robot: whose table it must be; None accepts any.
+            robot: robot to which the table must belong; None accepts any.
 
         Raises:
             InputError: there is no such file.
-            StaleTableError: it is damaged, of another robot or other settings of this robot, or not of this kind.
+            StaleTableError: the file is damaged, belongs to another robot or other settings, or is of another kind.
         """
         source = File(path)
         with reading(source):
@@ -257,11 +257,11 @@ class PathTable:
 
 @dataclass(frozen=True)
 class LineTable(PathTable):
-    """The table of a straight line of one orientation."""
+    """The table of a straight line with one tool orientation."""
 
     path: Line
 
     @property
     def line(self) -> Line:
-        """Where the tool point moves."""
+        """The line of the tool point."""
         return self.path

@@ -30,8 +30,8 @@ class JointTorque:
 
     Args:
         robot: the arm.
-        load_mass: hanging from the tool point [kg].
-        springs: count the springs of the robot's settings; by default those that the settings switch on.
+        load_mass: mass of a load at the tool point [kg].
+        springs: whether to include the springs of the robot's settings; by default as the settings say.
 
     Raises:
         InputError: if the mass is negative or not a number.
@@ -115,7 +115,7 @@ class PathTorque:
     def acceleration_range(self, effort: Array, v: ArrayLike, springs: bool = False) -> tuple[Array, Array]:
         """Lowest and highest acceleration [m/s^2] that motors with torque limits (n,) [N m] can give, (k,) each.
 
-        Where the torques do not even suffice for a = 0, the range is what is nearest: it may exclude 0 or be empty
+        Where the torques do not even suffice for a = 0, the nearest range is returned: it may exclude 0 or be empty
         (lowest > highest). Speeds v are a scalar or (k,) [m/s].
         """
         taken = self.torque(v, 0.0, springs)

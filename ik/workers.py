@@ -1,4 +1,4 @@
-"""Work shared among processes of this machine, or the workers of a dask cluster; each item once, whoever dies."""
+"""Share work among processes of this machine or the workers of a dask cluster; each item is done once, whoever dies."""
 
 import queue
 from collections import Counter, deque
@@ -12,13 +12,13 @@ from armdyn.errors import InputError, TaskFailedError
 from ik.children import worker_pool
 
 LOOK = 0.2
-"""Time between two looks whether the user wants to stop, s."""
+"""Interval at which the user's wish to stop is checked, s."""
 AHEAD = 2
-"""Items in hand per worker: one is there when another is done. Those in hand are suspects where a worker dies."""
+"""Number of items in hand per worker: one is there when another is done. Where a worker dies, they are suspects."""
 DEATHS = 2
-"""Times that a worker may die of one item, the second time alone, before the item is given up."""
+"""Number of times that a worker may die of one item, the second time alone, before the item is given up."""
 CONNECT = 10.0
-"""To wait for a scheduler, s."""
+"""Longest wait for a scheduler, s."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Lost:
-    """What is given instead of a result where workers died of an item: how that went, as a sentence without a stop."""
+    """The result of an item of which workers died: a sentence, without a full stop, on what happened."""
 
     reason: str
 
@@ -42,14 +42,14 @@ def in_processes(
     start: str,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[Item, Result | Lost]]:
-    """Do work on this machine; items and results in the order in which they get done.
+    """Do work on this machine; yield items and results in the order in which they are finished.
 
     Args:
         work: a function of a module, or an object that can be pickled.
-        items: what to do it with.
-        workers: processes.
-        start: how they begin, as `multiprocessing` calls it.
-        stopped: asked often; where it says so, workers are ended at once and the iteration ends.
+        items: items of work.
+        workers: number of processes.
+        start: start method, as `multiprocessing` calls it.
+        stopped: function that is called often; where it returns True, workers are ended at once and the iteration ends.
     """
     left, alone = deque(enumerate(items)), deque[tuple[int, Item]]()
     deaths: Counter[int] = Counter()
@@ -89,14 +89,15 @@ def on_cluster(
     extra: str,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[Item, Result | Lost]]:
-    """Do work on a dask cluster, in the order in which it gets done; items of lost workers go to others.
+    """Do work on a dask cluster; yield items and results as they are finished. Items of lost workers go to others.
 
     Args:
-        work: what the workers can import or unpickle; it is sent with every item, so that no worker's loss loses it.
-        items: what to do it with.
+        work: function that the workers can import or unpickle; it is sent with every item, so that a lost worker loses
+            nothing.
+        items: items of work.
         scheduler: address, such as ``tcp://host:8786``.
-        extra: of armdyn, that brings dask.
-        stopped: as for `in_processes`.
+        extra: the extra of armdyn that installs dask.
+        stopped: function that returns True to stop; see `in_processes`.
 
     Raises:
         InputError: dask is missing, or the scheduler does not answer.

@@ -1,4 +1,4 @@
-"""How one block of a volume is solved, from the skeleton between whose targets it lies."""
+"""Solve one block of a volume, starting from the skeleton's targets around it."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,7 +19,7 @@ APART = 1.5  # rad between corners of a cell of the skeleton that are not to be 
 
 
 class Solved(NamedTuple):
-    """A block's answer."""
+    """Solution of one block."""
 
     q: Array  # (x, y, z, n) [rad or m], nan where unreachable
     status: NDArray[np.uint8]  # (x, y, z), see Status
@@ -27,7 +27,7 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True)
 class BlockSolver:
-    """Everything a worker needs; small enough to be sent with every block.
+    """Solves blocks in a worker; it is small enough to be sent with every block.
 
     Attributes:
         robot: the arm.
@@ -68,7 +68,7 @@ class BlockSolver:
         return Solved(q.reshape(*place.shape[:3], -1), status.reshape(place.shape[:3]))
 
     def _guess(self, rotation: int, position: Array) -> Array:
-        """The skeleton between its targets, (k, n): trilinear; nan where none of a cell's corners is solved."""
+        """The skeleton interpolated between its targets, (k, n): trilinear; nan where no corner of a cell is solved."""
         coarse = self.grid.coarse()
         cells = np.array(coarse.counts) - 1
         place = (position - coarse.low) / (coarse.high - coarse.low) * cells

@@ -1,4 +1,4 @@
-"""From a robot and a grid to a volume on disk, by this process, a pool of processes or a dask cluster."""
+"""Build a volume of postures on disk, by this process, a pool of processes or a dask cluster."""
 
 import time
 from collections.abc import Callable
@@ -18,13 +18,13 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class VolumeReport:
-    """What was done.
+    """Result of building a volume.
 
     Attributes:
         table: the volume.
-        solved: targets solved this time.
-        resumed: targets that were there already.
-        seconds: this time took [s], the skeleton included.
+        solved: number of targets solved in this call.
+        resumed: number of targets that were solved already.
+        seconds: duration of this call [s], the skeleton included.
     """
 
     table: VolumeTable
@@ -54,13 +54,13 @@ def build_volume(
         processes: how many processes of this machine work.
         scheduler: address of a dask scheduler whose workers do it instead.
         collisions: whether each posture is checked for touching something; the skeleton always is.
-        progress: told how many targets of how many are done.
+        progress: called with the number of finished targets and of all.
 
     Raises:
         InputError: the directory cannot be written, or zarr, dask or the scheduler is missing.
-        StaleTableError: the directory holds another volume.
+        StaleTableError: the directory contains another volume.
         UnreachableError: no target can be held.
-        TaskFailedError: workers kept dying.
+        TaskFailedError: workers died repeatedly.
     """
     if processes < 1:
         raise InputError(f"volume: {processes} processes cannot work; give 1 or more")

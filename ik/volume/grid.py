@@ -1,4 +1,4 @@
-"""Which targets a volume has, and how it is cut into blocks."""
+"""The targets of a volume, and its blocks."""
 
 import math
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from urdf.robot import Array, read_only
 
 BLOCK = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
 FARTHEST = 100.0
-"""m; no arm on a fixed base reaches so far."""
+"""Largest coordinate, m; no arm on a fixed base reaches so far."""
 MOST_TARGETS = 10**9
-"""A volume of so many takes 60 GB and a day."""
+"""Largest number of targets; a volume of so many takes 60 GB and a day."""
 SKELETON = 0.06  # m between the targets of the coarse skeleton; postures bend little over that
 
 Block = tuple[int, int, int, int]
@@ -22,7 +22,7 @@ Block = tuple[int, int, int, int]
 
 
 class Status(IntEnum):
-    """What became of a target."""
+    """Result of solving a target."""
 
     UNREACHABLE = 0  # within the joint limits on the branch of its neighbours
     REACHED = 1
@@ -63,7 +63,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Orientations, and targets along x, y and z."""
+        """Number of orientations, and of targets along x, y and z."""
         return len(self.rotations), *self.counts
 
     @property
@@ -73,12 +73,12 @@ class Grid:
 
     @property
     def blocks(self) -> tuple[int, int, int, int]:
-        """Orientations, and blocks along x, y and z."""
+        """Number of orientations, and of blocks along x, y and z."""
         x, y, z = (-(-count // BLOCK) for count in self.counts)
         return len(self.rotations), x, y, z
 
     def place(self, block: Block) -> tuple[int, slice, slice, slice]:
-        """Where the targets of a block are among all."""
+        """Indices of a block's targets among all targets."""
         rotation, *numbers = block
         x, y, z = (
             slice(BLOCK * number, min(BLOCK * (number + 1), count))
@@ -101,12 +101,12 @@ class Grid:
         return Grid(self.low, self.high, (x, y, z), self.rotations)
 
     def describe(self) -> dict[str, Any]:
-        """Numbers and lists only, to be kept beside the table."""
+        """The grid as numbers and lists, to be stored with the table."""
         arrays = {name: getattr(self, name).tolist() for name in ("low", "high", "rotations")}
         return arrays | {"counts": list(self.counts)}
 
     @classmethod
     def of(cls, content: dict[str, Any]) -> "Grid":
-        """The grid that `describe` described."""
+        """The grid from the result of `describe`."""
         x, y, z = content["counts"]
         return cls(np.array(content["low"]), np.array(content["high"]), (x, y, z), np.array(content["rotations"]))

@@ -33,11 +33,11 @@ class VolumeTable:
 
     Attributes:
         path: the zarr directory.
-        robot_name: whose joints these are.
-        joint_names: from base to tool.
+        robot_name: name of the robot.
+        joint_names: names of the joints from base to tool.
         grid: the targets.
         q: postures, (m, x, y, z, n) [rad or m], read from disk where they are indexed; nan where unreachable.
-        status: what became of each target, (m, x, y, z), see `Status`.
+        status: result of each target, (m, x, y, z), see `Status`.
         skeleton: postures on the coarse grid from which the blocks were seeded.
         digests: of each finished block's postures and status, (m, blocks along x, y, z); 0 where it is not done.
     """
@@ -64,7 +64,7 @@ class VolumeTable:
 
         Raises:
             InputError: zarr is missing, or the directory cannot be written.
-            StaleTableError: what is there is no such volume.
+            StaleTableError: the directory contains something else.
         """
         zarr = _zarr()
         joints, edges = len(robot.joint_names), tuple(min(BLOCK, count) for count in grid.counts)
@@ -103,13 +103,13 @@ class VolumeTable:
 
         Args:
             path: the zarr directory.
-            robot: whose volume it must be; None accepts any.
+            robot: robot to which the volume must belong; None accepts any.
             collisions: whether touching postures must be marked in it; None accepts both.
 
         Raises:
             InputError: zarr is missing, or there is no such directory.
-            StaleTableError: it is no volume, or of another robot or other settings, or a finished block of it is not
-                what was written.
+            StaleTableError: it is no volume, or it belongs to another robot or other settings, or a finished block was
+                changed.
         """
         zarr, source = _zarr(), Path(path)
         if not source.is_dir():
@@ -158,10 +158,10 @@ class VolumeTable:
             ) from error
 
     def _check(self, skeleton: int) -> None:
-        """Hold the arrays against the grid, and every finished block against its digest.
+        """Check the arrays against the grid, and every finished block against its digest.
 
         Raises:
-            StaleTableError: one of them differs.
+            StaleTableError: an array or block differs.
         """
         grid = self.grid
         expected = {"q": (*grid.shape, len(self.joint_names)), "status": grid.shape, "digests": grid.blocks}
@@ -200,7 +200,7 @@ class VolumeTable:
 
 
 def _digest(*arrays: Array | NDArray[np.uint8]) -> int:
-    """A number of 63 bits, never 0, that other numbers hardly have."""
+    """A digest of 63 bits that is never 0."""
     digest = hashlib.blake2b(digest_size=8)
     for values in arrays:
         digest.update(np.ascontiguousarray(values).tobytes())
