@@ -1,4 +1,4 @@
-"""Add what is missing until the runs are explained, and keep every step with its errors."""
+"""Add missing effects until the runs are explained, and keep the errors of every step."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,26 +48,26 @@ BACKGROUND = "background"
 """Name of the step that adds small values without a name."""
 NO_BACKGROUND = " Small values beside that, on every joint, would predict other runs no better: there is no background."
 MIN_IMPROVED_SHARE = 0.5
-"""Share of the misfit; a repair that explains more is an improvement, whatever it leaves."""
+"""A repair that explains more than this share of the squared error is an improvement, whatever residual it leaves."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Repair(Displayable):
-    """A repaired model.
+    """Result of a repair.
 
     Attributes:
-        verdict: of the model after the repair.
-        sentence: for a person.
-        model: with the effects and their fitted values, and a background where that predicts better; as given where the
-            fit is lost.
-        named: the same without a background, fitted without it.
-        path: the model as given first.
-        after: the repaired model, against the runs.
-        unknown: what is left, where something is.
-        links: those of an arm that effects change, in kg, m and kg m^2.
-        explained: share of the misfit that is gone; see `explained`.
-        steps: the same with their fits.
-        missing_force: what the model as given and the repaired one cannot explain, against what it may depend on.
+        verdict: verdict on the model after the repair.
+        sentence: the result in words, for a reader.
+        model: the model with the added effects and fitted values, and with a background where that improves
+            predictions; the model as given where the fit has failed.
+        named: the repaired model fitted without a background.
+        path: steps of the repair; the first is the model as given.
+        after: comparison of the repaired model with the runs.
+        unknown: character of the residual, where it is more than noise.
+        links: links of an arm that effects change, in kg, m and kg m^2.
+        explained: share of the squared error that the repair explains; see `explained`.
+        steps: steps of `path` with their fits.
+        missing_force: curves of the force that the model as given and the repaired one lack.
     """
 
     verdict: Verdict
@@ -85,11 +85,11 @@ class Repair(Displayable):
     def document(
         self, holdout_kinds: Sequence[HoldoutKind] = (), summaries: Mapping[str, str] | None = None
     ) -> Document:
-        """The error falling, what became of an arm's links, then how well the repaired model does.
+        """Build the tables: the fall of the error, the changed links of an arm, and the quality of the repaired model.
 
         Args:
-            holdout_kinds: whose errors were told besides those of the fitted runs.
-            summaries: what every effect is, by its name; None leaves that out.
+            holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+            summaries: one sentence on each effect, by its name; None leaves them out.
         """
         steps = step_table(self.path, self.after.scale, holdout_kinds, summaries or {})
         falling = Section("The error falling", fall_sentence(self.path, self.after.scale), tables=[steps])
@@ -112,7 +112,7 @@ class Repair(Displayable):
 
     @property
     def level(self) -> Level:
-        """Good where only noise is left, improved where much is explained, bad only where the error grew."""
+        """Good where the residual is noise, improved where much is explained, bad only where the error grew."""
         if self.verdict is Verdict.EXPLAINED and self.after.widened == 1.0:
             return Level.GOOD
         if self.explained < 0.0 or self.verdict is Verdict.LOST:
@@ -122,9 +122,9 @@ class Repair(Displayable):
 
 @one_thread
 def repair(study: Study, progress: Progress | None = None) -> Repair:
-    """Diagnose and add until nothing is left to explain or nothing in the catalogue helps.
+    """Diagnose a model and add effects until nothing is left to explain or no effect of the catalogue helps.
 
-    An arm's model gets a background as well, where that predicts other runs better; see `find_background`.
+    An arm's model also gets a background, where that improves the prediction of other runs; see `find_background`.
     """
     found = search(study, progress)
     told = _concluded(study, found)
@@ -134,9 +134,9 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
 
 
 def with_background(study: Study, told: Repair, say: Progress, full: FullModel | None = None) -> Repair:
-    """A repair with small values beside what it names, or as it is where they predict other runs no better.
+    """A repair with small values beside its named effects, or unchanged where they improve no prediction.
 
-    `full` is the model with all effects, where it is known.
+    `full` is the model with all effects, where it was fitted already.
     """
     last = told.steps[-1]
     small = find_background(study, last, full or fit_full_model(study, last.effects, last.fit, say))
@@ -172,14 +172,14 @@ def with_background(study: Study, told: Repair, say: Progress, full: FullModel |
 
 
 def _harms(before: RepairStep, after: RepairStep, scale: Scale) -> bool:
-    """Whether other runs are predicted worse, all channels of one unit together."""
+    """Whether other runs are predicted worse, counting all channels of one unit together."""
     old, new = (totals(step.held_out_rmse, scale.units) for step in (before, after))
     return any(new[unit] > (1.0 + MAX_ERROR_INCREASE) * old[unit] for unit in old)
 
 
 @one_thread
 def add(study: Study, wanted: Iterable[Effect]) -> Repair:
-    """Add these effects, one after the other, whether or not the runs ask for them."""
+    """Add these effects, one after the other, whether or not the runs need them."""
     effects, now = study.present, study.first()
     steps = [Step((), (), effects, now, study.tests(now, effects))]
     for effect in wanted:
@@ -199,10 +199,10 @@ def add(study: Study, wanted: Iterable[Effect]) -> Repair:
 
 
 def require_found(found: Repair) -> Repair:
-    """The repair.
+    """Return a repair whose fit has not failed.
 
     Raises:
-        TaskFailedError: its fit is lost.
+        TaskFailedError: its fit has failed.
     """
     if found.verdict is Verdict.LOST:
         raise TaskFailedError(found.sentence)
@@ -216,7 +216,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     unknown = characterise(last.fit) if last.tests.fails else None
     verdict = _verdict(study, found, unknown)
     if verdict is Verdict.UNKNOWN_EFFECT and not searched:
-        verdict = Verdict.EFFECT_MISSING  # the catalogue was not asked
+        verdict = Verdict.EFFECT_MISSING  # the catalogue was not searched
     path = tuple(repair_step(study, step) for step in found.steps)
     after = comparison(study, last.fit, last.tests, process_error=False)
     links = links_of(study, last.fit)
@@ -247,7 +247,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
 
 
 def _lost(study: Study, found: Search) -> Repair:
-    """The model as given: what a lost fit would add is no physics."""
+    """The repair of a lost fit: the model as given, because effects added to a lost fit have no meaning."""
     first = found.steps[0]
     return Repair(
         verdict=Verdict.LOST,
@@ -262,12 +262,12 @@ def _lost(study: Study, found: Search) -> Repair:
 
 
 def fitted_model(study: Study, step: Step) -> Model:
-    """The model with a step's effects and fitted values; what belongs to one run returns to its start."""
+    """The model with a step's effects and fitted values; values of one run get their start values again."""
     model = study.model_with(step.effects)
     described, changed = fitted_parameters(study, step.fit), dict[str, Parameter]()
     for column in study.problem.columns:
         name = column.parameter.name
-        # Where runs differ, the first one counts.
+        # Where runs differ, the value of the first one is used.
         if column.name in described and name not in changed and name in model.parameters:
             kept, found = model.parameters[name], described[column.name]
             if kept.scope == "shared":
@@ -276,7 +276,7 @@ def fitted_model(study: Study, step: Step) -> Model:
 
 
 def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> Verdict:
-    """After a repair: explained, or what still stands in the way."""
+    """The verdict after a repair: explained, or the reason why not."""
     if not found.last.tests.fails:
         return Verdict.EXPLAINED
     if judge(study, Search(found.steps[-1:]), unknown) is Verdict.EXPLAINED:
@@ -288,7 +288,7 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
 
 
 def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
-    """Links that the fit changed; empty for a model without links."""
+    """Links that the fit has changed; empty for a model without links."""
     if study.model.base != "arm":
         return ()
     from armdyn.arm.links import link_changes

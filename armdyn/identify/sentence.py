@@ -1,6 +1,6 @@
-"""What a diagnosis and a repair found: the verdict, and at most two sentences.
+"""Describe the result of a diagnosis or repair: the verdict, and at most two sentences.
 
-The sentences say what is missing and how the error falls, and what is left.
+The sentences name the missing effects, the fall of the error, and the residual.
 """
 
 import math
@@ -13,7 +13,7 @@ from armdyn.identify.holdout import HoldoutKind
 
 
 class Verdict(Enum):
-    """The value is what a person should read; the name in lower case is what a program reads."""
+    """Verdict on a model; the value is the text for a reader, the lower-case name is for programs."""
 
     EXPLAINED = "The model explains these runs: what is left is noise."
     EFFECT_MISSING = "An effect is missing, and these runs name it."
@@ -24,7 +24,7 @@ class Verdict(Enum):
 
     @property
     def key(self) -> str:
-        """Name in files."""
+        """Name of the verdict in files."""
         return self.name.lower()
 
 
@@ -35,26 +35,26 @@ KIND_TEXT = {
     HoldoutKind.TRAINING: "on the run that it was fitted to",
 }
 NOTICEABLE_CHANGE = 0.01
-"""Relative change of an error that is called one."""
+"""Smallest relative change of an error that is called a change."""
 MAX_NAMED_JOINTS = 3
 MAX_NAMED_EFFECTS = 4
-"""Beyond which effects, or an effect's joints, are counted rather than named."""
+"""Largest number of joints of an effect, and of effects, that are named; of more, only the number is given."""
 LAGGING_SHARE = 0.2
-"""Share of a misfit by which a joint's must lag behind that of all to be told beside it."""
+"""Share of the squared error by which a joint must be behind all joints together to be reported separately."""
 NOISE_ERROR_RATIO = 1.1
 """Ratio of error to noise up to which an error is called noise."""
 
 
 @dataclass(frozen=True)
 class Left:
-    """What a repair leaves.
+    """The residual of a repair, as sentences need it.
 
     Attributes:
-        something: whether it is more than noise.
-        looks_like: what is known of it, without a full stop; may be empty.
-        searched: whether the catalogue was asked for more.
+        something: whether the residual is more than noise.
+        looks_like: description of the residual, without a full stop; may be empty.
+        searched: whether the catalogue was searched for more effects.
         further: an effect that would still explain a little; empty where there is none.
-        warnings: what must not be overlooked, such as a link of 241 kg.
+        warnings: sentences that a reader must know, such as on a link of 241 kg.
     """
 
     something: bool
@@ -65,13 +65,13 @@ class Left:
 
 
 def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Scale, left: Left) -> str:
-    """What a repair found.
+    """Describe the result of a repair.
 
     Args:
-        steps: the model as given first.
-        judge: who that is whose error is told: the most independent that there is.
+        steps: steps of the repair; the first is the model as given.
+        judge: kind of the runs whose error is given: the most independent kind.
         scale: units and noise of the channels.
-        left: what remains.
+        left: the residual.
     """
     first, last = steps[0], steps[-1]
     before, after = (totals(step.judged(scale), scale.units) for step in (first, last))
@@ -79,12 +79,12 @@ def repair_sentences(steps: Sequence[RepairStep], judge: HoldoutKind, scale: Sca
 
 
 def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKind, scale: Scale) -> str:
-    """What small values beside the named effects do to the error.
+    """Describe what small values beside the named effects change in the error.
 
     Args:
-        before: with the named effects alone.
-        after: with the background.
-        judge: who that is whose error is told.
+        before: step with the named effects alone.
+        after: step with the background.
+        judge: kind of the runs whose error is given.
         scale: units of the channels.
     """
     old, new = (totals(step.judged(scale), scale.units) for step in (before, after))
@@ -95,7 +95,7 @@ def background_sentence(before: RepairStep, after: RepairStep, judge: HoldoutKin
 
 
 def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, float]:
-    """By unit: root of the summed squares of the channels' errors; of a single channel its own.
+    """Total error by unit: root of the summed squares of the channels' errors.
 
     Channels whose unit is not given are left out.
     """
@@ -107,11 +107,11 @@ def totals(errors: Mapping[str, float], units: Mapping[str, str]) -> dict[str, f
 
 
 def added_effects(steps: Sequence[RepairStep]) -> list[str]:
-    """Effects that are in the last model and not in the first, with their joints, in the order in which they came."""
+    """Effects of the last step that the first lacks, with their joints, in the order in which they were added."""
     found: dict[str, list[str]] = {}
     for step in steps[1:]:
         for name in step.added:
-            # The joints of a step that added several effects are not told apart.
+            # The joints of a step that added several effects are listed together.
             joints = step.joints if len(step.added) == 1 else ()
             found.setdefault(name, []).extend(joint for joint in joints if joint not in found.get(name, []))
     return [_on(name, joints) for name, joints in found.items()]
@@ -146,7 +146,7 @@ def _found(
     them = "they explain" if several else "it explains"
     if helps:
         text += f": {them} {in_percent(share)} of the misfit"
-        # The first one often does most, and a reader wants to know.
+        # The first effect often explains most, so it is described separately.
         if several and len(steps) > 2 and len(steps[1].added) == 1:
             alone = explained(steps[0], steps[1], scale)
             if 0.5 < alone < share:
@@ -203,10 +203,10 @@ def _on(name: str, joints: Sequence[str]) -> str:
 
 
 def _number(value: float, digits: int = 3) -> str:
-    """Without an exponent as long as a person reads it more easily so."""
+    """Format a number without an exponent, as long as that is easier to read."""
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def listed(names: Sequence[str], word: str = "and") -> str:
-    """Such as ``a, b and c``."""
+    """Join names to a text such as ``a, b and c``."""
     return f" {word} ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

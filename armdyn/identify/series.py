@@ -1,12 +1,13 @@
-"""One series of a parameter over time, and how much of it a step or a slope explains beyond chance.
+"""One series of a parameter over time: how much of it a step or a slope explains beyond chance.
 
-With y_i the values, w_i = 1/scale_i and u_k the step after recording k,
+With y_i the values, w_i = 1/scale_i and u_k the step after recording k, the test statistic is
 
-    t_k: that of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
+    t_k: the t statistic of the coefficient of w u_k in the regression of w y on w, w t, w u_k,
 
-the largest t_k is turned into a normal deviate of the same probability (Wallace 1959). Neighbours in time may be alike,
-by the weather for one: an AR(1) process whose phi is that of the same quantity on all joints of all robots together.
-It is taken out of both sides of the regression, z_i - phi z_i-1 in the place of z_i (Prais and Winsten 1954).
+and the largest t_k is converted to a normal deviate of the same probability (Wallace 1959). Neighbours in time may be
+correlated, for example by the weather: they are modelled as an AR(1) process, whose phi is shared by the same quantity
+on all joints of all robots. It is removed from both sides of the regression by z_i - phi z_i-1 in place of z_i (Prais
+and Winsten 1954).
 """
 
 from collections.abc import Sequence
@@ -20,29 +21,29 @@ from armdyn.recording.channels import FloatArray
 from armdyn.recording.differences import NORMAL_MEDIAN
 
 MIN_SIDE_RECORDINGS = 4
-"""Recordings before and after a step: fewer may be a bad afternoon."""
+"""Least number of recordings before and after a step: fewer may be due to a bad afternoon."""
 MIN_SERIES_RECORDINGS = 10
-"""Recordings of a series that is looked at."""
+"""Least number of recordings of a series that is tested."""
 EQUAL_VALUES_SPREAD = 1e-12
-"""Spread over size of values that are all the same."""
+"""Ratio of spread to size below which all values are equal."""
 OUTLIER_DEVIATES = 3.0
-"""Standard deviations from the median of itself and two recordings on either side, beyond which a recording is odd. The
-first one after a step has three of its own kind among these."""
+"""Distance of a recording from the median of itself and two recordings on either side, in standard deviations, beyond
+which it is an outlier. The first recording after a step has three of its own kind among these."""
 SIMULATED_AT_ONCE = 2_000_000
 """Numbers that are simulated at once: 16 MB."""
 PHI_GRID = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
-"""Values of phi at which what a step leaves is simulated, to read phi from what it leaves of the batch."""
+"""Values of phi at which the residual of a step is simulated, to estimate phi from the residual of the batch."""
 PHI_GRID_SERIES = 400
 
 
 @dataclass(frozen=True)
 class Series:
-    """One parameter of one robot.
+    """Recorded values of one parameter of one robot.
 
     Attributes:
-        time: (n,) s, not decreasing.
-        value: (n,) in any unit.
-        std: (n,) of each value; None where all are as certain.
+        time: (n,) times, s, not decreasing.
+        value: (n,) values in any unit.
+        std: (n,) standard deviation of each value; None where all are equally certain.
     """
 
     time: FloatArray
@@ -50,15 +51,16 @@ class Series:
     std: FloatArray | None = None
 
     def part(self, first: int, end: int) -> "Series":
-        """Some of its recordings, by their numbers."""
+        """The recordings from number `first` to before `end`."""
         std = None if self.std is None else self.std[first:end]
         return Series(self.time[first:end], self.value[first:end], std)
 
     @property
     def scale(self) -> FloatArray:
-        """(n,) how uncertain each value is: its own standard deviation, and what differs from recording to recording.
+        """Standard deviation (n,) of each value: its own, and the variation from recording to recording.
 
-        The latter is what neighbours differ by beyond their own: neither a step nor a drift makes it larger.
+        The variation is estimated from differences of neighbours beyond their own deviations: neither a step nor a
+        drift increases it.
         """
         if self.std is None:
             return np.ones_like(self.value)
@@ -75,18 +77,18 @@ class Series:
 
 @dataclass(frozen=True)
 class StepTest:
-    """One series, ready to be held against noise.
+    """A series prepared for the tests of a step and of a slope.
 
     Attributes:
-        time: (n,) s.
-        value: (n,).
+        time: (n,) times, s.
+        value: (n,) values.
         weight: (n,) one over the scale of each value.
         phi: correlation of neighbours.
-        scores: (n,) the values over their scale, odd ones replaced, what neighbours share taken out.
-        line: (n, 2) orthonormal: constant and slope, treated likewise.
-        splits: (k,) first recording after each possible step.
-        sums: (k, 2) components of each step, treated likewise, along the line.
-        lengths: (k,) of each step without its line.
+        scores: (n,) values over their scale, with outliers replaced and the correlation of neighbours removed.
+        line: (n, 2) orthonormal constant and slope, with the correlation removed.
+        splits: (k,) index of the first recording after each possible step.
+        sums: (k, 2) components of each step along `line`, with the correlation removed.
+        lengths: (k,) length of each step without its components along the line.
     """
 
     time: FloatArray
@@ -101,7 +103,7 @@ class StepTest:
 
     @classmethod
     def of(cls, series: Series, phi: float = 0.0) -> "StepTest | None":
-        """None where the series is too short, or its values or times are all the same."""
+        """Prepare a series; None where it is too short, or all its values or times are equal."""
         time, value = series.time, series.value
         count = len(value)
         if (
@@ -120,7 +122,7 @@ class StepTest:
         sums = _along_steps(line.T, weight, phi)[:, splits].T
         after = _own(weight[None], phi)[0] ** 2
         squares = (_from_the_end(after[None])[0] - after + weight**2)[splits] - np.sum(sums**2, axis=1)
-        kept = squares > 1e-6  # of two groups of times a step is a line
+        kept = squares > 1e-6  # for two groups of times, a step is a line
         if not kept.any():
             return None
         scores = weight * (_without_odd_ones(value[None], scale)[0] - np.median(value))
@@ -128,7 +130,7 @@ class StepTest:
         return cls(time, value, weight, phi, scores, line, splits[kept], sums[kept], np.sqrt(squares[kept]))
 
     def largest(self, scores: FloatArray) -> tuple[FloatArray, np.ndarray, FloatArray]:
-        """Of (m, n) scores: (m,) deviates of the best step, (m,) which of the splits that is, (m, n) what it leaves."""
+        """For (m, n) scores: (m,) deviates of the best step, (m,) its split, (m, n) residual without it."""
         left = scores - scores @ self.line @ self.line.T
         along = _along_steps(left, self.weight, self.phi)[:, self.splits] / self.lengths
         best = np.argmax(np.abs(along), axis=1)
@@ -138,16 +140,16 @@ class StepTest:
         return _deviate(size, left, 3), best, rest
 
     def two_steps_left(self, scores: FloatArray) -> FloatArray:
-        """(m, n) what is left of (m, n) scores after the best step and the best after that: one may undo the other."""
+        """(m, n) residual of (m, n) scores after the best step and the best second one, which may undo the first."""
         return self.largest(self.largest(scores)[2])[2]
 
     def trends(self, scores: FloatArray) -> FloatArray:
-        """Of (m, n) scores: (m,) deviates of the slope."""
+        """(m,) deviates of the slope for (m, n) scores."""
         left = scores - np.outer(scores @ self.line[:, 0], self.line[:, 0])
         return _deviate(left @ self.line[:, 1], left, 2)
 
     def beside(self, split: int, *, parabola: bool) -> float:
-        """Deviate of one step beside the line, or beside a parabola."""
+        """Deviate of one step, fitted together with a line or a parabola."""
         smooth = self.line
         if parabola:
             curve = _own((self.weight * ((self.time - self.time.mean()) / np.ptp(self.time)) ** 2)[None], self.phi)[0]
@@ -160,7 +162,7 @@ class StepTest:
         return float(_deviate(np.array([left @ step / length]), left[None], smooth.shape[1] + 1)[0])
 
     def by_chance(self, batches: int, rng: np.random.Generator) -> FloatArray:
-        """(2, batches) deviates of the best step and of the slope in noise."""
+        """(2, batches) deviates of the best step and of the slope in simulated noise."""
         found = np.empty((2, batches))
         size = max(1, SIMULATED_AT_ONCE // len(self.time))
         for first in range(0, batches, size):
@@ -173,7 +175,7 @@ class StepTest:
 
 
 def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
-    """Correlation of neighbours, from what two steps of each series leave beside what two leave of such noise."""
+    """Correlation of neighbours, from the residuals of two steps per series, compared with those of simulated noise."""
     seen = float(np.mean([_neighbours(test.two_steps_left(test.scores[None]))[0] for test in group]))
     typical = sorted(group, key=lambda test: len(test.time))[len(group) // 2]
     count = len(typical.time)
@@ -185,12 +187,12 @@ def correlation(group: Sequence[StepTest], rng: np.random.Generator) -> float:
 
 
 def _neighbours(rest: FloatArray) -> FloatArray:
-    """(m,) correlation of neighbours in (m, n)."""
+    """(m,) correlation of neighbours in (m, n) series."""
     return np.asarray(np.sum(rest[:, 1:] * rest[:, :-1], axis=1) / np.maximum(np.sum(rest**2, axis=1), 1e-300))
 
 
 def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
-    """(m, n) of an AR(1) process."""
+    """(m, n) samples of an AR(1) process."""
     white = rng.standard_normal(shape)
     if phi <= 0.0:
         return white
@@ -199,7 +201,7 @@ def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> Floa
 
 
 def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
-    """(m, n) values, those that are far from the median of their five neighbours, itself one, replaced by it."""
+    """(m, n) values, of which those far from the median of five neighbours (itself included) are replaced by it."""
     padded = np.concatenate([values[:, 2:0:-1], values, values[:, -2:-4:-1]], axis=1)
     count = values.shape[1]
     a, b, c, d, e = (padded[:, k : k + count] for k in range(5))
@@ -212,7 +214,7 @@ def _without_odd_ones(values: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def _own(values: FloatArray, phi: float) -> FloatArray:
-    """(m, n) what each value of (m, n) has beyond its share of the one before (Prais and Winsten 1954)."""
+    """(m, n) values without their share of the value before (Prais and Winsten 1954)."""
     left = values.copy()
     left[:, 1:] -= phi * values[:, :-1]
     left[:, 0] *= np.sqrt(1.0 - phi**2)
@@ -226,12 +228,12 @@ def _along_steps(left: FloatArray, weight: FloatArray, phi: float) -> FloatArray
 
 
 def _from_the_end(values: FloatArray) -> FloatArray:
-    """(m, n) sums of each value of (m, n) and all after it."""
+    """(m, n) sums of each value of (m, n) and all later ones."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
 
 
 def _deviate(along: FloatArray, left: FloatArray, lost: int) -> FloatArray:
-    """(m,) normal deviates as rare as such components along a direction of (m, n) values.
+    """(m,) normal deviates with the probability of components along a direction of (m, n) values.
 
     The t statistic is sqrt(f s / (1 - s)), s the share of the squares that the direction explains and f the degrees of
     freedom, n without those that are lost; Wallace 1959, Ann. Math. Stat. 30:1121, eq. 5.1.

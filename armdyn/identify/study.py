@@ -1,4 +1,4 @@
-"""A model, runs and a catalogue: every fit that a diagnosis or a repair asks for, each done once."""
+"""A study: a model, runs and a catalogue, with every fit that a diagnosis or a repair needs, each computed once."""
 
 from collections import deque
 from collections.abc import Collection, Iterator, Sequence
@@ -27,33 +27,34 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 MAX_QUICK_STEPS = 8
-"""A candidate that needs more steps than this is no small correction of the present fit."""
+"""Steps of a quick fit; a candidate that needs more is no small correction of the present fit."""
 MAX_LISTED_GLITCHES = 5
-"""Times of glitches that are listed."""
+"""Largest number of glitch times that are listed."""
 CACHED_SCORERS = 3
-"""Scorers that are kept: a search goes back to the last ones."""
+"""Number of cached scorers: a search returns to the last ones."""
 MIN_SHARE_PER_VALUE = 0.125
 """Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
 public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
 CHANCE_DEVIATES, SURE_DEVIATES = 0.5, 3.0
-"""Standard deviations of a mean square: the smallest error that is compared, and up to which it may be noise alone."""
+"""Standard deviations of a mean square: the smallest error that is compared, and the largest that may be noise
+alone."""
 
 
 class Study:
     """Fits of one model with any of the catalogue's effects.
 
-    One formulation holds every effect at its null value; a fit frees the columns it needs.
+    One formulation contains every effect at its null value; a fit frees the columns that it needs.
 
     Args:
-        model: with the effects that it has.
-        runs: for training.
-        held_out: whole runs that take no part in any fit, and take part in choosing.
+        model: the model, with the effects that it has.
+        runs: training runs.
+        held_out: whole runs that are never fitted but help to choose effects.
         catalogue: effects that may be missing.
-        exam: whole runs that take part in nothing; only `exam_blocks` uses them.
-        asked: names of effects for which the last of the runs was designed: they need not stand out of all errors.
+        exam: whole runs that are used for nothing else; only `exam_blocks` uses them.
+        asked: names of effects for which the last run was designed; their residual need not exceed all other errors.
 
     Raises:
-        InputError: see `prepare.prepared`.
+        InputError: a run cannot be used; see `prepare.prepared`.
     """
 
     @one_thread
@@ -69,12 +70,12 @@ class Study:
         self.model = model
         self.asked = frozenset(asked)
         self.tried = 0
-        """Effects among which the catalogue was chosen, where these were more."""
+        """Effects among which the catalogue was chosen, where there were more."""
         self.runs, self.held_out, self.exam = prepared(model, runs, held_out, exam)
         everything = [*self.runs, *self.held_out, *self.exam]
         self.noise = noise_of_runs(model, everything)
         self.stated_noise = stated_noise(model, everything)
-        # The catalogue's come last: an effect that the model has on some joints may be missing on others.
+        # The catalogue's effects come last: an effect of the model on some joints may be missing on others.
         self.recorded = frozenset(name for run in everything for name in run.everything)
         shown = [effect for effect in catalogue if effect.shows_in(self.recorded)]
         self.effects = {effect.name: effect for effect in (*model.effects, *shown)}
@@ -99,9 +100,9 @@ class Study:
 
     @cached_property
     def motion(self) -> AroundMotion | None:
-        """All runs around their motion; None for a model without states.
+        """All runs linearised around their motion; None for a model without states.
 
-        Where it was not measured, how each run began is looked for first.
+        Where the motion was not measured, the start of each run is searched first.
         """
         model = self.problem.model
         if not isinstance(model, SimulatedModel):
@@ -133,9 +134,9 @@ class Study:
         return self._first
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit | None, values: np.ndarray | None = None) -> Fit:
-        """The model's base with exactly these effects, started from the fit `near`, or from (P,) `values`.
+        """Fit the model's base with exactly these effects, started from the fit `near`, or from (P,) `values`.
 
-        Where the runs show the motion, it starts there.
+        Where the runs contain the motion, the fit starts there.
         """
         if self.motion is not None:
             return self._fit_around(effects, OTHER_STARTS)
@@ -144,31 +145,35 @@ class Study:
         return fit(self.problem, free, start if values is None else values, most_steps=MAX_QUICK_STEPS)
 
     def left(self, effects: Sequence[Candidate]) -> float:
-        """What a set leaves in output error, training and held-out runs together; see `squared_error`.
+        """Squared output error of a set, training and held-out runs together; see `squared_error`.
 
-        To four digits, so that of effects that do the same, such as two frictions of a fixed pivot, the first one of
-        the catalogue leads.
+        It has four digits, so that of effects with the same influence, such as two frictions of a fixed pivot, the
+        first one of the catalogue is preferred.
         """
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
 
     def squared_error(self, fit: Fit) -> float:
-        """Mean squared error above the noise, over it, of training plus that of held-out runs; at least by chance."""
+        """Mean squared error above the noise, over the noise, of training plus held-out runs; at least that of
+        chance.
+        """
         return float(self.excess(fit).sum())
 
     def excess(self, fit: Fit) -> np.ndarray:
-        """(1,) or (2,) mean squared error above the noise, over it: training, held-out runs; at least by chance."""
+        """(1,) or (2,) mean squared error above the noise, over the noise: training, held-out runs; at least that of
+        chance.
+        """
         excess, by_chance = self._excess(fit)
         return np.maximum(excess, by_chance)
 
     def leaves_noise(self, fit: Fit) -> bool:
-        """Whether what a fit leaves of each channel of the training runs is noise, the mean over channels.
+        """Whether the residual of each channel of the training runs is noise, as a mean over channels.
 
-        The fitted model says how much noise there is: a heavy rotor makes more torque of the positions' noise.
+        The fitted model determines the noise: a heavy rotor makes more torque of the positions' noise.
         """
         return self._are_noise([fit])
 
     def predicts_to_noise(self, fit: Fit) -> bool:
-        """Whether what a fit leaves is noise, see `leaves_noise`, in the held-out runs as well where such are given."""
+        """Whether the residual is noise (see `leaves_noise`), in the held-out runs as well where there are any."""
         return self.leaves_noise(fit) and not (self.held_out and not self._are_noise(self.held_out_predictions(fit)))
 
     def _are_noise(self, fits: Sequence[Fit]) -> bool:
@@ -185,26 +190,30 @@ class Study:
         return float(np.mean(shares)) >= 1.0
 
     def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:
-        """Squared error of the samples whose noise is stated beside the recording, over that noise; their number."""
+        """Squared error, over the noise, of the samples whose noise is stated beside the recording, and their
+        number.
+        """
         stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
         known = [(block, std) for block, std in stated if std]
         chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
         return chi2, samples_of([block for block, _ in known])
 
     def is_at_noise(self, fit: Fit) -> bool:
-        """Whether a fit leaves no more than noise may by chance, in training and in held-out runs."""
+        """Whether the residual is at most what noise may have by chance, in training and in held-out runs."""
         excess, by_chance = self._excess(fit)
         return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
-        """Mean squared error above the noise, over it, of training and of held-out runs, and how much is chance."""
+        """Mean squared error above the noise, over the noise, of training and of held-out runs, and the part due to
+        chance.
+        """
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
         return means - 1.0, CHANCE_DEVIATES * float(np.sqrt(2.0 / samples.min()))
 
     def disbelieved(self, fit: Fit) -> list[str]:
-        """Samples that no noise explains and that counted little in choosing, a sentence for each run and channel."""
+        """Sentences on suspected glitches, which had little weight in choosing, for each run and channel."""
         motion, found = self.motion, list[str]()
         if motion is None:
             return found
@@ -223,11 +232,11 @@ class Study:
         return found
 
     def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
-        """As `fit_with`, around the measured motion, for a table: from one start also where errors are large."""
+        """Fit these effects around the measured motion, for a table: from one start also where errors are large."""
         return self._fit_around(effects, 0)
 
     def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
-        """The fit with these effects from the measured motion; see `best_minimum` for `others`."""
+        """The fit of these effects from the measured motion; see `best_minimum` for `others`."""
         motion, names = self.motion, {name for c in effects for name in c.names}
         assert motion is not None
         key = frozenset(names), others
@@ -264,7 +273,7 @@ class Study:
         return model
 
     def without_unused_effects(self, found: Fit) -> Fit:
-        """The same fit of a model with only those effects that it fitted, beside those that the model has."""
+        """The same fit, of a model with only the fitted effects besides those of the model as given."""
         fitted = {column.parameter.name for column, fits in zip(self.problem.columns, found.free, strict=True) if fits}
         used = group_by_effect(
             [a for c in self.candidates for a in c.split_by_joint() if not fitted.isdisjoint(a.names)]
@@ -274,11 +283,11 @@ class Study:
         return Fit(problem, free, transferred(found.values, self.problem, problem), found.blocks, found.outcome)
 
     def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
-        """What sets of effects are worth, from sums around a fit; the last few are kept.
+        """Scorer of sets of effects, from sums at a fit; the last few are cached.
 
         Args:
-            at: the fit.
-            given_misfit: see `LinearScorer`; None where this is the model as given.
+            at: the fit of the expansion.
+            given_misfit: squared error of the model as given, see `LinearScorer`; None where `at` is its fit.
         """
         found = next((scorer for fit, scorer in self._scorers if fit is at), None)
         if found is None:
@@ -304,29 +313,29 @@ class Study:
         return found
 
     def own_values(self, scorer: SetScorer, one: SetScore) -> np.ndarray:
-        """(P,) values of the study's unknowns at an scored set."""
+        """(P,) values of the study's unknowns for a scored set."""
         return self.own(scorer.values(one), scorer.problem)
 
     def own(self, values: np.ndarray, problem: Problem) -> np.ndarray:
-        """(P,) values of the study's unknowns, of those of a problem with more or other runs."""
+        """(P,) values of the study's unknowns, from those of a problem with more or other runs."""
         return transferred(values, problem, self.problem)
 
     def scores(self, at: Fit, effects: Sequence[Candidate]) -> list[Score]:
-        """Promises of what is not among `effects`; an effect may be there on some joints and promise more on others."""
+        """Predicted contributions of effects that are not in `effects`; an effect may be there on other joints."""
         taken = {name for c in effects for name in c.names}
         left = (c.without(taken) for c in (*self.candidates, *self.present))
         return scores(at, [c for c in left if c.names])
 
     def tests(self, at: Fit, effects: Sequence[Candidate]) -> ResidualTests:
-        """How what a fit with these effects leaves compares with the noise."""
+        """Tests of the residual of a fit with these effects."""
         return residual_tests(at, self.scores(at, effects))
 
     def held_out_blocks(self, found: Fit) -> list[Block]:
-        """Residuals of held-out runs; where none are given, of every training run predicted from the others."""
+        """Residuals of the held-out runs; without any, of every training run predicted from the others."""
         return blocks_of(self.held_out_predictions(found))
 
     def held_out_predictions(self, found: Fit) -> list[Fit]:
-        """Every held-out run; where none are given, every training run predicted from the others."""
+        """Predictions of the held-out runs; without any, of every training run from the others."""
         if found not in self._held_out:
             started = self._started.get(found)
             starts = None if started is None or self.motion is None else (self.motion.problem, started)
@@ -335,34 +344,36 @@ class Study:
         return self._held_out[found]
 
     def predictions_in_turn(self, found: Fit) -> list[Fit]:
-        """Every training run predicted from the others; none of a single run."""
+        """Predictions of every training run from the others; an empty list for a single run."""
         if found not in self._in_turn:
             self._in_turn[found] = predictions_in_turn(found)
         return self._in_turn[found]
 
     def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
-        """Training runs, each predicted from the others, where that is known already."""
+        """Store predictions of the training runs from each other that are known already."""
         self._in_turn[found] = list(in_turn)
 
     @property
     def holdout_kinds(self) -> tuple[HoldoutKind, ...]:
-        """Who holdout_kinds a model besides the runs that it was fitted to, the most independent first."""
+        """Kinds of the runs that judge a model besides the fitted runs, the most independent first."""
         several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING
         others = HoldoutKind.HELD_OUT if self.held_out else several
         return (HoldoutKind.EXAM, others) if self.exam else (others,)
 
     def exam_blocks(self, found: Fit) -> list[Block]:
-        """Residuals of the exam runs, empty where there are none; ask when nothing is left to choose."""
+        """Residuals of the exam runs, empty where there are none; only for use after all choices are made."""
         return blocks_of(self.exam_predictions(found))
 
     def exam_predictions(self, found: Fit) -> list[Fit]:
-        """Every exam run; ask when nothing is left to choose."""
+        """Predictions of the exam runs; only for use after all choices are made."""
         if found not in self._exam:
             self._exam[found] = predictions(found, self.exam)
         return self._exam[found]
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """What is free with these effects, and values near a fit; other effects are at their null values."""
+        """(P,) bool unknowns that are free with these effects, and (P,) values near a fit, with other effects at
+        null.
+        """
         problem = self.problem
         wanted = problem.of([name for c in effects for name in c.names])
         fixed = problem.of(self._present_names) & ~problem.fitted

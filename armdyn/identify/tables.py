@@ -1,4 +1,4 @@
-"""What comparison, diagnosis and repair show alike: their parameters, channels, samples and missing forces."""
+"""Tables that comparison, diagnosis and repair share: parameters, channels, samples and missing forces."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from armdyn.identify.bands import Bands
 
 MAX_LISTED_PLACES = 6
-"""That a table names; JSON has all."""
+"""Largest number of places in a table; JSON has all."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
-"""By what the name of a link's quantity begins with."""
+"""Quantity of a link in words, by the first part of its name."""
 
 
 def parameter_table(found: Mapping[str, Parameter]) -> Table:
-    """Values and standard deviations by name."""
+    """Table of values and standard deviations by parameter name."""
     values = found.values()
     columns = [
         Column("parameter", list(found)),
@@ -45,11 +45,11 @@ def _std(parameter: Parameter) -> float | str | None:
 
 
 def channel_table(found: Mapping[str, Any], caption: str) -> Table:
-    """How well each channel is predicted.
+    """Table of how well each channel is predicted.
 
     Args:
-        found: by name, each with `unit`, `noise_std`, `rmse`, `held_out_rmse`, `exam_rmse`, `chi2_per_sample`, `white`.
-        caption: what was done to the signals.
+        found: quality of each channel by its name, with the attributes of `ChannelQuality`.
+        caption: processing of the signals, in words.
     """
     values = list(found.values())
     unseen = {"exam_rmse": ".4g"} if any(c.exam_rmse is not None for c in values) else {}
@@ -63,7 +63,7 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
 
 
 def place_section(title: str, places: Sequence[Place]) -> Section:
-    """The worst places first."""
+    """Section of the places where the model fails, the worst first."""
     worst = places[:MAX_LISTED_PLACES]
     columns = [
         *columns_of(worst, channel="", run="", against=""),
@@ -76,11 +76,11 @@ def place_section(title: str, places: Sequence[Place]) -> Section:
 
 
 def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator[Curve]:
-    """Measured and predicted, for every run and channel.
+    """Curves of measured and predicted values, for every run and channel.
 
     Args:
-        fits: by the name of their curve, the model as given first.
-        bands: around the last one.
+        fits: fits by the name of their curve; the first is the model as given.
+        bands: prediction bands of the last fit.
     """
     last = list(fits)[-1]
     predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
@@ -94,7 +94,7 @@ def curves_of(fits: Mapping[str, Fit], bands: "Bands | None" = None) -> Iterator
 
 
 def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
-    """A row per sample: what was measured, what is predicted, and half the width of the band around that."""
+    """Columns of a table with one row per sample: measured, predicted, and half the width of the band."""
     names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
     columns: dict[str, list[Any]] = {key: [] for key in names}
     for block in fit.blocks:
@@ -109,7 +109,7 @@ def sample_columns(fit: Fit, bands: "Bands | None" = None) -> Columns:
 
 
 def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
-    """A row per point of every curve."""
+    """Columns of a table with one row per point of every missing-force curve."""
     columns: dict[str, list[Any]] = {key: [] for key in ("run", "joint", "unit", "against", "x_unit")}
     for key, values in columns.items():
         for curve in curves:
@@ -123,13 +123,13 @@ def missing_force_columns(curves: Sequence[ForceCurve]) -> Columns:
 def step_table(
     path: Sequence[RepairStep], scale: Scale, holdout_kinds: Sequence[HoldoutKind], summaries: Mapping[str, str]
 ) -> Table:
-    """The error falling: a row per step, the error on every kind of runs as a bar.
+    """Table of the fall of the error: a row per step, and the error on every kind of runs as a bar.
 
     Args:
-        path: the model as given first.
+        path: steps of the repair; the first is the model as given.
         scale: units of the channels.
-        holdout_kinds: whose errors were told besides those of the fitted runs.
-        summaries: what every effect is, by its name.
+        holdout_kinds: kinds of runs whose errors are shown besides those of the fitted runs.
+        summaries: one sentence on each effect, by its name.
     """
     given = path[0]
     kinds = {kind: [step.errors.get(kind, {}) for step in path] for kind in given.errors}
@@ -156,13 +156,13 @@ def step_table(
 def candidate_table(
     found: Sequence[Any], given: Mapping[str, float], scale: Scale, summaries: Mapping[str, str]
 ) -> Table:
-    """What every effect would leave of the error if it alone were added, with the evidence for it.
+    """Table of the error that would remain if each effect alone were added, with the evidence for it.
 
     Args:
-        found: the effects, best first; see `RankedEffect`.
-        given: by channel, the error of the model as given.
+        found: ranked effects, the best first; see `RankedEffect`.
+        given: error of the model as given, by channel.
         scale: units of the channels.
-        summaries: what every effect is, by its name.
+        summaries: one sentence on each effect, by its name.
     """
     values = [
         ", ".join(f"{name.partition('.')[2]} {p.value:.4g} {p.unit}" for name, p in s.parameters.items())
@@ -195,7 +195,7 @@ def candidate_table(
 
 
 def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
-    """From where to where the error fell, on the most independent runs."""
+    """A sentence on the first and last error of a path, for the most independent kind of runs."""
     steps = len(path) - 1
     if not steps:
         return "Nothing was added."
@@ -205,7 +205,7 @@ def fall_sentence(path: Sequence[RepairStep], scale: Scale) -> str:
 
 
 def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Columns:
-    """A row per step, with the errors of every channel."""
+    """Columns of a table with one row per step and the errors of every channel."""
     columns: dict[str, list[Any]] = {
         "step": [" + ".join(step.added) or "as given" for step in path],
         "joints": [", ".join(step.joints) for step in path],
@@ -219,7 +219,7 @@ def step_columns(path: Sequence[RepairStep], units: Mapping[str, str]) -> Column
 
 
 def step_name(step: RepairStep) -> str:
-    """Such as ``+ quadratic_drag + wind (2 joints)``."""
+    """Name of a step, such as ``+ quadratic_drag + wind (2 joints)``."""
     text = " ".join(f"+ {name}" for name in step.added) or "as given"
     if step.values:
         return f"{text} ({step.values} small values)"
@@ -227,18 +227,18 @@ def step_name(step: RepairStep) -> str:
 
 
 def joint_text(joints: Sequence[str]) -> str:
-    """Names of a few joints, the number of many."""
+    """Names of joints where they are few, otherwise their number."""
     return ", ".join(joints) if len(joints) <= MAX_NAMED_JOINTS else f"{len(joints)} joints"
 
 
 def error_text(rmse: Mapping[str, float], scale: Scale, *, bare: bool = False) -> str:
-    """Root of the channels' summed squares, for each unit; `bare` leaves the unit out."""
+    """Total error of each unit, as text: root of the channels' summed squares; `bare` leaves the unit out."""
     sums = totals(rmse, scale.units)
     return ", ".join(f"{v:.4g}" if bare else f"{v:.4g} {unit}" for unit, v in sums.items()) or "–"
 
 
 def relative(rmse: Mapping[str, float], given: Mapping[str, float], scale: Scale) -> float:
-    """Error over that of the model as given; of several units the root mean square of the ratios; 0 without errors."""
+    """Error over that of the model as given; for several units the root mean square of the ratios; 0 without errors."""
     now, before = totals(rmse, scale.units), totals(given, scale.units)
     ratios = [now[unit] / before[unit] for unit in now if before.get(unit)]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
@@ -253,7 +253,7 @@ ROLLOUT_WORDS = {
 
 
 def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]) -> Section:
-    """What drives are by the recordings; values that hold per gain alone, where nothing says how large a gain is."""
+    """Section on identified drives; values are per gain where no recording determines the gain."""
     known = [(name, servo, servo.gain) for name, servo in drives.items() if servo.gain is not None]
     columns = [
         Column("drive", [name for name, _, _ in known]),
@@ -287,7 +287,7 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
 
 
 def motion_section(found: Sequence["RollOut"]) -> Section:
-    """How far the simulated motion is from the recorded one, of the most independent runs that there are."""
+    """Section on the simulated against the recorded motion, for the most independent kind of runs."""
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     rows: dict[tuple[str, str], list[RollOut]] = {}
     for r in found:
@@ -322,7 +322,7 @@ def motion_section(found: Sequence["RollOut"]) -> Section:
 
 
 def link_section(links: Sequence["LinkChange"]) -> Section:
-    """What a repair did to the links of an arm, how much of it the runs determine, and what must not be overlooked."""
+    """Section on the links of an arm that a repair changed, how far the runs identify the changes, and warnings."""
     every = [q for link in links for q in link.quantities]
     determined = sum(q.determined for q in every)
     text = f"These runs determine {determined} of {len(every)} values. "

@@ -1,13 +1,13 @@
-r"""Which values runs cannot tell from one another, and what would settle it.
+r"""Find combinations of values that the runs do not identify, and measurements that would identify them.
 
 With J the derivatives of all samples over their noise, priors among the rows and every column in typical sizes, a
-singular value of J below 1 belongs to a direction v in which all values may move together by more than they typically
-are before any recording or prior objects (Golub & Van Loan, Matrix Computations, §5.3). A value that no sample depends
-on at all is such a direction by itself, and is told as not fitted; here are those that each alone would be told:
+singular value of J below 1 belongs to a direction v in which all values may change together by more than their typical
+size, within recordings and priors (Golub & Van Loan, Matrix Computations, §5.3). A value on which no sample depends is
+such a direction by itself, and is reported as not fitted; reported here are values that would be identifiable alone:
 
     |J_i| > 1,    |J v| < 1,    |v| = 1.
 
-Standard deviations mean nothing there: an inverse that leaves such directions out makes them tiny.
+Standard deviations are meaningless there: an inverse that leaves such directions out makes them tiny.
 """
 
 from collections.abc import Sequence
@@ -24,20 +24,21 @@ from armdyn.physics.simulated import SimulatedModel
 from armdyn.threads import one_thread
 
 DETERMINED_STD_SIZES = 1.0
-"""Of a typical size: the standard deviation beyond which a direction is not determined."""
+"""Standard deviation, in typical sizes, beyond which a direction is not identified."""
 MIN_TOGETHER_SHARE = 0.02
-"""Share of the largest relative change in a direction below which a value takes no part in it."""
+"""Relative change, as a share of the largest in a direction, below which a value is not part of the direction."""
 
 
 @dataclass(frozen=True)
 class Together:
-    """Values that may move together, and nothing shows it.
+    """Values that may change together without any change of the predictions.
 
     Attributes:
-        changes: by parameter, its change in per cent of its value, or in its unit where that is 0; the first by 1.
-        units: of these, ``"%"`` or the parameter's.
-        unsure: all parameters that move with it by more than each alone would be off, these and others.
-        settled_by: states that no channel measures, with units, of which a recording would tell.
+        changes: change of each parameter in per cent of its value, or in its unit where that is 0; the first changes by
+            1.
+        units: units of these changes, ``"%"`` or the parameter's.
+        unsure: all parameters that change with it by more than their own standard deviations.
+        settled_by: states that no channel measures and whose recording would identify the values, with units.
     """
 
     changes: dict[str, float]
@@ -47,7 +48,7 @@ class Together:
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The combination in one sentence, for a reader."""
         moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
         text = f"These runs do not tell {listed(list(self.changes))} from one another: together they may move "
         text += f"({', '.join(moves)}), and no prediction changes: a prior for one of them settles it"
@@ -59,9 +60,9 @@ class Together:
 @cached_with_first_argument
 @one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
-    """Directions in which the values of a fit are not determined though each alone would be; see the head.
+    """Directions in which the values of a fit are not identified although each value alone would be.
 
-    None for models whose predictions are linear in their values: their priors and links say what is not determined.
+    None for models whose predictions are linear in their values: there priors and links show what is not identified.
     """
     problem, model = fit.problem, fit.problem.model
     if not isinstance(model, SimulatedModel):
@@ -81,7 +82,7 @@ def moving_together(fit: Fit) -> tuple[Together, ...]:
 
 
 def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
-    """(m, n) directions that span the same as (m, n), each without the leading values of the others."""
+    """(m, n) directions that span the same space as (m, n), each without the leading values of the others."""
     if not len(weak):
         return ()
     _, _, order = qr(weak, pivoting=True, mode="economic")
@@ -90,7 +91,9 @@ def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
 
 
 def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> Together:
-    """A (n,) direction of (n,) unknowns in typical sizes, for a person; (n,) how well each `alone` would be told."""
+    """Describe a (n,) direction of (n,) unknowns in typical sizes; `alone` (n,) are the deviations of each value
+    alone.
+    """
     problem, values = fit.problem, fit.values
     change = direction * problem.typical[columns]
     relative = np.where(
@@ -113,7 +116,7 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
 
 
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:
-    """States that no channel measures and that move where all values move in a (P,) direction."""
+    """States that no channel measures and that change along a (P,) direction of the values."""
     model = fit.problem.model
     assert isinstance(model, SimulatedModel)
     return model.states_moved(fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction)))

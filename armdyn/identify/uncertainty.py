@@ -1,18 +1,18 @@
-"""How certain fitted values are, with the model's own error counted in where it is larger than the noise.
+"""Uncertainty of fitted values, with the model's own error included where it is larger than the noise.
 
 Where the residual is of the size of the noise, an autoregression whitens it, and the covariance is that of generalised
-least squares. Where the model's own error is larger, whitening would take that error for noise with a memory and
-promise far too much. The covariance is then that of the ordinary least squares that were solved, with errors as large
-and as correlated as the residual of each channel c shows them,
+least squares. Where the model's own error is larger, whitening would treat that error as noise with memory and give far
+too small deviations. The covariance is then that of the ordinary least squares that were solved, with errors as large
+and as correlated as the residual of each channel c:
 
     H = sum_c S_c' S_c + P,    Cov = H^-1 (sum_c f_c S_c' S_c + P) H^-1,    f_c = max(1, variance_inflation),
 
-S_c the derivatives over the noise and P the priors (White, Econometrica 50, 1982, for the form).
+where S_c are the derivatives over the noise and P the priors (White, Econometrica 50, 1982, for the form).
 
-What no fit changes though it is only known to a standard deviation d, such as the gravity in which a pendulum swings,
-adds K d^2 K', where K = -H^-1 sum_c S_c' s_c is how the minimum moves with it, and s_c its derivatives over the noise
-(consider covariance: Tapley, Schutz & Born, Statistical Orbit Determination, 2004, §6.3). Fitted, it would take up what
-the model lacks.
+A consider parameter, which no fit changes although it has a prior of standard deviation d, such as the gravity in which
+a pendulum swings, adds K d^2 K', where K = -H^-1 sum_c S_c' s_c is the derivative of the minimum by it, and s_c its
+derivatives over the noise (Tapley, Schutz & Born, Statistical Orbit Determination, 2004, §6.3). A fit of such a
+parameter would absorb errors of the model.
 
 Measured on simulated recordings of a Baxter arm, with one effect fitted and one that is in no catalogue: 90 % of 336
 values within 3 standard deviations, with whitening 76 % (docs/repair.md). What is missing may still shift a value by
@@ -31,21 +31,21 @@ from armdyn.identify.problem import by_channel, chi2_of, samples_of
 from armdyn.identify.study import Study
 
 FAR_ABOVE_STATED = 2.0
-"""Chi2 per sample, against the noise as stated, beyond which the model's own error is larger than the noise."""
+"""Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
 FAR_ABOVE_ESTIMATED = 10.0
-"""The same where the noise is only estimated: third differences take noise with a correlation of 0.8 from one sample to
-the next for 7.5 times weaker than it is."""
+"""Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
+differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""
 NEARLY_NO_PRIOR = 1e-4
-"""Share of the priors' weight that is left to ask what the runs alone determine: a hundred times wider."""
+"""Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """What a fit leaves uncertain.
+    """Uncertainty of a fit.
 
     Attributes:
-        fit: the minimum.
-        inflation: by channel, f_c; empty where the residual is of the size of the noise.
+        fit: the fit.
+        inflation: factor f_c by channel; empty where the residual is of the size of the noise.
     """
 
     fit: Fit
@@ -58,22 +58,23 @@ class Uncertainty:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(P, P) of all unknowns; zero for what is held exactly or by a bound."""
+        """(P, P) covariance of all unknowns; zero for unknowns that are fixed or on a bound."""
         return _covariance(self.fit, self.inflation) if self.inflation else whitened_covariance(self.fit)
 
     @cached_property
     def of_runs_alone(self) -> np.ndarray:
-        """(P, P) the covariance nearly without priors and bounds: huge in what only they determine."""
+        """(P, P) covariance nearly without priors and bounds: huge for what only they determine."""
         return _covariance(self.fit, self.inflation or _inflation(self.fit), NEARLY_NO_PRIOR, bounded=False)
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:
-    """The uncertainty of a fit, by whichever of noise and model error is larger."""
+    """Uncertainty of a fit, from its noise or, where that is larger, from the model's own error."""
     return Uncertainty(fit, _inflation(fit) if model_limited(study, fit) else {})
 
 
 def whitened_covariance(fit: Fit) -> np.ndarray:
-    """(P, P) of generalised least squares under an autoregression of the residual; zero for what is held by a bound.
+    """(P, P) covariance of generalised least squares with an autoregression of the residual; zero for values on a
+    bound.
 
     Judge et al., Theory and Practice of Econometrics, §8.2.
     """
@@ -88,16 +89,16 @@ def _covariance(
     bounded: bool = True,
     filters: Mapping[str, Whitening] | None = None,
 ) -> np.ndarray:
-    """(P, P) of what is fitted or known to a prior; zero for the rest, and where `bounded` for what a bound holds.
+    """(P, P) covariance of fitted and consider parameters; zero for others, and where `bounded` for values on a bound.
 
-    Not finite where the simulation diverges.
+    It is not finite where the simulation diverges.
 
     Args:
-        fit: the minimum.
-        factors: f_c by channel.
-        trust: share of their weight that the priors have.
-        bounded: whether bounds count.
-        filters: by channel, what whitens the residual; None where it is not whitened.
+        fit: the fit.
+        factors: factor f_c by channel.
+        trust: share of the priors' weight that is used.
+        bounded: whether bounds are respected.
+        filters: whitening filter by channel; None where the residual is not whitened.
     """
     problem, free, considered = fit.problem, np.flatnonzero(fit.free), np.flatnonzero(fit.considered)
     weight = problem.prior_weight[free] ** 2
@@ -129,7 +130,7 @@ def _covariance(
 
 
 def model_limited(study: Study, fit: Fit) -> bool:
-    """Whether in some channel the model's own error is larger than the noise."""
+    """Whether, in some channel, the model's own error is larger than the noise."""
     for blocks in by_channel(fit.blocks).values():
         chi2, samples = study.chi2_of_stated(blocks)
         far, whole = FAR_ABOVE_STATED, samples_of(blocks)
@@ -141,7 +142,7 @@ def model_limited(study: Study, fit: Fit) -> bool:
 
 
 def _inflation(fit: Fit) -> dict[str, float]:
-    """By channel, at least 1."""
+    """Factor f_c by channel, at least 1."""
     return {
         channel: max(1.0, variance_inflation([block.residual for block in blocks]))
         for channel, blocks in by_channel(fit.blocks).items()

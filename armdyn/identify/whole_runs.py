@@ -1,8 +1,9 @@
-"""Sets of effects compared by what whole runs leave: what evidence with process noise does not see.
+"""Compare sets of effects by the residual of whole runs, which evidence with process noise cannot see.
 
-Process noise excuses what adds up over many swings, so that far above the sensor's noise a wrong friction may have the
-better evidence. What a set leaves of whole runs, fitted ones and held-out ones, is then compared as well: one or two
-effects alone, and every effect exchanged for another. What is nothing at the end, or makes held-out runs worse, goes.
+Process noise absorbs errors that add up over many swings, so far above the sensor's noise a wrong friction may have the
+better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as well: for one or two
+effects alone, and for every effect exchanged for another. Effects that are zero at the end, or increase the error of
+held-out runs, are removed.
 """
 
 from collections.abc import Callable
@@ -24,23 +25,24 @@ from armdyn.linear.solve import solve_positive
 WHOLE_RUN_EXCESS = 1.0
 """Squared error above the noise, over the noise, from which whole runs are compared: noise is the smaller part then."""
 COMPARED_EFFECTS, COMPARED_PAIR_EFFECTS = 12, 6
-"""Effects, those that promise most, that are compared alone over whole runs, and of these, whose pairs are."""
+"""Number of effects, the most promising ones, that are compared alone over whole runs, and number of those of which
+pairs are compared."""
 MIN_VALUES_SAVED = 2
-"""Values more that a pair is as good as without having them, to be taken in place of what evidence chose."""
+"""Number of values that a pair must save, at an equal residual, to replace the set that evidence chose."""
 OVERRULE_SHARE = 0.25
 """Share of the squared error above the noise, of what evidence left, that a pair may leave where that is not
 `GROSS_ERROR_RATIO`: a wrong pair left 0.41 of it beside small errors of an encoder, right ones that evidence missed
 0.18 or less."""
 RIVALS_TRIED = 2
-"""Effects, those with the best evidence, that are tried in the place of each effect of a set."""
+"""Number of effects, those with the best evidence, that are tried in place of each effect of a set."""
 NULL_PROBABILITY = 0.0455
-"""Probability of two standard deviations: values that are nothing reach it by chance."""
+"""Probability of two standard deviations: values of absent effects reach it by chance."""
 
 Effects = tuple[Candidate, ...]
 
 
 def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
-    """The set that evidence chose, or what leaves clearly less of whole runs, without what is nothing there."""
+    """The set that evidence chose, or one with a clearly smaller residual of whole runs, without absent effects."""
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > WHOLE_RUN_EXCESS):
         say("comparing pairs over whole runs")
@@ -60,7 +62,7 @@ def _fitted(study: Study, effects: Effects) -> Fit:
 
 
 def _left(study: Study, effects: Effects) -> float:
-    """What a set leaves; of an effect alone, where values are guesses, also from the likeliest of other ones."""
+    """Residual of a set; of an effect alone, where values are guesses, also from the likeliest other start values."""
     left = study.left((*study.present, *effects))
     if len(effects) == 1 and study.model.first_guesses:
         left = min(left, study.squared_error(_fitted(study, effects)))
@@ -68,7 +70,7 @@ def _left(study: Study, effects: Effects) -> float:
 
 
 def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
-    """A set, or one of one or two effects that leaves at most the share `needed` of what it leaves of whole runs."""
+    """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
     scorer.settle(())
     promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED_EFFECTS]
     alone = sorted(promised, key=lambda c: _left(study, (c,)))[:COMPARED_PAIR_EFFECTS]
@@ -79,9 +81,9 @@ def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: flo
 
 
 def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
-    """A set with effects exchanged for others that have no more values and leave clearly less of every kind of runs.
+    """A set with effects exchanged for others with no more values and a clearly smaller residual of every kind of runs.
 
-    Both sides of a tie are asked: evidence that is alike, or better for what leaves more, does not decide between them.
+    Both sides of a tie are tried: evidence that is equal, or better for the larger residual, does not decide.
     """
     refused = {frozenset(whole)}
     while True:
@@ -104,13 +106,15 @@ def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effect
 
 
 def _without_nothing(study: Study, effects: Effects) -> Effects:
-    """A set without effects that end at nothing, and without those that make held-out runs worse.
+    """A set without effects whose values are zero, and without those that increase the error of held-out runs.
 
-    The error may be clearly larger without what ends at nothing: a gravity 0.1 % off looks like a gripper's scale.
+    The error may be clearly larger without such an effect: a gravity 0.1 % off looks like a gripper's scale.
     """
     while True:
         found = _fitted(study, effects)
-        useless = tuple(c for c in effects if np.all(_distance(found, c) == 0.0))  # it stood for what came later
+        useless = tuple(
+            c for c in effects if np.all(_distance(found, c) == 0.0)
+        )  # it stood for an effect that was added later
         unsure = [c for c in effects if c.effect not in study.asked]
         effects = tuple(c for c in effects if c not in useless)
         if useless:
@@ -119,7 +123,7 @@ def _without_nothing(study: Study, effects: Effects) -> Effects:
         gone = gone or list(islice((c for c in unsure if _harms(study, found, effects, c)), 1))
         if not gone:
             return effects
-        # Of two that hide each other, both are unsure until one is gone.
+        # Of two effects that hide each other, both are uncertain until one is removed.
         rests = [tuple(c for c in effects if c is not one) for one in gone]
         effects = min(rests, key=lambda rest: _left(study, rest)) if len(rests) > 1 else rests[0]
 
@@ -134,13 +138,13 @@ def _harms(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
 
 
 def _distance(found: Fit, one: Candidate) -> np.ndarray:
-    """(k,) how far the fitted values of an effect are from those at which it is absent."""
+    """(k,) distance of an effect's fitted values from those at which it is absent."""
     own = found.problem.of(one.names) & found.free
     return found.values[own] - found.problem.null[own]
 
 
 def _is_nothing(study: Study, found: Fit, one: Candidate) -> bool:
-    """Whether the values of an effect are within two standard deviations of those at which it is absent (Wald 1943)."""
+    """Whether an effect's values are within two standard deviations of those at which it is absent (Wald 1943)."""
     own = found.problem.of(one.names) & found.free
     covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
     known = np.diag(covariance) > 0.0

@@ -244,15 +244,15 @@ class Sensor(Stage):
         return replace(self, delay=self.delay + ca.vertcat(force, angle, rate))
 
     def with_force(self, force: Expression) -> "Sensor":
-        """Let the load cell read `force`, N."""
+        """Replace the reading of the load cell, N."""
         return replace(self, force=force)
 
     def with_angle(self, angle: Expression) -> "Sensor":
-        """Let the angle sensor read `angle`, rad."""
+        """Replace the reading of the angle sensor, rad."""
         return replace(self, angle=angle)
 
     def with_rate(self, rate: Expression) -> "Sensor":
-        """Let the rate sensor read `rate`, rad/s."""
+        """Replace the reading of the rate sensor, rad/s."""
         return replace(self, rate=rate)
 
 
