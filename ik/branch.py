@@ -22,14 +22,14 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy import sparse
 
-from ik.chain import POSE, Chain, shortened
+from ik.chain import POSE_EQUATIONS, Chain, shortened
 from ik.path import Path
 from urdf import Limits
 from urdf.robot import Array
 
-TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
-ITERATIONS = 30
-LONGEST_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
+BRANCH_TOLERANCE = 1e-12  # m and rad; what double precision lets Newton's method reach on a metre-sized arm
+BRANCH_ITERATIONS = 30
+BRANCH_MAX_STEP = 0.3  # rad or m per iteration; Newton's method is trusted no further
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class Branch:
         height = self.height(s)
         q = guess.copy()
         residual = np.full(len(s), np.inf)
-        for _ in range(ITERATIONS):
+        for _ in range(BRANCH_ITERATIONS):
             motion = chain.motion(q)
             error = np.concatenate((motion.error(rotation, position), height.T - self.weights @ q.T))
             previous, residual = residual, np.abs(error).max(axis=0)
             # Below the tolerance, or at the level of rounding, where the residual no longer falls.
-            if np.all((residual < TOLERANCE) | ((residual < 1e2 * TOLERANCE) & (residual >= previous))):
+            if np.all((residual < BRANCH_TOLERANCE) | ((residual < 1e2 * BRANCH_TOLERANCE) & (residual >= previous))):
                 break
-            q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), LONGEST_STEP)
+            q += shortened(_solve(self.matrix(chain.jacobian(motion)), error), BRANCH_MAX_STEP)
         return q, residual
 
     def matrix(self, jacobian: Array) -> Array:
@@ -117,13 +117,13 @@ def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right.T[:, :, None])[:, :, 0], dtype=np.float64)
 
 
-MARGIN = 0.53  # rad or m to keep from every joint limit
+WANTED_JOINT_MARGIN = 0.53  # rad or m to keep from every joint limit
 MARGIN_WEIGHT = 10.0  # s of traverse time that a radian of missing margin is worth
 CORE_WEIGHT = 3000.0  # m; time that one part of missing speed on the core is worth
-CURVATURE = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
-ROUNDS = 40
-ENOUGH = 1e-5  # s of traverse time
-TRUST, LARGEST_TRUST, SMALLEST_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
+CURVATURE_WEIGHT = 3e-3  # m^2 s: cost of bending; it keeps accelerations small and costs little speed
+REFINEMENT_ROUNDS = 40
+MIN_TIME_GAIN = 1e-5  # s of traverse time
+FIRST_TRUST, MAX_TRUST, MIN_TRUST = 0.2, 0.4, 1e-4  # rad or m by which h may change in one round
 
 
 def in_core(path: Path, s: Array) -> Array:
@@ -166,18 +166,18 @@ def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q
     best = _assess(chain, limits, path, branch, s, q)
     if best is None or len(branch.weights) == 0:
         return branch, q
-    trust = TRUST
-    for _ in range(ROUNDS):
+    trust = FIRST_TRUST
+    for _ in range(REFINEMENT_ROUNDS):
         change = _best_change(limits, path, best, s, trust)
         proposed = replace(best.branch, coefficients=best.branch.coefficients + change)
         candidate = _assess(chain, limits, path, proposed, s, best.q)
         if candidate is None or candidate.cost >= best.cost:
             trust *= 0.3
-            if trust < SMALLEST_TRUST:
+            if trust < MIN_TRUST:
                 break
             continue
-        gained, best, trust = best.cost - candidate.cost, candidate, min(LARGEST_TRUST, 2.0 * trust)
-        if gained < ENOUGH:
+        gained, best, trust = best.cost - candidate.cost, candidate, min(MAX_TRUST, 2.0 * trust)
+        if gained < MIN_TIME_GAIN:
             break
     return best.branch, best.q
 
@@ -192,9 +192,11 @@ def _assess(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, 
     slowness = np.abs(rate / limits.velocity).max(axis=1)
     missing = np.maximum(0.0, slowness - 1.0 / path.core_speed) @ in_core(path, s)
     cost = step * (slowness.sum() + CORE_WEIGHT * missing)
-    cost += step * CURVATURE / 2 * ((bending / limits.velocity) ** 2).sum()
-    cost += MARGIN_WEIGHT * max(0.0, MARGIN - float(limits.margin(q).min()))
-    lift = np.asarray(np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE:], dtype=np.float64)
+    cost += step * CURVATURE_WEIGHT / 2 * ((bending / limits.velocity) ** 2).sum()
+    cost += MARGIN_WEIGHT * max(0.0, WANTED_JOINT_MARGIN - float(limits.margin(q).min()))
+    lift = np.asarray(
+        np.linalg.inv(branch.matrix(jacobian.transpose(1, 2, 0)))[:, :, POSE_EQUATIONS:], dtype=np.float64
+    )
     return _Candidate(branch, q, rate, bending, lift, float(cost))
 
 
@@ -237,7 +239,7 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
             at_most(-sign * slope[joint], (change, sign * first[joint]), (slow, -np.eye(nodes)))
             limit = limits.upper[joint] if sign > 0 else limits.lower[joint]
             room = sign * (limit - now.q[:, joint])
-            at_most(room - MARGIN, (change, sign * moves[joint]), (margin, -1.0))
+            at_most(room - WANTED_JOINT_MARGIN, (change, sign * moves[joint]), (margin, -1.0))
     wanted = np.full(len(core), 1.0 / path.core_speed)
     at_most(wanted, (slow, np.eye(nodes)[core]), (missing, -np.eye(len(core))))
     at_most(np.zeros(len(core)), (missing, -np.eye(len(core))))
@@ -246,9 +248,11 @@ def _best_change(limits: Limits, path: Path, now: _Candidate, s: Array, trust: f
         for sign in (1.0, -1.0):
             at_most(np.full(nodes, trust), (change, sign * height))
     quadratic = np.zeros((ends[-1], ends[-1]))
-    quadratic[change, change] = CURVATURE * step * np.einsum("jka,jkb->ab", second, second) + 1e-9 * np.eye(ends[0])
+    quadratic[change, change] = CURVATURE_WEIGHT * step * np.einsum("jka,jkb->ab", second, second) + 1e-9 * np.eye(
+        ends[0]
+    )
     linear = np.empty(ends[-1])
-    linear[change] = CURVATURE * step * np.einsum("jka,jk->a", second, bend)
+    linear[change] = CURVATURE_WEIGHT * step * np.einsum("jka,jk->a", second, bend)
     linear[slow], linear[missing], linear[margin] = step, CORE_WEIGHT * step, MARGIN_WEIGHT
     settings = clarabel.DefaultSettings()
     settings.verbose = False

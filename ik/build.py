@@ -15,12 +15,12 @@ from ik.misses import find_misses
 from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
-from ik.tablefile import FORMAT
+from ik.tablefile import TABLE_FORMAT
 from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
 
-SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
-SURVEYED = 86  # targets looked at when a path cannot be followed
+TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
+SURVEYED_TARGETS = 86  # targets looked at when a path cannot be followed
 Progress = Callable[[str], None]
 
 
@@ -65,7 +65,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
     except UnreachableError as error:
         raise UnreachableError(_why_not(robot, path, collisions, str(error))) from error
     say("solving the nodes")
-    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / SPACING)) + 1)
+    s = np.linspace(path.s_min, path.s_max, max(8, round((path.s_max - path.s_min) / TABLE_SPACING)) + 1)
     q, _ = branch.solve(planner.chain, path, s, CubicSpline(planner.s, guess)(s))
     rate, bending, jacobian = branch.derivatives(planner.chain, path, s, q)
     return {
@@ -87,10 +87,10 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
 
 def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str) -> str:
     """The reason why a path cannot be followed: targets that cannot be held, or the reason of the planner."""
-    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED), collisions)
+    misses = find_misses(robot, path, np.linspace(path.s_min, path.s_max, SURVEYED_TARGETS), collisions)
     if misses:
         return (
-            f"robot '{robot.name}': {len(misses)} of {SURVEYED} targets on the path cannot be held; "
+            f"robot '{robot.name}': {len(misses)} of {SURVEYED_TARGETS} targets on the path cannot be held; "
             f"{misses[0].sentence}; move or shorten the path"
         )
     return (
@@ -101,7 +101,7 @@ def _why_not(robot: Robot, path: Path, collisions: CollisionModel, planned: str)
 
 def default_path(robot: Robot) -> File:
     """Path of the file in which the table of a robot's own line is cached."""
-    return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{FORMAT}.npz"
+    return cache_directory() / f"{entry_name(robot.name)}-{robot.fingerprint[:16]}-{TABLE_FORMAT}.npz"
 
 
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:

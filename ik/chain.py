@@ -14,7 +14,7 @@ from armdyn.errors import InputError
 from urdf import Robot
 from urdf.robot import Array
 
-POSE = 6  # equations that hold a tool in place
+POSE_EQUATIONS = 6  # equations that hold a tool in place
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Chain:
             InputError: the arm branches, has a joint with more than one axis, or too few joints to hold a tool.
         """
         model = robot.model
-        if model.nv < POSE:
+        if model.nv < POSE_EQUATIONS:
             raise InputError(
                 f"robot '{robot.name}': {model.nv} joints cannot hold a tool in place and orientation; "
                 "choose an arm of at least six"

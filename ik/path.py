@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from armdyn.errors import InputError
 from urdf.robot import Array, read_only
 
-LONGEST = 20.0  # m of path; no arm on a fixed base follows a longer one
-UNASKED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
+MAX_PATH_LENGTH = 20.0  # m of path; no arm on a fixed base follows a longer one
+UNASKED_CORE_SPEED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 class Path(Protocol):
@@ -51,7 +51,7 @@ class _WithoutCore:
 
     s_min: float
     s_max: float
-    core_speed = UNASKED
+    core_speed = UNASKED_CORE_SPEED
 
     @property
     def core(self) -> tuple[float, float]:
@@ -136,9 +136,9 @@ class CirclePath(_WithoutCore):
         )
 
 
-CELLS = 64  # per stretch between two points, for the arc length
+CELLS_PER_STRETCH = 64  # per stretch between two points, for the arc length
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
-NEWTON = 4  # steps from a linear guess to rounding
+ARC_LENGTH_NEWTON_STEPS = 4  # steps from a linear guess to rounding
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class SplinePath(_WithoutCore):
         moved = (turning[:-1].inv() * turning[1:]).magnitude().max() > 1e-12
         object.__setattr__(self, "_position", make_interp_spline(knots, self.points, k=degree))
         object.__setattr__(self, "_turning", RotationSpline(knots, turning) if moved else None)
-        u = np.linspace(0.0, knots[-1], CELLS * (count - 1) + 1)
+        u = np.linspace(0.0, knots[-1], CELLS_PER_STRETCH * (count - 1) + 1)
         object.__setattr__(self, "_u", u)
         object.__setattr__(self, "_s", np.concatenate(([0.0], np.cumsum(self._length(u[:-1], u[1:])))))
         object.__setattr__(self, "s_max", float(self._s[-1]))
@@ -231,7 +231,7 @@ class SplinePath(_WithoutCore):
     def _parameter(self, s: Array) -> Array:
         """Parameters at arc lengths s, (k,), by Newton's method."""
         u = np.interp(s, self._s, self._u)
-        for _ in range(NEWTON):
+        for _ in range(ARC_LENGTH_NEWTON_STEPS):
             cell = np.clip(np.searchsorted(self._u, u, side="right") - 1, 0, len(self._u) - 2)
             missing = s - self._s[cell] - self._length(self._u[cell], u)
             u = u + missing / np.linalg.norm(self._position(u, 1), axis=1)

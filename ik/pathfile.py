@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import LONGEST, UNASKED, CirclePath, Path, SplinePath
+from ik.path import MAX_PATH_LENGTH, UNASKED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
 from urdf.table_file import TableFileError, check_keys, read_table
 
-KINDS = ("line", "circle", "spline")
-KEYS = (
+PATH_KINDS = ("line", "circle", "spline")
+PATH_KEYS = (
     "kind", "origin", "direction", "range", "core", "core_speed", "centre", "radius", "normal", "start", "range_deg",
     "follow", "points", "tool_rpy", "rotation", "rotations",
 )  # fmt: skip
-LARGEST = 100.0
+MAX_COORDINATE = 100.0
 """Largest coordinate, m; a larger one is in another unit."""
-MOST_POINTS = 1000
+MAX_SPLINE_POINTS = 1000
 """Largest number of points of a spline."""
 
 
@@ -35,7 +35,7 @@ def read_path(file: str | File) -> Path:
     source = File(file)
     try:
         _, content = read_table(source, finite=True)
-        check_keys(content, KEYS)
+        check_keys(content, PATH_KEYS)
         return path_of(content)
     except FileNotFoundError as error:
         raise InputError(f"{source}: cannot be read (no such file); give the path of a path file") from error
@@ -56,19 +56,23 @@ def path_of(content: dict[str, Any]) -> Path:
         InputError: the entries do not describe a valid path.
     """
     path = _path_of(content)
-    if not path.s_max - path.s_min <= LONGEST:
-        raise InputError(f"a path of {path.s_max - path.s_min:g} m is longer than any arm; {LONGEST:g} m is the most")
+    if not path.s_max - path.s_min <= MAX_PATH_LENGTH:
+        raise InputError(
+            f"a path of {path.s_max - path.s_min:g} m is longer than any arm; {MAX_PATH_LENGTH:g} m is the most"
+        )
     return path
 
 
 def _path_of(content: dict[str, Any]) -> Path:
     kind = str(content["kind"])
-    if kind not in KINDS:
-        raise UnknownNameError("kind of path", kind, KINDS)
+    if kind not in PATH_KINDS:
+        raise UnknownNameError("kind of path", kind, PATH_KINDS)
     if kind == "spline":
         points = np.array(content["points"], dtype=np.float64)
-        if len(points) > MOST_POINTS or not np.all(np.abs(points) <= LONGEST):
-            raise InputError(f"spline: give at most {MOST_POINTS} points, none farther than {LONGEST:g} m")
+        if len(points) > MAX_SPLINE_POINTS or not np.all(np.abs(points) <= MAX_PATH_LENGTH):
+            raise InputError(
+                f"spline: give at most {MAX_SPLINE_POINTS} points, none farther than {MAX_PATH_LENGTH:g} m"
+            )
         rotations = _rotations(content)
         return SplinePath(points, np.repeat(rotations, len(points), axis=0) if len(rotations) == 1 else rotations)
     (rotation,) = _rotations(content)
@@ -96,7 +100,7 @@ def _path_of(content: dict[str, Any]) -> Path:
         s_min=first,
         s_max=last,
         core=(low, high),
-        core_speed=float(content.get("core_speed", UNASKED)),
+        core_speed=float(content.get("core_speed", UNASKED_CORE_SPEED)),
     )
 
 
@@ -111,8 +115,8 @@ def _rotations(content: dict[str, Any]) -> Array:
 
 def _vector(values: Any) -> Array:
     vector = np.array(values, dtype=np.float64)
-    if vector.shape != (3,) or not np.all(np.abs(vector) <= LARGEST):
-        raise ValueError(f"{values} should be three numbers of {LARGEST:g} at most")
+    if vector.shape != (3,) or not np.all(np.abs(vector) <= MAX_COORDINATE):
+        raise ValueError(f"{values} should be three numbers of {MAX_COORDINATE:g} at most")
     return vector
 
 

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from ik.branch import CORE_WEIGHT, MARGIN, MARGIN_WEIGHT, Branch, in_core, refine
-from ik.chain import POSE, Chain
+from ik.branch import CORE_WEIGHT, MARGIN_WEIGHT, WANTED_JOINT_MARGIN, Branch, in_core, refine
+from ik.chain import POSE_EQUATIONS, Chain
 from ik.errors import UnreachableError
 from ik.path import Path
-from ik.solver import TOLERANCE, Solver, descend
+from ik.solver import REACHED_TOLERANCE, Solver, descend
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-SPACING = 0.01  # m between the nodes of the plan
-COARSE = 5  # nodes of the plan per node of the global search
-DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and bends more
-STEP = 0.02  # rad along the self-motion
-LONGEST = 3.2  # rad of self-motion to either side: about half a turn of the elbow
+PLAN_SPACING = 0.01  # m between the nodes of the plan
+COARSE_STRIDE = 5  # nodes of the plan per node of the global search
+BRANCH_DEGREE = 9  # of the polynomial that picks the branch; more gains no speed and bends more
+SELF_MOTION_STEP = 0.02  # rad along the self-motion
+MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of the elbow
 
 
 class Planner:
@@ -35,7 +35,7 @@ class Planner:
     def __init__(self, robot: Robot, path: Path, collisions: CollisionModel | None = None) -> None:
         self.robot, self.path, self.collisions = robot, path, collisions
         self.chain = Chain.of(robot)
-        nodes = COARSE * max(4, round((path.s_max - path.s_min) / SPACING / COARSE)) + 1
+        nodes = COARSE_STRIDE * max(4, round((path.s_max - path.s_min) / PLAN_SPACING / COARSE_STRIDE)) + 1
         self.s = np.linspace(path.s_min, path.s_max, nodes)
 
     def plan(self) -> tuple[Branch, Array]:
@@ -45,11 +45,11 @@ class Planner:
             UnreachableError: there is no such branch; the message is the reason, as the end of a sentence.
         """
         carried = self._carry_along()
-        if self.chain.joints != POSE + 1:  # without a spare joint there is only one branch
+        if self.chain.joints != POSE_EQUATIONS + 1:  # without a spare joint there is only one branch
             branch, q = self._refined(carried)
             why = self._objection(q)
         else:
-            coarse = slice(None, None, COARSE)
+            coarse = slice(None, None, COARSE_STRIDE)
             postures, valid = self._self_motion(self.s[coarse], carried[coarse])
             branch, q = self._refined(self._course(postures, valid))
             why = self._objection(q)
@@ -76,7 +76,7 @@ class Planner:
         def reach(node: int, guess: Array, iterations: int) -> tuple[Array, bool]:
             target = rotation[:, :, [node]], position[:, [node]]
             q, error = descend(self.chain, None, *target, guess[None], iterations=iterations)
-            return q[0], bool(np.abs(error).max() < TOLERANCE)
+            return q[0], bool(np.abs(error).max() < REACHED_TOLERANCE)
 
         postures[start], reached = reach(start, self.robot.home, 31)
         if not reached or self.robot.limits.margin(postures[start]).min() <= 0:
@@ -107,8 +107,8 @@ class Planner:
         for sign in (-1.0, 1.0):
             here, direction = q, sign * reference
             walked, good = [here], [np.full(len(s), True)]
-            for _ in range(int(LONGEST / STEP)):
-                here, error = descend(self.chain, None, *target, here + STEP * direction, iterations=3)
+            for _ in range(int(MAX_SELF_MOTION / SELF_MOTION_STEP)):
+                here, error = descend(self.chain, None, *target, here + SELF_MOTION_STEP * direction, iterations=3)
                 turned = self._spare_motions(here)[:, :, 0]
                 direction = turned * np.where((turned * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
                 walked.append(here)
@@ -127,9 +127,9 @@ class Planner:
             postures: candidates at every coarse node, (m, c, n).
             valid: which of them may be used, (m, c).
         """
-        limits, s = self.robot.limits, self.s[::COARSE]
+        limits, s = self.robot.limits, self.s[::COARSE_STRIDE]
         margin = limits.margin(postures).min(axis=2)
-        entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, MARGIN - margin), np.inf)
+        entry = np.where(valid & (margin > 0), MARGIN_WEIGHT * np.maximum(0.0, WANTED_JOINT_MARGIN - margin), np.inf)
         step = np.diff(s)
         total, chosen = step.mean() * entry[:, 0], []
         core = CORE_WEIGHT * in_core(self.path, (s[1:] + s[:-1]) / 2)
@@ -154,8 +154,8 @@ class Planner:
         null = self._spare_motions(q)
         # The directions that all null spaces share most: the leading eigenvectors of their mean projector.
         mean = np.einsum("kir,kjr->ij", null, null) / len(q)
-        weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE].T
-        empty = Branch(weights, np.zeros((len(weights), DEGREE + 1)), self.path.s_min, self.path.s_max)
+        weights = np.linalg.eigh(mean)[1][:, ::-1][:, : self.chain.joints - POSE_EQUATIONS].T
+        empty = Branch(weights, np.zeros((len(weights), BRANCH_DEGREE + 1)), self.path.s_min, self.path.s_max)
         coefficients = np.linalg.lstsq(empty.basis(self.s), q @ weights.T, rcond=None)[0].T
         branch = Branch(weights, coefficients, self.path.s_min, self.path.s_max)
         return refine(self.chain, self.robot.limits, self.path, branch, self.s, q)
@@ -163,7 +163,7 @@ class Planner:
     def _spare_motions(self, q: Array) -> Array:
         """Orthonormal joint motions that leave the tool where it is, (k, n, n - 6), at postures (k, n)."""
         jacobian = self.chain.jacobian(self.chain.motion(q)).transpose(2, 0, 1)
-        return np.linalg.svd(jacobian)[2][:, POSE:, :].transpose(0, 2, 1)
+        return np.linalg.svd(jacobian)[2][:, POSE_EQUATIONS:, :].transpose(0, 2, 1)
 
     def _objection(self, q: Array) -> str:
         """What is wrong with postures (k, n) along the path, in words; empty where nothing is."""

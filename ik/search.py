@@ -11,23 +11,23 @@ from armdyn.errors import InputError
 from ik.branch import in_core
 from ik.chain import Chain
 from ik.errors import UnreachableError
-from ik.path import LONGEST
+from ik.path import MAX_PATH_LENGTH
 from ik.plan import Planner
 from ik.solver import Solver
 from ik.torque import PathTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
-GRID = 0.1  # m between the targets of the first look
+SEARCH_GRID = 0.1  # m between the targets of the first look
 REACHABLE_STARTS = 3  # per target of the first look
-ROWS = 8  # of the best rows that are planned
-STARTS = 3  # different postures from which each of them is planned
-STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
+PLANNED_ROWS = 8  # of the best rows that are planned
+STARTS_PER_LINE = 3  # different postures from which each of them is planned
+LINE_STEPS = (0.05, 0.025, 0.0125)  # m by which the best line is then moved
 WANTED_MARGIN = 0.5  # rad; a larger margin does not raise the score
-WHOLE = 0.3  # weight of the speed outside the core
+WHOLE_LINE_WEIGHT = 0.3  # weight of the speed outside the core
 CORE_SPEEDS = (3.0, 0.8, 0.3)  # m/s asked for while searching; a lower one is tried where a limit is broken
-KEPT = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
-LOOKS = 9  # targets on a line that must be reachable at all
+KEPT_SPEED_SHARE = 0.97  # share of the speed found that the final line asks for; the rest leaves room for joint margin
+LINE_TARGETS = 9  # targets on a line that must be reachable at all
 
 
 class Found(NamedTuple):
@@ -62,8 +62,10 @@ class Demand:
     core: tuple[float, float] = (-0.15, 0.15)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.s_max - self.s_min <= LONGEST:
-            raise InputError(f"a line from {self.s_min:g} to {self.s_max:g} m: give one of {LONGEST:g} m at most")
+        if not 0.0 < self.s_max - self.s_min <= MAX_PATH_LENGTH:
+            raise InputError(
+                f"a line from {self.s_min:g} to {self.s_max:g} m: give one of {MAX_PATH_LENGTH:g} m at most"
+            )
 
 
 def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[str], None] | None = None) -> Found:
@@ -100,7 +102,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
             f"robot '{robot.name}': no line of {demand.s_max - demand.s_min:g} m along {demand.direction} was found; "
             "ask for a shorter one or another orientation of the tool"
         )
-    for step in STEPS:
+    for step in LINE_STEPS:
         improved = True
         while improved:
             improved = False
@@ -140,12 +142,15 @@ class _Search:
             self.robot.limits.lower, self.robot.limits.upper, (4000, self.chain.joints)
         )
         corners = frame @ self.chain.motion(postures).position
-        corners[0] = np.maximum(corners[0], GRID)
-        axes = [np.arange(low, high, GRID) for low, high in zip(corners.min(axis=1), corners.max(axis=1), strict=True)]
+        corners[0] = np.maximum(corners[0], SEARCH_GRID)
+        axes = [
+            np.arange(low, high, SEARCH_GRID)
+            for low, high in zip(corners.min(axis=1), corners.max(axis=1), strict=True)
+        ]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         speed = self._first_look(grid.reshape(-1, 3) @ frame).reshape(grid.shape[:3])
         scores, origins = [], []
-        looks = np.linspace(self.demand.s_min, self.demand.s_max, LOOKS)
+        looks = np.linspace(self.demand.s_min, self.demand.s_max, LINE_TARGETS)
         for (i, j, k), centre in np.ndenumerate(np.broadcast_to(axes[1][:, None], (len(axes[0]), *grid.shape[1:3]))):
             along = np.interp(centre + looks, axes[1], speed[i, :, k], left=0.0, right=0.0)
             if along.min() > 0 and speed[i, j, k] > 0:
@@ -154,9 +159,9 @@ class _Search:
         chosen: list[Array] = []
         for index in np.argsort(scores)[::-1]:
             # The chosen origins must not all be neighbours.
-            if all(np.linalg.norm(origins[index] - other) > 1.2 * GRID for other in chosen):
+            if all(np.linalg.norm(origins[index] - other) > 1.2 * SEARCH_GRID for other in chosen):
                 chosen.append(origins[index])
-            if len(chosen) == ROWS:
+            if len(chosen) == PLANNED_ROWS:
                 break
         return chosen
 
@@ -165,7 +170,7 @@ class _Search:
         found = self.solver.postures(self.rotation, origin)
         found = found[self.robot.limits.margin(found).min(axis=1) > 0]
         chosen = [self.robot.home]
-        while len(found) and len(chosen) < STARTS:
+        while len(found) and len(chosen) < STARTS_PER_LINE:
             distance = np.min([np.abs(found - other).max(axis=1) for other in chosen], axis=0)
             chosen.append(found[int(distance.argmax())])
         return chosen
@@ -192,13 +197,13 @@ class _Search:
         speed = 1.0 / np.abs(rate / limits.velocity).max(axis=1)
         core, whole = float(speed[in_core(line, s) > 0].min()), float(speed.min())
         margin = float(limits.margin(q).min())
-        score = (core + WHOLE * whole) * min(1.0, margin / WANTED_MARGIN)
+        score = (core + WHOLE_LINE_WEIGHT * whole) * min(1.0, margin / WANTED_MARGIN)
         return Found(line, q[int(np.abs(s).argmin())], core, whole, margin, float("nan"), torque, score)
 
     def settle(self, best: Found) -> Found:
         """Require slightly less than the best speed, and measure how close the arm comes to an obstacle."""
         origin, home = np.round(best.line.origin, 4), np.round(best.home, 3)
-        core_speed = float(np.floor(1e3 * KEPT * best.core_speed) / 1e3)
+        core_speed = float(np.floor(1e3 * KEPT_SPEED_SHARE * best.core_speed) / 1e3)
         found = self.judge(origin, home, core_speed) or best._replace(line=self.line(best.line.origin, core_speed))
         _, q = Planner(replace(self.robot, home=home), found.line, self.collisions).plan()
         clearance = min(self.collisions.clearance(posture).distance for posture in q)

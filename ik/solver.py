@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from armdyn.errors import InputError
-from ik.chain import POSE, Chain, shortened
+from ik.chain import POSE_EQUATIONS, Chain, shortened
 from urdf import Limits, Robot
 from urdf.robot import Array
 
-TOLERANCE = 1e-9  # m and rad
-ITERATIONS = 20
-LONGEST_STEP = 0.6  # rad or m
-PATIENCE = 4  # steps after which a target that is still further off than `hopeless` is given up
-LIBRARY = 10_000  # random postures to start from; more cost more to search than they save in iterations
-SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
-STARTS = 32  # nearest of them tried in turn
-TRIED = 64  # nearest of them tried for different postures of one target
+REACHED_TOLERANCE = 1e-9  # m and rad
+DESCENT_ITERATIONS = 20
+DESCENT_MAX_STEP = 0.6  # rad or m
+HOPELESS_STEPS = 4  # steps after which a target that is still further off than `hopeless` is given up
+LIBRARY_POSTURES = 10_000  # random postures to start from; more cost more to search than they save in iterations
+LIBRARY_SEED = 1_618_033  # of the library; unusual, so that no test or user draws its targets from the same seed
+STARTS_PER_TARGET = 32  # nearest of them tried in turn
+POSTURES_TRIED = 64  # nearest of them tried for different postures of one target
 REACH_SCALE = 0.5  # m that count as much as a radian when postures are compared
 
 
@@ -29,8 +29,8 @@ def descend(
     position: Array,
     q: Array,
     *,
-    tolerance: float = TOLERANCE,
-    iterations: int = ITERATIONS,
+    tolerance: float = REACHED_TOLERANCE,
+    iterations: int = DESCENT_ITERATIONS,
     hopeless: float = np.inf,
 ) -> tuple[Array, Array]:
     r"""Damped least squares (Levenberg-Marquardt) from one guess per target; targets that are met leave the batch.
@@ -50,13 +50,13 @@ def descend(
         q: guesses, (k, n) [rad or m].
         tolerance: error per component at which a target is met [m and rad].
         iterations: evaluations of the error; steps are one fewer.
-        hopeless: error above which a target is given up after `PATIENCE` steps [m and rad].
+        hopeless: error above which a target is given up after `HOPELESS_STEPS` steps [m and rad].
 
     Returns:
         Postures, (k, n), and their remaining errors, (6, k) [m and rad].
     """
     q = q.copy() if limits is None else np.clip(q, limits.lower, limits.upper)
-    final, errors = q.copy(), np.full((POSE, len(q)), np.inf)
+    final, errors = q.copy(), np.full((POSE_EQUATIONS, len(q)), np.inf)
     active = np.arange(len(q))
     for step in range(iterations):
         motion = chain.motion(q)
@@ -64,7 +64,7 @@ def descend(
         final[active], errors[:, active] = q, error
         size = np.abs(error).max(axis=0)
         going = size >= tolerance
-        if step >= PATIENCE:
+        if step >= HOPELESS_STEPS:
             going &= size < hopeless
         if not going.any() or step == iterations - 1:
             break
@@ -80,8 +80,10 @@ def descend(
             rows = np.where(held[:, None, :], 0.0, rows)
         columns = rows.transpose(0, 2, 1)
         normal = rows @ columns
-        normal[:, np.arange(POSE), np.arange(POSE)] += (1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12)[:, None]
-        q = q + shortened((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], LONGEST_STEP)
+        normal[:, np.arange(POSE_EQUATIONS), np.arange(POSE_EQUATIONS)] += (
+            1e-2 * np.minimum(1.0, (error**2).sum(axis=0)) + 1e-12
+        )[:, None]
+        q = q + shortened((columns @ np.linalg.solve(normal, error.T[:, :, None]))[:, :, 0], DESCENT_MAX_STEP)
         if limits is not None:
             q = np.clip(q, limits.lower, limits.upper)
     return final, errors
@@ -115,12 +117,14 @@ class Solver:
     def __init__(self, robot: Robot, limited: bool = True) -> None:
         self.chain = Chain.of(robot)
         self._limits = robot.limits if limited else None
-        rng = np.random.default_rng(SEED)
-        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY, self.chain.joints))
+        rng = np.random.default_rng(LIBRARY_SEED)
+        self._library = rng.uniform(robot.limits.lower, robot.limits.upper, (LIBRARY_POSTURES, self.chain.joints))
         motion = self.chain.motion(self._library)
         self._tree = cKDTree(_features(motion.rotation, motion.position))
 
-    def solve(self, rotation: Array, position: Array, tolerance: float = TOLERANCE, starts: int = STARTS) -> Answers:
+    def solve(
+        self, rotation: Array, position: Array, tolerance: float = REACHED_TOLERANCE, starts: int = STARTS_PER_TARGET
+    ) -> Answers:
         """Postures that hold the tool at the targets.
 
         Args:
@@ -143,7 +147,7 @@ class Solver:
         nearest = np.empty((len(position), starts), dtype=np.intp)
         nearest[:, :1] = self._tree.query(features, k=[1])[1]
         best = np.empty((len(position), self.chain.joints))
-        errors = np.full((POSE, len(position)), np.inf)
+        errors = np.full((POSE_EQUATIONS, len(position)), np.inf)
         unsolved = np.arange(len(position))
         for start in range(starts):
             if start == 1:  # few targets get this far; looking for more starting postures costs as much as a descent
@@ -172,13 +176,13 @@ class Solver:
             position: position of the tool point, (3,) [m].
 
         Returns:
-            Postures that reach the target, (m, n) with m from 0 to `TRIED`, from the nearest start on.
+            Postures that reach the target, (m, n) with m from 0 to `POSTURES_TRIED`, from the nearest start on.
         """
         turned, placed = np.asarray(rotation)[:, :, None], np.asarray(position)[:, None]
-        nearest = self._tree.query(_features(turned, placed)[0], k=TRIED)[1]
+        nearest = self._tree.query(_features(turned, placed)[0], k=POSTURES_TRIED)[1]
         guess = self._library[nearest]
-        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, TRIED, axis=1), guess)
-        return q[np.abs(error).max(axis=0) < TOLERANCE]
+        q, error = descend(self.chain, self._limits, turned, np.repeat(placed, POSTURES_TRIED, axis=1), guess)
+        return q[np.abs(error).max(axis=0) < REACHED_TOLERANCE]
 
 
 def _features(rotation: Array, position: Array) -> Array:

@@ -22,7 +22,7 @@ from urdf import Robot
 from urdf.bounds import LARGEST_ARRAY
 from urdf.robot import Array
 
-FORMAT = 6  # raise it when a change of the code makes other tables out of the same robot
+TABLE_FORMAT = 6  # raise it when a change of the code makes other tables out of the same robot
 REBUILD = "build it again with 'armdyn ik build'"
 
 
@@ -32,8 +32,8 @@ def write_arrays(target: File, about: Mapping[str, Any], arrays: Mapping[str, An
     Raises:
         InputError: the file cannot be written.
     """
-    said = json.dumps({"format": FORMAT, **about})
-    text = json.dumps({"format": FORMAT, **about, "digest": digest_of(said, arrays)})
+    said = json.dumps({"format": TABLE_FORMAT, **about})
+    text = json.dumps({"format": TABLE_FORMAT, **about, "digest": digest_of(said, arrays)})
     with replacing(target) as file:
         np.savez(file, about=np.array(text), **arrays)
 
@@ -51,7 +51,7 @@ def read_arrays(source: File, names: Iterable[str]) -> tuple[dict[str, Any], dic
     with np.load(source, allow_pickle=False) as file:
         about = json.loads(str(file["about"]))
         may_replace(source)  # a table that may be built again
-        if about["format"] != FORMAT:
+        if about["format"] != TABLE_FORMAT:
             raise StaleTableError(f"{source}: another version of armdyn wrote it; {REBUILD}")
         arrays = {name: file[name] for name in names}
     digest = about.pop("digest")

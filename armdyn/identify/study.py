@@ -153,15 +153,11 @@ class Study:
         return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
 
     def squared_error(self, fit: Fit) -> float:
-        """Mean squared error above the noise, over the noise, of training plus held-out runs; at least that of
-        chance.
-        """
+        """Mean squared error above the noise, over it, of training plus held-out runs; at least that of chance."""
         return float(self.excess(fit).sum())
 
     def excess(self, fit: Fit) -> np.ndarray:
-        """(1,) or (2,) mean squared error above the noise, over the noise: training, held-out runs; at least that of
-        chance.
-        """
+        """(1,) or (2,) mean squared error above the noise, over it: training, held-out; at least that of chance."""
         excess, by_chance = self._excess(fit)
         return np.maximum(excess, by_chance)
 
@@ -190,9 +186,7 @@ class Study:
         return float(np.mean(shares)) >= 1.0
 
     def chi2_of_stated(self, blocks: Sequence[Block]) -> tuple[float, int]:
-        """Squared error, over the noise, of the samples whose noise is stated beside the recording, and their
-        number.
-        """
+        """Squared error of the samples with a stated noise, over that noise, and the number of these samples."""
         stated = [(block, self.stated_noise.get((block.run, block.channel))) for block in blocks]
         known = [(block, std) for block, std in stated if std]
         chi2 = sum(float(block.misfit @ block.misfit) / std**2 for block, std in known)
@@ -204,9 +198,7 @@ class Study:
         return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
 
     def _excess(self, fit: Fit) -> tuple[np.ndarray, float]:
-        """Mean squared error above the noise, over the noise, of training and of held-out runs, and the part due to
-        chance.
-        """
+        """Mean squared error above the noise, over the noise, by kind of run, and the part due to chance."""
         kinds = [list(fit.blocks), self.held_out_blocks(fit) if self.held_out else []]
         samples = np.array([samples_of(kind) for kind in kinds if kind])
         means = np.array([chi2_of(kind) for kind in kinds if kind]) / samples
@@ -371,9 +363,7 @@ class Study:
         return self._exam[found]
 
     def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) bool unknowns that are free with these effects, and (P,) values near a fit, with other effects at
-        null.
-        """
+        """(P,) bool: unknowns that are free with these effects; (P,) values near a fit, other effects at null."""
         problem = self.problem
         wanted = problem.of([name for c in effects for name in c.names])
         fixed = problem.of(self._present_names) & ~problem.fitted

@@ -91,9 +91,7 @@ def _sparse(weak: np.ndarray) -> Sequence[np.ndarray]:
 
 
 def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.ndarray) -> Together:
-    """Describe a (n,) direction of (n,) unknowns in typical sizes; `alone` (n,) are the deviations of each value
-    alone.
-    """
+    """Describe a (n,) direction of (n,) unknowns in typical sizes; `alone` (n,) are each value's own deviations."""
     problem, values = fit.problem, fit.values
     change = direction * problem.typical[columns]
     relative = np.where(

@@ -73,8 +73,7 @@ def uncertainty(study: Study, fit: Fit) -> Uncertainty:
 
 
 def whitened_covariance(fit: Fit) -> np.ndarray:
-    """(P, P) covariance of generalised least squares with an autoregression of the residual; zero for values on a
-    bound.
+    """(P, P) covariance of generalised least squares with an autoregression; zero for values on a bound.
 
     Judge et al., Theory and Practice of Econometrics, §8.2.
     """

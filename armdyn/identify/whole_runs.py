@@ -30,9 +30,9 @@ pairs are compared."""
 MIN_VALUES_SAVED = 2
 """Number of values that a pair must save, at an equal residual, to replace the set that evidence chose."""
 OVERRULE_SHARE = 0.25
-"""Share of the squared error above the noise, of what evidence left, that a pair may leave where that is not
-`GROSS_ERROR_RATIO`: a wrong pair left 0.41 of it beside small errors of an encoder, right ones that evidence missed
-0.18 or less."""
+"""Residual of a pair over that of the set that evidence chose (squared errors above the noise) up to which the pair
+replaces it, where that is below `GROSS_ERROR_RATIO`: a wrong pair left 0.41 beside small errors of an encoder, right
+ones that evidence missed 0.18 or less."""
 RIVALS_TRIED = 2
 """Number of effects, those with the best evidence, that are tried in place of each effect of a set."""
 NULL_PROBABILITY = 0.0455

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.chain import Chain
-from ik.solver import TOLERANCE, descend
+from ik.solver import REACHED_TOLERANCE, descend
 from ik.volume.grid import Block, Grid, Status
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-ITERATIONS = 9  # four are enough wherever the skeleton is smooth
-HOPELESS = 1e-2  # m or rad
-BATCH = 4096  # targets at once: what the caches hold
-APART = 1.5  # rad between corners of a cell of the skeleton that are not to be mixed
+BLOCK_ITERATIONS = 9  # four are enough wherever the skeleton is smooth
+HOPELESS_ERROR = 1e-2  # m or rad
+TARGETS_AT_ONCE = 4096  # targets at once: what the caches hold
+MAX_CORNER_DISTANCE = 1.5  # rad between corners of a cell of the skeleton that are not to be mixed
 
 
 class Solved(NamedTuple):
@@ -53,13 +53,19 @@ class BlockSolver:
         rotation = self.grid.rotations[block[0]][:, :, None]
         status = np.full(len(q), Status.UNREACHABLE, dtype=np.uint8)
         known = np.flatnonzero(~np.isnan(q[:, 0]))
-        for start in range(0, len(known), BATCH):
-            part = known[start : start + BATCH]
+        for start in range(0, len(known), TARGETS_AT_ONCE):
+            part = known[start : start + TARGETS_AT_ONCE]
             placed = np.ascontiguousarray(position[part].T)
             q[part], error = descend(
-                chain, self.robot.limits, rotation, placed, q[part], iterations=ITERATIONS, hopeless=HOPELESS
+                chain,
+                self.robot.limits,
+                rotation,
+                placed,
+                q[part],
+                iterations=BLOCK_ITERATIONS,
+                hopeless=HOPELESS_ERROR,
             )
-            status[part[np.abs(error).max(axis=0) < TOLERANCE]] = Status.REACHED
+            status[part[np.abs(error).max(axis=0) < REACHED_TOLERANCE]] = Status.REACHED
         q[status == Status.UNREACHABLE] = np.nan
         if self.collisions:
             model = CollisionModel(self.robot)
@@ -85,7 +91,7 @@ class BlockSolver:
         heaviest = np.where(solved[:, :, 0], weight[:, :, 0], -1.0).argmax(axis=0)
         reference = postures[heaviest, np.arange(len(position))]
         with np.errstate(invalid="ignore"):
-            together = solved & (np.abs(postures - reference).max(axis=2, keepdims=True) < APART)
+            together = solved & (np.abs(postures - reference).max(axis=2, keepdims=True) < MAX_CORNER_DISTANCE)
         weight = np.where(together, weight + 1e-12, 0.0)
         total = weight.sum(axis=0)
         mixed = (np.where(together, postures, 0.0) * weight).sum(axis=0) / np.where(total > 0, total, np.nan)

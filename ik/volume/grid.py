@@ -10,12 +10,12 @@ import numpy as np
 from armdyn.errors import InputError
 from urdf.robot import Array, read_only
 
-BLOCK = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
-FARTHEST = 100.0
+BLOCK_EDGE_TARGETS = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
+MAX_GRID_COORDINATE = 100.0
 """Largest coordinate, m; no arm on a fixed base reaches so far."""
-MOST_TARGETS = 10**9
+MAX_TARGETS = 10**9
 """Largest number of targets; a volume of so many takes 60 GB and a day."""
-SKELETON = 0.06  # m between the targets of the coarse skeleton; postures bend little over that
+SKELETON_SPACING = 0.06  # m between the targets of the coarse skeleton; postures bend little over that
 
 Block = tuple[int, int, int, int]
 """Number of an orientation, and of a block of its targets along x, y and z."""
@@ -48,16 +48,14 @@ class Grid:
     def __post_init__(self) -> None:
         for name in ("low", "high", "rotations"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        if not (np.all(np.abs(self.low) <= FARTHEST) and np.all(np.abs(self.high) <= FARTHEST)):
-            raise InputError(f"volume: a corner is farther than {FARTHEST:g} m from the robot; give metres")
+        if not (np.all(np.abs(self.low) <= MAX_GRID_COORDINATE) and np.all(np.abs(self.high) <= MAX_GRID_COORDINATE)):
+            raise InputError(f"volume: a corner is farther than {MAX_GRID_COORDINATE:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):
             raise InputError(f"volume: corners {self.low.tolist()} and {self.high.tolist()} span nothing; low < high")
         if len(self.counts) != 3 or min(self.counts) < 2:
             raise InputError(f"volume: {self.counts} targets along x, y, z; give at least 2 along each")
-        if self.targets > MOST_TARGETS:
-            raise InputError(
-                f"volume: {self.counts} targets along x, y, z are too many; {MOST_TARGETS:.0e} is the most"
-            )
+        if self.targets > MAX_TARGETS:
+            raise InputError(f"volume: {self.counts} targets along x, y, z are too many; {MAX_TARGETS:.0e} is the most")
         if self.rotations.ndim != 3 or self.rotations.shape[1:] != (3, 3) or not len(self.rotations):
             raise InputError(f"volume: orientations of shape {self.rotations.shape} should be (m, 3, 3)")
 
@@ -74,14 +72,14 @@ class Grid:
     @property
     def blocks(self) -> tuple[int, int, int, int]:
         """Number of orientations, and of blocks along x, y and z."""
-        x, y, z = (-(-count // BLOCK) for count in self.counts)
+        x, y, z = (-(-count // BLOCK_EDGE_TARGETS) for count in self.counts)
         return len(self.rotations), x, y, z
 
     def place(self, block: Block) -> tuple[int, slice, slice, slice]:
         """Indices of a block's targets among all targets."""
         rotation, *numbers = block
         x, y, z = (
-            slice(BLOCK * number, min(BLOCK * (number + 1), count))
+            slice(BLOCK_EDGE_TARGETS * number, min(BLOCK_EDGE_TARGETS * (number + 1), count))
             for number, count in zip(numbers, self.counts, strict=True)
         )
         return rotation, x, y, z
@@ -96,7 +94,7 @@ class Grid:
 
     def coarse(self) -> "Grid":
         """The grid of the skeleton: the same corners, a few centimetres between targets."""
-        wanted = np.ceil((self.high - self.low) / SKELETON).astype(int) + 1
+        wanted = np.ceil((self.high - self.low) / SKELETON_SPACING).astype(int) + 1
         x, y, z = (max(2, min(count, int(most))) for count, most in zip(self.counts, wanted, strict=True))
         return Grid(self.low, self.high, (x, y, z), self.rotations)
 

@@ -4,16 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik.errors import UnreachableError
-from ik.solver import TOLERANCE, Solver, descend
+from ik.solver import REACHED_TOLERANCE, Solver, descend
 from ik.volume.grid import Grid
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-NEXT = 0.7  # rad between neighbours of the skeleton that still belong together
-SWEEPS = 30  # of smoothing; more sweeps change nothing
-PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
-COLD_STARTS = 4  # per target that no wave reached
-CENTRING = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
+MAX_NEIGHBOUR_DISTANCE = 0.7  # rad between neighbours of the skeleton that still belong together
+SMOOTHING_SWEEPS = 30  # of smoothing; more sweeps change nothing
+MAX_PARTS = 8  # branches beside the first; each has a border on which postures jump, and later ones are small
+COLD_STARTS_PER_TARGET = 4  # per target that no wave reached
+CENTRING_SHARE = 0.05  # share of the way to the middle of the joints' ranges per sweep: no posture creeps to a limit
 
 
 def build_skeleton(robot: Robot, grid: Grid) -> Array:
@@ -71,7 +71,7 @@ class _Layer:
         """Postures of targets (m,) from guesses (m, n), and which hold them within so many rad of the guess."""
         placed = np.ascontiguousarray(self.position[targets].T)
         q, error = descend(self.solver.chain, self.limits, self.rotation[:, :, None], placed, guess)
-        return q, (np.abs(error).max(axis=0) < TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
+        return q, (np.abs(error).max(axis=0) < REACHED_TOLERANCE) & (np.abs(q - guess).max(axis=1) < farthest)
 
     def follow(self, guess: Array) -> Array:
         """Postures from guesses, nan where there is no guess or the target is missed."""
@@ -93,17 +93,17 @@ class _Layer:
             wave = np.flatnonzero(np.isnan(q[:, 0]) & (count > tried) & (count > 0))
             if len(wave):
                 tried[wave] = count[wave]
-                found, good = self.reach(wave, _mean(q, self.neighbours[wave]), NEXT)
+                found, good = self.reach(wave, _mean(q, self.neighbours[wave]), MAX_NEIGHBOUR_DISTANCE)
                 q[wave[good]] = found[good]
                 continue
             known = ~np.isnan(q[:, 0])
             if cold is None:
                 cold = np.full_like(q, np.nan)
                 rotations = np.broadcast_to(self.rotation, (int((~known).sum()), 3, 3))
-                answers = self.solver.solve(rotations, self.position[~known], starts=COLD_STARTS)
+                answers = self.solver.solve(rotations, self.position[~known], starts=COLD_STARTS_PER_TARGET)
                 cold[~known] = np.where(answers.reached[:, None], answers.q, np.nan)
             left = np.flatnonzero(~known & ~np.isnan(cold[:, 0]))
-            if not len(left) or parts == PARTS:
+            if not len(left) or parts == MAX_PARTS:
                 return q
             # The posture closest to the solved ones starts the next part, from which the waves go on.
             centre = np.mean(q[known], axis=0) if known.any() else cold[left[0]]
@@ -115,12 +115,12 @@ class _Layer:
         """Sweeps of means of neighbours, each brought back to its target; what would leave its limits stays."""
         q, middle = q.copy(), (self.limits.lower + self.limits.upper) / 2
         solved = np.flatnonzero(~np.isnan(q[:, 0]))
-        for sweep in range(SWEEPS):
+        for sweep in range(SMOOTHING_SWEEPS):
             mean = _mean(q, self.neighbours)
             guess = 0.5 * (q + np.where(np.isnan(mean), q, mean))[solved]
-            guess += CENTRING * (1 - sweep / SWEEPS) * (middle - guess)
+            guess += CENTRING_SHARE * (1 - sweep / SMOOTHING_SWEEPS) * (middle - guess)
             found, good = self.reach(solved, guess, np.inf)
-            good &= np.abs(found - q[solved]).max(axis=1) < NEXT
+            good &= np.abs(found - q[solved]).max(axis=1) < MAX_NEIGHBOUR_DISTANCE
             q[solved[good]] = found[good]
         return q
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armdyn.errors import InputError
 from ik.errors import StaleTableError, check_owner
 from ik.volume.blocks import Solved
-from ik.volume.grid import BLOCK, Block, Grid, Status
+from ik.volume.grid import BLOCK_EDGE_TARGETS, Block, Grid, Status
 from urdf import Robot
 from urdf.robot import Array
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import zarr
 
 
-FORMAT = 3  # raise it when a change of the code makes other volumes out of the same robot
-REMOVE = "remove it and build it again with 'armdyn ik volume'"
-MISSING = "volumes need zarr: run 'pip install armdyn[volume]'"
+VOLUME_FORMAT = 3  # raise it when a change of the code makes other volumes out of the same robot
+REMOVE_REMEDY = "remove it and build it again with 'armdyn ik volume'"
+ZARR_REMEDY = "volumes need zarr: run 'pip install armdyn[volume]'"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class VolumeTable:
             StaleTableError: the directory contains something else.
         """
         zarr = _zarr()
-        joints, edges = len(robot.joint_names), tuple(min(BLOCK, count) for count in grid.counts)
+        joints, edges = len(robot.joint_names), tuple(min(BLOCK_EDGE_TARGETS, count) for count in grid.counts)
         # Made beside and renamed: whatever happens, a directory of this name is a volume that can be continued.
         unfinished = path.with_name(f".armdyn-{os.getpid()}-{secrets.token_hex(6)}.tmp")
         try:
@@ -80,7 +80,7 @@ class VolumeTable:
                 group.create_array(name, shape=shape, chunks=chunks, dtype=kind, fill_value=empty)
             group.create_array("skeleton", data=skeleton)
             group.attrs["armdyn"] = {
-                "format": FORMAT,
+                "format": VOLUME_FORMAT,
                 "robot": robot.name,
                 "joints": list(robot.joint_names),
                 "fingerprint": robot.fingerprint,
@@ -117,8 +117,8 @@ class VolumeTable:
         try:
             group = zarr.open_group(source, mode="r+")
             about = group.attrs["armdyn"]
-            if about["format"] != FORMAT:
-                raise StaleTableError(f"{source}: another version of armdyn wrote it; {REMOVE}")
+            if about["format"] != VOLUME_FORMAT:
+                raise StaleTableError(f"{source}: another version of armdyn wrote it; {REMOVE_REMEDY}")
             table = cls(
                 path=source,
                 robot_name=about["robot"],
@@ -133,12 +133,12 @@ class VolumeTable:
         except (StaleTableError, KeyboardInterrupt):
             raise
         except Exception as error:  # damaged files surface as a dozen exceptions of zarr, json and its compressors
-            raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE}") from error
+            raise StaleTableError(f"{source}: not an IK volume, or damaged; {REMOVE_REMEDY}") from error
         if robot is not None:
-            check_owner(source, about, robot, REMOVE)
+            check_owner(source, about, robot, REMOVE_REMEDY)
         if collisions is not None and about["collisions"] != collisions:
             built, wanted = ("with" if checked else "without" for checked in (about["collisions"], collisions))
-            raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE}")
+            raise StaleTableError(f"{source}: it was built {built} '--collisions', not {wanted}; {REMOVE_REMEDY}")
         return table
 
     def write(self, block: Block, solved: Solved) -> None:
@@ -169,11 +169,11 @@ class VolumeTable:
         if wrong is None and _digest(self.skeleton) != skeleton:
             wrong = "skeleton"
         if wrong is not None:
-            raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {REMOVE}")
+            raise StaleTableError(f"{self.path}: '{wrong}' is damaged; {REMOVE_REMEDY}")
         for block, digest in np.ndenumerate(np.asarray(self.digests[:])):
             place = grid.place(block)
             if digest and digest != _digest(np.asarray(self.q[place]), np.asarray(self.status[place])):
-                raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE}")
+                raise StaleTableError(f"{self.path}: the block {block} is damaged; {REMOVE_REMEDY}")
 
     def missing(self) -> list[Block]:
         """Blocks that are not done."""
@@ -188,11 +188,15 @@ class VolumeTable:
         pairs = jumps = 0
         for rotation in range(len(self.grid.rotations)):
             # Slab by slab along x, each with the first plane of the next, so that the whole need not fit into memory.
-            for start in range(0, self.grid.counts[0], BLOCK):
-                q = np.asarray(self.q[rotation, start : start + BLOCK + 1])
-                q = np.where((np.asarray(self.status[rotation, start : start + BLOCK + 1]) == 1)[..., None], q, np.nan)
+            for start in range(0, self.grid.counts[0], BLOCK_EDGE_TARGETS):
+                q = np.asarray(self.q[rotation, start : start + BLOCK_EDGE_TARGETS + 1])
+                q = np.where(
+                    (np.asarray(self.status[rotation, start : start + BLOCK_EDGE_TARGETS + 1]) == 1)[..., None],
+                    q,
+                    np.nan,
+                )
                 for axis in range(3):
-                    inner = q if axis == 0 else q[:BLOCK]
+                    inner = q if axis == 0 else q[:BLOCK_EDGE_TARGETS]
                     step = np.abs(np.diff(inner, axis=axis)).max(axis=-1)
                     pairs += int((~np.isnan(step)).sum())
                     jumps += int((step > limit).sum())
@@ -211,5 +215,5 @@ def _zarr() -> Any:
     try:
         import zarr
     except ImportError as error:
-        raise InputError(MISSING) from error
+        raise InputError(ZARR_REMEDY) from error
     return zarr

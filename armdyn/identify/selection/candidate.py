@@ -34,12 +34,12 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """Its name with the joints, in the form that commands take."""
+        """Name of the candidate with its joints, in the form that commands take."""
         return f"{self.effect}:{','.join(self.joints)}" if self.joints else self.effect
 
     @property
     def spoken(self) -> str:
-        """Its name for a reader, with the names of one or two joints, or with their number."""
+        """Name of the candidate for a reader, with the names of one or two joints, or with their number."""
         if not self.joints:
             return self.effect
         return f"{self.effect} on " + (
