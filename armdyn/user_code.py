@@ -148,9 +148,7 @@ def _perform(path: Path, work: Callable[[], object], writing: int) -> NoReturn:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
         _limit_memory()
-        faulthandler.register(
-            signal.SIGPROF, file=writing, all_threads=False, chain=True
-        )  # reports the line, then ends the process
+        faulthandler.register(signal.SIGPROF, file=writing, all_threads=False, chain=True)  # reports the line, ends
         signal.setitimer(signal.ITIMER_PROF, USER_SECONDS)
         faulthandler.dump_traceback_later(MAX_WAIT_RATIO * USER_SECONDS, exit=True, file=writing)
         outcome: BaseException | None = None

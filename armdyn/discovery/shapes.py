@@ -139,9 +139,7 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
     rate = f"speed * (1 - ca.fmax(0, z * ca.sign(speed))**{PLAY_EXPONENT}) / travel"
     state = f"{site.stage}, turned = {site.stage}.with_state(lambda z: {rate}, start)"
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
-    start = Constant(
-        "1", 0.0, 1.0, -1.0, 1.0, scope="per_run"
-    )  # the recording does not contain the direction of the motion before
+    start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # no recording contains the motion before it
     for travel in travels:
         where = {"travel": Constant(position.unit, travel, travel / 2, 0.05 * travel, 20.0 * travel), "start": start}
         yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},

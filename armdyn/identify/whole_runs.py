@@ -112,9 +112,7 @@ def _without_nothing(study: Study, effects: Effects) -> Effects:
     """
     while True:
         found = _fitted(study, effects)
-        useless = tuple(
-            c for c in effects if np.all(_distance(found, c) == 0.0)
-        )  # it stood for an effect that was added later
+        useless = tuple(c for c in effects if np.all(_distance(found, c) == 0.0))  # replaced by a later effect
         unsure = [c for c in effects if c.effect not in study.asked]
         effects = tuple(c for c in effects if c not in useless)
         if useless:

@@ -142,9 +142,8 @@ def _best(run: Modelled, sets: Sequence[tuple[Hypothesis, ...]], as_is: float) -
     explained = float(np.mean(found[best].share[concerned])) <= MAX_RESIDUAL_SHARE
     least = max(as_is, run.nothing())
     of_description = any(h.description.mass != 1.0 or h.description.length != 1.0 for h in chosen)
-    enough = (
-        CERTAIN_MISTAKE_NATS if of_description else POSSIBLE_MISTAKE_NATS
-    )  # a description is that of all its recordings
+    # A description belongs to all its recordings, so a mistake in it must be certain.
+    enough = CERTAIN_MISTAKE_NATS if of_description else POSSIBLE_MISTAKE_NATS
     if values[best] - least < enough or not explained or any(h.effect for h in chosen):
         return ()
     same = {h.family for h in chosen}

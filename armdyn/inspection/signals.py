@@ -266,9 +266,8 @@ def motions(run: Run) -> Iterator[Check]:
 def moves(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
-    low, high = np.sort(value)[
-        [min(ALLOWED_FAULTS, len(value) - 1), max(-1 - ALLOWED_FAULTS, -len(value))]
-    ]  # without glitches
+    last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
+    low, high = np.sort(value)[[last, -1 - last]]
     return bool(high - low > max(MIN_MOTION_DEVIATES * quiet_std(channel.time, value), MIN_MOTION_SIZE))
 
 

@@ -37,9 +37,7 @@ def normalised_differences(
         for j, there in enumerate(stamps):
             if j != i:
                 weight /= (here - there) / span
-        total += weight * (
-            value[i : i + n] - value[:n]
-        )  # subtracting the first value keeps the digits beside a large constant
+        total += weight * (value[i : i + n] - value[:n])  # without its first value a large constant loses no digits
         squares += weight**2
     usual = np.median(np.diff(time, axis=0)) if interval is None else interval
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
