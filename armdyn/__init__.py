@@ -8,7 +8,7 @@ found = armdyn.repair(model, ["swing_1.csv", "swing_2.csv"])
 print(found.sentence)
 ```
 
-Everything is loaded when it is first asked for (PEP 562), so that the import itself takes no time.
+Everything is loaded when it is first used (PEP 562), so that the import itself takes no time.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
-"""What there is to show of a result: sentences, tables, figures. Terminal, page and notebook render the same document.
+"""Documents: the sentences, tables and figures of a result, which terminal, page and notebook render alike.
 
-Nothing here knows how it looks: `armdyn.notebook` makes cards, data frames and figures of it, `pipeline.console.screen`
-prints it, `pipeline.report.page` makes one HTML file.
+A document has no layout: `armdyn.notebook` renders it as cards, data frames and figures, `pipeline.console.screen`
+prints it, and `pipeline.report.page` writes one HTML file.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from armdyn.recording.channels import FloatArray
 
 MAX_CARD_ROWS = 15
-"""Of a table in a card, and on a terminal where the table has no name; pages and data frames have all."""
+"""Largest number of rows of a table in a card, and of an unnamed table on a terminal; pages and data frames have all
+rows."""
 Columns = Mapping[str, Sequence[Any]]
-"""Values by name of their column."""
+"""Values of a table by column name."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,14 @@ class Column:
     """One column of a table.
 
     Attributes:
-        name: in a data frame, and, with spaces in place of underscores, above the column.
-        values: of any kind, None where there is none.
-        form: format of numbers that are not whole.
-        missing: what is shown for None.
-        shares: per value, the share that is drawn as a bar behind it, 1 = full; empty for no bars.
-        judged: colour the bars by how full they are.
-        wide: leave the column out where a table must be narrow, on a terminal and in a card.
-        title: what stands above it; its name with spaces in place of underscores when empty.
+        name: name in a data frame, and, with spaces in place of underscores, the heading.
+        values: values of any type, None where there is none.
+        form: format of numbers that are not integers.
+        missing: text for None.
+        shares: length of the bar behind each value, 1 = full; empty for no bars.
+        judged: whether the colour of a bar depends on its length.
+        wide: whether to leave the column out of narrow tables, on a terminal and in a card.
+        title: heading of the column; where empty, its name with spaces in place of underscores.
     """
 
     name: str
@@ -46,12 +47,12 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """What stands above it."""
+        """Heading of the column."""
         return self.title or self.name.replace("_", " ")
 
     @property
     def texts(self) -> list[str]:
-        """A text per value."""
+        """The values as texts."""
         return [self._text(value) for value in self.values]
 
     def _text(self, value: Any) -> str:
@@ -65,19 +66,19 @@ class Column:
 
 
 def columns_of(items: Collection[Any], **forms: str) -> list[Column]:
-    """A column per attribute of the items, by its name, with the format of its numbers."""
+    """Make a column of each attribute of the items, by its name; `forms` are formats of numbers by name."""
     return [Column(name, [getattr(item, name) for item in items], form) for name, form in forms.items()]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length.
+    """A table: columns of equal length.
 
     Attributes:
         columns: from left to right.
-        caption: a sentence under it.
-        name: by which a data frame of it is asked for; empty where nobody asks.
-        folded: where given, a page shows the table behind a line with this text.
+        caption: a sentence below the table.
+        name: name under which a data frame of the table is available; empty for none.
+        folded: text of the line behind which a page hides the table; empty for a visible table.
     """
 
     columns: Sequence[Column]
@@ -87,22 +88,22 @@ class Table:
 
     @classmethod
     def of(cls, header: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> "Table":
-        """A table of rows, with a value per column."""
+        """Make a table from rows with a value per column."""
         return cls([Column(name, [row[i] for row in rows]) for i, name in enumerate(header)], caption)
 
     @property
     def values(self) -> Columns:
-        """By name of the column."""
+        """Values by column name."""
         return {column.name: column.values for column in self.columns}
 
     @property
     def filled(self) -> list[Column]:
-        """The columns in which something stands."""
+        """Columns that contain at least one value."""
         return [c for c in self.columns if any(value not in (None, "", (), []) for value in c.values)]
 
     @property
     def narrow(self) -> list[Column]:
-        """Those of a table that must be narrow."""
+        """Columns that are kept where the table must be narrow."""
         return [column for column in self.filled if not column.wide]
 
     def __len__(self) -> int:
@@ -111,13 +112,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure with what it shows.
+    """A figure with its caption.
 
     Attributes:
-        figure: of plotly, or its data and layout; made with the roles of `pipeline.report.theme`, it needs no title
-            and no template.
-        caption: a sentence under it.
-        tab: the tab of its section under which it stands; empty where it is always shown.
+        figure: a plotly figure, or its data and layout; with the roles of `pipeline.report.theme` it needs no title and
+            no template.
+        caption: a sentence below the figure.
+        tab: label of the tab of its section in which it is shown; empty where it is always visible.
     """
 
     figure: "go.Figure | Mapping[str, Any]"
@@ -127,12 +128,12 @@ class Chart:
 
 @dataclass(frozen=True)
 class Widget:
-    """A figure that the page's script draws from data as a reader clicks.
+    """An interactive figure that the page's script draws from data.
 
     Attributes:
-        html: its controls.
-        data: for the script.
-        height: of the figure [px].
+        html: HTML of its controls.
+        data: data for the script.
+        height: height of the figure [px].
     """
 
     html: str
@@ -146,11 +147,11 @@ class Section:
 
     Attributes:
         title: heading, and the entry in the navigation of a page.
-        sentence: what a person should take from it.
-        charts: its figures.
-        tables: below them.
-        tabs: labels by name of a tab; all sections show the tab that was chosen in one of them.
-        widget: a figure to click through.
+        sentence: the main result of the section.
+        charts: figures of the section.
+        tables: tables below the figures.
+        tabs: labels by name of a tab; choosing a tab selects it in all sections.
+        widget: an interactive figure.
     """
 
     title: str
@@ -162,12 +163,12 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Name of the section in a page's address."""
+        """Identifier of the section in a page's address."""
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 
 class Level(Enum):
-    """How good the news is; the value is the word that goes with it for those who see no colours."""
+    """How good the result is; the value is a word for readers who see no colours."""
 
     GOOD = "done"
     IMPROVED = "improved"
@@ -180,9 +181,9 @@ class KeyFigure:
     """A number in large type.
 
     Attributes:
-        name: what it is.
-        value: with its unit.
-        note: what to compare it with.
+        name: name of the number.
+        value: the number with its unit.
+        note: a value to compare it with.
     """
 
     name: str
@@ -192,11 +193,11 @@ class KeyFigure:
 
 @dataclass(frozen=True)
 class NextStep:
-    """What a reader may want to do now.
+    """A next step for the reader.
 
     Attributes:
-        what: in a few words.
-        command: to be copied.
+        what: the step in a few words.
+        command: command line to copy.
     """
 
     what: str
@@ -208,13 +209,13 @@ class Curve:
     """A line, or points, of a figure over time.
 
     Attributes:
-        row: the panel in which it is drawn, and the title of its axis.
-        label: what it is; curves of one label have one colour.
-        time: (n,) s.
-        value: (n,) in the unit of the row.
-        run: of several runs one is shown at a time.
-        dots: measured samples, not a line.
-        half_width: (n,) of a band around it; None for none.
+        row: panel in which it is drawn, and title of its axis.
+        label: label of the curve; curves with the same label have the same colour.
+        time: (n,) times, s.
+        value: (n,) values in the unit of the row.
+        run: name of the run; of several runs one is visible at a time.
+        dots: whether it consists of measured samples instead of a line.
+        half_width: (n,) half the width of a band around it; None for no band.
     """
 
     row: str
@@ -228,21 +229,21 @@ class Curve:
 
 @dataclass(frozen=True)
 class Document:
-    """What there is to show of a result.
+    """Everything that is shown of a result.
 
     Attributes:
-        title: what it is.
-        verdict: the sentence that a person reads first.
-        sections: in reading order.
-        level: how good the news is; None where that is no question.
-        subtitle: what was run.
+        title: title of the document.
+        verdict: the first sentence for a reader.
+        sections: sections in reading order.
+        level: how good the result is; None where that has no meaning.
+        subtitle: the command or input of the result.
         key_figures: numbers in large type.
-        notes: sentences that a reader must know, such as a warning.
-        next_steps: what to do now, each with the command that does it.
-        command: how to make this document again.
-        data: what is too long for a table, by name; made when a data frame of it is asked for.
-        curves: what to plot; None where there is nothing.
-        default: name of the table whose data frame is made when none is asked for; the first one's when empty.
+        notes: sentences that a reader must know, such as warnings.
+        next_steps: next steps, each with its command.
+        command: command that makes this document again.
+        data: long tables by name; they are computed when a data frame of one is requested.
+        curves: curves to plot; None where there are none.
+        default: name of the table for the default data frame; where empty, the first one.
     """
 
     title: str
@@ -260,9 +261,9 @@ class Document:
 
     @property
     def tables(self) -> list[Table]:
-        """Of all sections."""
+        """Tables of all sections."""
         return [table for section in self.sections for table in section.tables]
 
     def section(self, title: str) -> Section:
-        """The section of this title."""
+        """The section with a title."""
         return next(section for section in self.sections if section.title == title)

@@ -29,7 +29,7 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def python_docstring(lines: Iterable[str], indent: str = "") -> str:
-    """A Python docstring of these lines; the text cannot end the docstring and has no escapes."""
+    """A Python docstring of these lines; the text can neither end the docstring nor act as an escape."""
     safe = [one_line(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines]
     if len(safe) == 1:
         return f'{indent}"""{safe[0]}"""'

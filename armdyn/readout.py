@@ -50,7 +50,7 @@ class Interpolated(Sampler):
         self._prompt: csr_matrix | None = None
 
     def coefficients(self, signals: np.ndarray) -> np.ndarray:
-        """The signals themselves; see `Sampler.coefficients`."""
+        """The coefficients, which are the signals themselves; see `Sampler.coefficients`."""
         return signals
 
     def matrix(self, delay: float, derivative: int = 0) -> csr_matrix:

@@ -155,7 +155,7 @@ def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q
     Args:
         chain: the arm.
         limits: of its joints.
-        path: where the tool is, its core, and the speed asked of that.
+        path: where the tool is, its core, and the speed required there.
         branch: where to start.
         s: evenly spaced coordinates, (k,) [m].
         q: postures near the branch, (k, n).

@@ -31,7 +31,7 @@ class Path(Protocol):
 
     @property
     def core_speed(self) -> float:
-        """Speed asked of the core [m/s]."""
+        """Speed required on the core [m/s]."""
 
     def pose(self, s: Array) -> tuple[Array, Array]:
         """Orientations (3, 3, k) and positions (3, k) [m] of the tool."""

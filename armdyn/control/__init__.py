@@ -1,1 +1,1 @@
-"""Motions: one that informs (sequential action control), one that does the task (projection-based optimisation)."""
+"""Plan motions: informative ones (sequential action control), and the task's (projection-based optimisation)."""

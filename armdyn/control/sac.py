@@ -1,7 +1,7 @@
 r"""Sequential Action Control: a needle of gripper acceleration that makes the load cell informative.
 
 The extended state holds the gripper (x, v), one or two pendulums (phi, P) and psi = d(phi, P)/dtheta for the parameters
-in question. What the load cell says of them are signals g(t), see `questions`. The cost over the horizon is
+in question. The information of the load cell on them is in signals g(t), see `questions`. The cost over the horizon is
 
     J = sum dt [ rho(g) + w_x x^2 + w_v v^2 + w_b max(0, |x| - x_b)^2 ] + f(G),      G = G_0 + sum dt g g' / s^2 .
 

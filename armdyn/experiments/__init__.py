@@ -1,1 +1,1 @@
-"""The next experiment: which one tells most, how well, and along which motion of a gripper or of an arm."""
+"""Plan the next experiment: which one distinguishes hypotheses best, and along which motion."""

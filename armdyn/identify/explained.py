@@ -75,7 +75,7 @@ class Scale:
 
     @classmethod
     def of(cls, blocks: Sequence[Block]) -> "Scale":
-        """The scale of some blocks' channels; the noise of several runs is the root of the mean variance."""
+        """Units and noise of some blocks' channels; the noise of several runs is the root of the mean variance."""
         channels = by_channel(blocks)
         noise = {c: float(np.sqrt(np.mean([block.noise**2 for block in mine]))) for c, mine in channels.items()}
         return cls({channel: mine[0].unit for channel, mine in channels.items()}, noise)

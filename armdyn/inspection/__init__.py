@@ -1,1 +1,1 @@
-"""Are recordings what they say they are? Checks of the signals alone, and hypotheses tested by a model's physics."""
+"""Check that recordings are as declared: checks of single signals, and hypotheses tested with a model."""

@@ -184,7 +184,7 @@ class ArmRun:
         return np.array([self.torque(channel) for channel in self.channels])
 
     def moved(self, correction: Correction) -> Motion:
-        """The motion as a correction reads it."""
+        """The recorded motion after a correction of the recording."""
         m = self.motion
         if not any(name.startswith("q.") for name in correction.readings):
             return m

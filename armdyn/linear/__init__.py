@@ -1,1 +1,1 @@
-"""Linear algebra that fits, evidence and designs of experiments share."""
+"""Linear algebra shared by fits, evidence and the design of experiments."""

@@ -25,7 +25,7 @@ varied."""
 
 @lru_cache(maxsize=512)
 def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
-    """Step with which a physics is integrated, s: the declared one, or a stable one with each effect added alone."""
+    """Step of the integration, s: the one that the physics declares, or a shorter one, stable with each effect."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
     return max(
         min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION

@@ -1,1 +1,1 @@
-"""Recordings: channels and their units, the formats they are read from, and what is cleaned before a fit."""
+"""Recordings: channels and their units, file formats, and the cleaning of samples before a fit."""

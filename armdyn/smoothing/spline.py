@@ -129,7 +129,7 @@ class Samples:
 
     @cached_property
     def penalty(self) -> np.ndarray:
-        """(b, N) lower bands of D' D, stiffened by `GAP_STIFFNESS_SHARE` where no sample tells a coefficient.
+        """(b, N) lower bands of D' D, stiffened by `GAP_STIFFNESS_SHARE` where no sample determines a coefficient.
 
         Across a gap of tens of knots the smoothest curve costs less than rounding, and the equations are singular.
         """

@@ -1,1 +1,1 @@
-"""What a fit leaves unexplained: tests of it, where it is, and the force that would explain it."""
+"""The residual of a fit: tests against noise, where it is large, and the force that would explain it."""

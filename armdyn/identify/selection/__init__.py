@@ -1,1 +1,1 @@
-"""Which effects are missing: scores of sets, the search for the best one, and what of it is reported."""
+"""Choose the missing effects: scores of sets, the search for the best set, and the effects that are reported."""
