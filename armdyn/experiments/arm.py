@@ -107,7 +107,7 @@ class ArmProblem(MotionProblem):
         return max(self.kinematic_excess(x), float(np.max(np.abs(torque) / self.limits.effort)) - 1.0)
 
     def excess(self, x: np.ndarray) -> float:
-        """The excess of `grid_excess`, or `COLLISION_EXCESS` where only a posture is not allowed."""
+        """Largest share by which a limit is exceeded; `COLLISION_EXCESS` where only a posture is not allowed."""
         excess = self.grid_excess(x)
         if excess > 0.0:
             return excess

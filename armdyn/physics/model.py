@@ -75,7 +75,7 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def settled_window(self) -> float:
-        """Length of a run in which a fit has settled, s: three periods; see `Model.settled_window`."""
+        """Length of a run, s, below which friction and creep are not identifiable: three periods."""
         return 3.0 * self.physics.period
 
     @property

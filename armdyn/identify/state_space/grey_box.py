@@ -194,7 +194,7 @@ class GreyBox:
         return gram
 
     def starts(self, free: np.ndarray, point: NoiseAndMotion) -> Iterator[np.ndarray]:
-        """(P,) values at a point, then values for ever smaller kicks, of which the last (output error) come first.
+        """(P,) start values of output-error fits: those at a point, then those with ever smaller kicks, the last first.
 
         The kicks shrink from round to round, so that the motion changes from the measured to the simulated one without
         losing the measured swing.
