@@ -376,7 +376,7 @@ class LinearScorer(SetScorer):
         return errors.T.reshape(len(options), 2, -1), freedom
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """See `SetScorer.next_reported`: the set that removes most of the squared error for its length."""
+        """The set to report next: the one that removes most of the squared error for its length."""
         return min((self.of((*now.effects, *one)) for one in options), key=self.reading_cost)
 
     def values(self, one: SetScore) -> np.ndarray:
@@ -389,11 +389,11 @@ class LinearScorer(SetScorer):
         return self.sums.changed(self.columns[moved], (change * self.typical)[moved])
 
     def schwarz_score(self, one: SetScore) -> float:
-        """See `SetScorer.schwarz_score`."""
+        """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
         return one.likelihood - 0.5 * one.values * log(max(float(self._samples.sum()), 2.0))
 
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
-        """See `SetScorer.errors_by_channel`."""
+        """Root mean square error by channel, of training runs and of runs predicted from others."""
         training, held_out = self.errors(one.change / self.typical)
         predicted = held_out if not self.sums.training.all() else np.zeros(0)
         if self.sums.training.all() and len(np.unique(self.sums.run)) > 1:
@@ -404,7 +404,7 @@ class LinearScorer(SetScorer):
         return {name: float(np.sqrt(error)) for name, error in zip(self.sums.channels, errors, strict=False)}
 
     def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
-        """See `SetScorer.fitted`; the deviations include the model's own error, and are 0 for what is not fitted."""
+        """(P,) values of a set, and (P,) deviations with the model's own error; 0 for values that are not fitted."""
         widths = self.widths(one.effects, 0.0)
         c = np.flatnonzero(widths > 0.0)
         inner = self._normal(self.training)[0][np.ix_(c, c)] + np.diag(widths[c] ** -2.0)

@@ -140,7 +140,7 @@ class StateSpaceScorer(SetScorer):
             now = self.settle(following.effects)
 
     def ties(self, whole: SetScore, other: SetScore, without: SetScore) -> bool:
-        """See `SetScorer.ties`: by evidence, each set optimised from the other's point as well, or by residual.
+        """Whether the runs cannot distinguish two sets, by their evidence, each from the other's point, or residual.
 
         Where the residual is above the noise, another effect is missing too, and an exchange that changes the error by
         little may be due to it.
@@ -193,7 +193,7 @@ class StateSpaceScorer(SetScorer):
             yield from (tuple(c for c in self.candidates if c in {*rest, *come}) for come in coming if come or gone)
 
     def next_reported(self, now: SetScore, options: Sequence[Sequence[Candidate]]) -> SetScore:
-        """See `SetScorer.next_reported`: the smallest output error among the sets with the best scores.
+        """The set to report next: the one with the smallest output error among those with the best scores.
 
         A reader compares errors: an offset of the camera may be more certain than the drag that it hides.
         """
@@ -204,23 +204,23 @@ class StateSpaceScorer(SetScorer):
         return self.settle(best.effects)
 
     def values(self, one: SetScore) -> np.ndarray:
-        """See `SetScorer.values`."""
+        """(P,) values of all unknowns at a set's optimum."""
         values = self._here.values.copy()
         values[one.columns] += one.change
         return values
 
     def schwarz_score(self, one: SetScore) -> float:
-        """See `SetScorer.schwarz_score`."""
+        """Score of a set in nats without the prior on sizes (Schwarz 1978), for comparing two sets."""
         return one.likelihood + one.log_predictive - 0.5 * one.values * log(self._here.rows)
 
     def errors_by_channel(self, one: SetScore) -> tuple[dict[str, float], dict[str, float]]:
-        """See `SetScorer.errors_by_channel`: output error, what users compare."""
+        """Root mean square output error by channel, of training runs and of held-out runs."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         held_out = self._study.held_out_blocks(fit) if self._study.held_out else []
         return fit.rmse(), channel_rmse(held_out)
 
     def fitted(self, one: SetScore) -> tuple[np.ndarray, np.ndarray]:
-        """See `SetScorer.fitted`: those of the output error."""
+        """(P,) values of a set's output-error fit, and (P,) their standard deviations."""
         fit = self._study.quick_fit((*self._study.present, *one.effects))
         found = self._here.evidence(self._free(one.effects))
         T = self.problem.typical
