@@ -52,7 +52,7 @@ LIMIT_PRICE_NATS = 10.0
 """Price, in nats, for each joint that would leave its limits: descriptions have wrong limits now and then."""
 IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
 """Excess over a limit, rad or m, that no joint has, whatever its description says, and the price of each in nats."""
-LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
+JOINT_LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
 """Excess over a limit, rad or m, that still counts as at the limit, and largest ratio of a torque to the effort
 limit."""
 IGNORED_MOMENTS_SHARE = 0.05
@@ -238,7 +238,7 @@ class ArmRun:
         below, above = described.lowerPositionLimit - motion.q, motion.q - described.upperPositionLimit
         beyond, far = (
             (np.maximum(below, above) > margin).mean(axis=0) > IGNORED_MOMENTS_SHARE
-            for margin in (LIMIT_TOLERANCE, IMPOSSIBLE_EXCESS)
+            for margin in (JOINT_LIMIT_TOLERANCE, IMPOSSIBLE_EXCESS)
         )
         return LIMIT_PRICE_NATS * float(np.count_nonzero(beyond)) + IMPOSSIBLE_PRICE_NATS * float(np.count_nonzero(far))
 
