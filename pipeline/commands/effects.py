@@ -10,7 +10,7 @@ PANEL = "Models"
 
 def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
     """Show the physical effects that a model can have, with their parameters."""
-    from armdyn.effects.catalogue import CATALOGUE, STAGES
+    from armdyn.effects.catalogue import CATALOGUE
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
     from pipeline.fields import fields
@@ -31,7 +31,7 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
     from rich.text import Text
 
     console = to_screen()
-    for stage in STAGES:
+    for stage in dict.fromkeys(effect.acts_on for effect in known):
         console.print(stage, style="bold")
         for effect in (e for e in known if e.acts_on == stage):
             console.print(Text.assemble("  ", (effect.name, "cyan"), f"  {effect.summary}"))
