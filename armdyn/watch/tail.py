@@ -1,0 +1,84 @@
+r"""How often a sound robot's statistic exceeds a threshold: from what was seen, to far beyond it.
+
+The statistics are roots of sums of squares over their variance. Their squares are exponential far out where many small
+errors add up, as the square of a Gaussian one is. So the squares' largest values in stretches of a sound recording that
+exceed their median u are taken to be exponential beyond it (peaks over a threshold with the shape 0: Pickands, Ann.
+Stat. 3, 1975). With n of them, of the mean excess B, the probability that the next one exceeds u + x is not
+exp(-x / B), which takes B for known, but what is left when B is integrated out (a Gamma posterior with the prior 1 / B):
+
+    (1 + x / (n B))^-n.
+
+So a short recording asks for a high threshold by itself, and a long one for the exponential's.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.stats import chi
+
+FEWEST = 4
+"""Largest values that a tail is made of; with fewer the threshold is more than a hundred times the mean excess."""
+
+
+class Law(Protocol):
+    """How often a statistic of a sound robot exceeds a threshold."""
+
+    def threshold(self, per_hour: float) -> float:
+        """What it exceeds so often, in times per hour."""
+        ...
+
+
+@dataclass(frozen=True)
+class Tail:
+    """The law of this module.
+
+    Attributes:
+        start: u.
+        excess: B.
+        count: n.
+        rate: how often a stretch exceeds u, per hour.
+    """
+
+    start: float
+    excess: float
+    count: int
+    rate: float
+
+    @classmethod
+    def of(cls, largest: np.ndarray, seconds: float) -> "Tail | None":
+        """From the largest values (k,) of stretches of so many seconds each; None of too few."""
+        squares = largest**2
+        start = float(np.median(squares)) if len(squares) else 0.0
+        beyond = squares[squares > start] - start
+        if len(beyond) < FEWEST:
+            return None
+        return cls(start, float(beyond.mean()), len(beyond), 3600.0 * len(beyond) / (len(largest) * seconds))
+
+    def threshold(self, per_hour: float) -> float:
+        """See `Law`."""
+        rarer = max(self.rate / per_hour, 1.0)
+        return float(np.sqrt(self.start + self.excess * self.count * np.expm1(np.log(rarer) / self.count)))
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Of the root of the sum of `degrees` squares of Gaussian errors, as of a band whose errors nobody measured.
+
+    Attributes:
+        looks: how many independent values there are per hour.
+        degrees: of freedom.
+    """
+
+    looks: float
+    degrees: int = 1
+
+    def threshold(self, per_hour: float) -> float:
+        """See `Law`."""
+        return float(chi(self.degrees).isf(min(per_hour / self.looks, 1.0)))
+
+
+def largest_of(values: np.ndarray, size: int) -> np.ndarray:
+    """(k,) largest values of stretches of `size` of (n,) values; what is left over at the end is left out."""
+    count = len(values) // size
+    return np.asarray(values[: count * size].reshape(count, size).max(axis=1)) if count else np.zeros(0)

@@ -1,0 +1,141 @@
+"""Outside torques: a contrast that no sound robot has, told at once, and where it ends."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armdyn.channels import FloatArray
+from armdyn.watch.changes import LOAD
+from armdyn.watch.event import Event, Kind
+from armdyn.watch.observer import Step
+from armdyn.watch.sound import Sound
+
+LASTING = 5.0
+"""s after which it is no touch any more: whatever stays so long is looked at as a change of load or robot."""
+OVER = 1.0 / 3.0
+"""Of the threshold, below which a contrast is as good as gone: half-way, noise would end and begin it again."""
+QUIET = 0.3
+"""s for which it must be gone."""
+
+
+@dataclass
+class _Open:
+    """One that goes on: since when, s, (nj,) what was there at its largest, whether it may be a load, when it was gone."""
+
+    begun: float
+    since: float
+    largest: FloatArray
+    joint: int
+    doubted: bool
+    gone: float | None = None
+
+
+class Touches:
+    """Follows the contrast.
+
+    Args:
+        joints: their names.
+        units: of their torques.
+        sound: what is usual.
+        per_hour: false alarms of these events.
+        told: rate of all false alarms, which events state.
+
+    Attributes:
+        going_on: whether the running mean and the slow sums must wait.
+        released: whether what went on has just been found to last; the slow sums begin anew.
+    """
+
+    def __init__(self, joints: Sequence[str], units: Sequence[str], sound: Sound, per_hour: float, told: float) -> None:
+        self._joints, self._units, self._sound, self._told = joints, units, sound, told
+        self.threshold = sound.touch.threshold(per_hour)
+        self._open: _Open | None = None
+        self._quiet = 0.0
+        self._lasting: FloatArray | None = None
+
+    @property
+    def going_on(self) -> bool:
+        """Whether something touches the arm now."""
+        return self._open is not None
+
+    def limit(self, step: Step) -> FloatArray:
+        """(nj,) contrasts that a sound robot does not have."""
+        return np.asarray(self.threshold * self._scale(step))
+
+    def _scale(self, step: Step) -> FloatArray:
+        return np.asarray(np.sqrt((self._sound.contrast * step.sources).sum(axis=1)))
+
+    def reset(self) -> None:
+        """Nothing is known of what went on."""
+        self._open = None
+
+    def take(self, step: Step, load: FloatArray, delay: float) -> list[Event]:
+        """What one sample tells.
+
+        Args:
+            step: of the observer.
+            load: (nj, 4) columns of the load there.
+            delay: of the observer, s.
+        """
+        ratio = np.abs(step.contrast) / self._scale(step)
+        highest = float(ratio.max()) / self.threshold
+        if self._open is None:
+            if highest < OVER:
+                self._quiet = step.time
+            return self._begun(step, ratio, load, delay) if highest >= 1.0 else []
+        now = self._open
+        if np.linalg.norm(step.contrast / self._scale(step)) > np.linalg.norm(now.largest / self._scale(step)):
+            now.largest = step.contrast
+        if highest >= OVER:
+            now.gone = None
+        elif now.gone is None:
+            now.gone = step.time
+        elif step.time - now.gone > QUIET:
+            self._open, self._quiet = None, step.time
+            return [self._ended(now, step)]
+        if step.time - now.begun > LASTING:
+            self._open, self._lasting, self._quiet = None, now.largest, step.time
+        elif now.doubted and not self._as_load(step, load):
+            now.doubted = False
+            return [self._event(Kind.OUTSIDE_TORQUE, now, step)]
+        return []
+
+    def _begun(self, step: Step, ratio: FloatArray, load: FloatArray, delay: float) -> list[Event]:
+        scale, joint = self._scale(step), int(np.argmax(ratio))
+        if self._lasting is not None:
+            left = np.linalg.norm((step.contrast + self._lasting) / scale)
+            before, self._lasting = self._lasting, None
+            if left < 0.5 * np.linalg.norm(before / scale):
+                now = _Open(step.time, self._quiet - delay, -before, joint, doubted=False)
+                return [self._ended(now, step)]
+        now = _Open(step.time, self._quiet - delay, step.contrast, joint, self._as_load(step, load))
+        self._open = now
+        return [self._event(Kind.NOT_TOLD if now.doubted else Kind.OUTSIDE_TORQUE, now, step)]
+
+    def _as_load(self, step: Step, load: FloatArray) -> bool:
+        """Whether something that the tool carries would do as well: what it leaves is half-way to be told, or less."""
+        scale = self._scale(step)
+        X, r = load / scale[:, None], step.contrast / scale
+        best = np.linalg.solve(X.T @ X + np.diag(1.0 / LOAD**2), X.T @ r)
+        return bool(np.abs(r - X @ best).max() < 0.5 * self.threshold)
+
+    def _event(self, kind: Kind, now: _Open, step: Step) -> Event:
+        j = now.joint
+        size, std, name, unit = float(step.contrast[j]), float(self._scale(step)[j]), self._joints[j], self._units[j]
+        says = f"{size:+.3g} ± {std:.2g} {unit} by now, since {now.since:.2f} s"
+        if kind is Kind.NOT_TOLD:
+            what = "outside_torque, payload"
+            sentence = f"{name}: something touches the arm or it took up a load, which one moment cannot tell: {says}."
+        else:
+            what, sentence = "outside_torque", f"{name}: something outside acts on the arm: {says}."
+        return Event(step.time, kind, name, now.since, size, std, unit, what, self._told, sentence)
+
+    def _ended(self, now: _Open, step: Step) -> Event:
+        j = now.joint
+        size, std, name, unit = float(now.largest[j]), float(self._scale(step)[j]), self._joints[j], self._units[j]
+        sentence = (
+            f"{name}: what acted since {now.since:.2f} s is gone; it was {size:+.3g} ± {std:.2g} {unit} at its largest."
+        )
+        return Event(
+            step.time, Kind.RECOVERED, name, now.since, size, std, unit, "outside_torque", self._told, sentence
+        )  # fmt: skip
