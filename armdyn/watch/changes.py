@@ -29,6 +29,8 @@ OWN = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "tor
 """What may change of a joint, in the order of `column_function`."""
 UNITS = ("N m", "N m s/rad", "N m", "1")
 SLIDING_UNITS = ("N", "N s/m", "N", "1")
+SHARED = 4.0
+"""Windows for which what all joints say of a kind of change counts beside a joint's own."""
 LOAD = np.array([1.0, 0.2, 0.2, 0.2])
 """kg and kg m: typical load, 1 kg at 0.2 m. Weak knowledge, which only matters where the motion says nothing."""
 
@@ -82,31 +84,36 @@ class Usual:
     Attributes:
         load: (4,) kg and kg m.
         own: (nj, 4).
-        spread: (5,) of the load and of every kind of `OWN`: variance of b over S.
+        spread: variance of b over S, of the load.
+        own_spread: (nj, 4) likewise of the others.
         shown: of the same, S of a usual window: mass, then (nj, 4).
     """
 
     load: FloatArray
     own: FloatArray
-    spread: FloatArray
+    spread: float
+    own_spread: FloatArray
     shown: tuple[float, FloatArray]
 
     @classmethod
-    def of(cls, windows: Sums) -> "Usual":
-        """From windows (k, ...)."""
+    def of(cls, windows: Sums, size: int) -> "Usual":
+        """From windows (k, ...) of `size` blocks, each a block later than the one before."""
         total = windows.total
         load = np.linalg.solve(total.load + np.diag(1.0 / LOAD**2), total.load_error)
         own = total.own_error / np.maximum(total.own, np.finfo(float).tiny)
-        found = cls(load, own, np.ones(1 + len(OWN)), (np.inf, np.full(own.shape, np.inf)))
+        found = cls(load, own, 1.0, np.ones(own.shape), (np.inf, np.full(own.shape, np.inf)))
         explained, by_own = found.explained(windows)
-        spread = np.array([explained.mean() / len(LOAD), *by_own.mean(axis=(0, 1))])
+        # A few windows say little of one joint alone: each has a share in what all joints say of the kind.
+        apart, kind = len(windows.load) / size, by_own.mean(axis=(0, 1))
+        spread = (apart * by_own.mean(axis=0) + SHARED * kind) / (apart + SHARED)
         shown = float(windows.load[:, 0, 0].mean()), windows.own.mean(axis=0)
-        return cls(load, own, np.maximum(spread, 1e-9), shown)
+        tiny = np.finfo(float).tiny
+        return cls(load, own, max(float(explained.mean()) / len(LOAD), tiny), np.maximum(spread, tiny), shown)
 
     def explained(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
         """What a change explains of the weighted squares: (...) of the load, (..., nj, 4) of each other one."""
         error = sums.load_error - sums.load @ self.load
-        ridge = sums.load + self.spread[0] * np.diag(1.0 / LOAD**2)
+        ridge = sums.load + self.spread * np.diag(1.0 / LOAD**2)
         of_load = np.einsum("...i,...i->...", error, np.linalg.solve(ridge, error[..., None])[..., 0])
         own = sums.own_error - sums.own * self.own
         return of_load, own**2 / np.maximum(sums.own, np.finfo(float).tiny)
@@ -117,22 +124,22 @@ class Usual:
         tiny = np.finfo(float).tiny
         mass = np.minimum(1.0, self.shown[0] / np.maximum(sums.load[..., 0, 0], tiny))
         each = np.minimum(1.0, self.shown[1] / np.maximum(sums.own, tiny))
-        return np.sqrt(mass * of_load / self.spread[0]), np.sqrt(each * own / self.spread[1:])
+        return np.sqrt(mass * of_load / self.spread), np.sqrt(each * own / self.own_spread)
 
     def load_change(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
         """(4,) of the load, kg and kg m, and (4,) their standard deviations."""
-        ridge = sums.load + self.spread[0] * np.diag(1.0 / LOAD**2)
+        ridge = sums.load + self.spread * np.diag(1.0 / LOAD**2)
         inverse = np.linalg.inv(ridge)
         wider = max(1.0, float(sums.load[0, 0]) / self.shown[0])
         return inverse @ (sums.load_error - sums.load @ self.load), np.sqrt(
-            wider * self.spread[0] * np.diag(inverse)
+            wider * self.spread * np.diag(inverse)
         )
 
     def own_change(self, sums: Sums, joint: int, kind: int) -> tuple[float, float]:
         """Of a joint, and its standard deviation."""
         S = float(sums.own[joint, kind])
         size = float(sums.own_error[joint, kind]) / S - float(self.own[joint, kind])
-        return size, float(np.sqrt(self.spread[1 + kind] / min(S, self.shown[1][joint, kind])))
+        return size, float(np.sqrt(self.own_spread[joint, kind] / min(S, self.shown[1][joint, kind])))
 
 
 class Blocks:

@@ -36,9 +36,14 @@ GAP = 0.2
 """s without a sample after which nobody knows how the arm moved in between: the filters begin anew."""
 SETTLED = 15.0
 """Time constants of F after which what it began with is gone: exp(-15) 15^2 / 2 is 3e-5 of it."""
-QUICKEST, PER_SAMPLE = 60.0, 0.8
-"""K, 1/s, and at most so much of it for each interval between samples. On simulated Baxter, UR5 and Panda arms with
-encoders' noise, 40 to 80 find contacts of 5 N m about equally late; noise grows like K^2.5."""
+BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
+"""K, 1/s, of which sound recordings choose, see `arrived`; neighbours find a torque within 10 % of each other's size."""
+USUAL, PER_SAMPLE = 40.0, 0.8
+"""K where there are none, and at most so much of it for each interval between samples."""
+FIRST = 20
+"""Intervals that say how often samples come."""
+SOON = 0.05
+"""s in which a torque from outside should be found."""
 SHORT = frozenset({"torque_delay", "command_delay"})
 """Effects with a memory that is shorter than F's own."""
 MEAN = 2 * (ORDER + 1)
@@ -80,10 +85,14 @@ class Observer:
 
     Args:
         model: an arm.
-        bandwidth: K, 1/s; from the first interval between samples if not given.
+        bandwidth: K, 1/s, where the samples come often enough for it.
+
+    Attributes:
+        bandwidth: K, 1/s, as it is used.
+        hold: whether the running mean must wait, as something acts that is not to be taken for usual.
     """
 
-    def __init__(self, model: ArmModel, bandwidth: float | None = None) -> None:
+    def __init__(self, model: ArmModel, bandwidth: float = USUAL) -> None:
         self._joints = len(model.arm.joints)
         self._asked = np.array([joint in model.joints for joint in model.arm.joints])
         self._function = compiled(model)[0]
@@ -91,8 +100,13 @@ class Observer:
         self._fastest[self._fastest <= 0.0] = np.inf
         self._state = np.zeros(PARTS * self._joints + 1)
         self._last: tuple[float, FloatArray] | None = None
+        self._intervals: list[float] = []
         self.bandwidth = bandwidth
         self.hold = False
+
+    def begin(self) -> None:
+        """What comes next follows nothing that was."""
+        self._last = None
 
     def take(self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0) -> Step | None:
         """One sample; None where it is no use: something is missing, or its stamp is not after the last one.
@@ -113,15 +127,21 @@ class Observer:
                 return None  # repeated, or overtaken by a later one
             if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any():
                 step = 0.0
-            elif self.bandwidth is None and 0.0 < step <= GAP:
-                self.bandwidth = min(QUICKEST, PER_SAMPLE / step)
-        self._last = time, np.array(q)
-        K = self.bandwidth if self.bandwidth is not None else QUICKEST
+            elif step > 0.0 and len(self._intervals) < FIRST and self._too_rarely(step):
+                step = 0.0
+        self._last, K = (time, np.array(q)), self.bandwidth
         found = self._function(self._state, step, float(self.hold), K, q, tau, np.broadcast_to(shift, q.shape))
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling(K))
         return Step(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), settled)
+
+    def _too_rarely(self, step: float) -> bool:
+        """Whether samples turn out to come too rarely for the filter, which then becomes slower."""
+        self._intervals.append(step)
+        slower = PER_SAMPLE / float(np.median(self._intervals)) if len(self._intervals) == FIRST else np.inf
+        self.bandwidth, before = min(self.bandwidth, slower), self.bandwidth
+        return self.bandwidth < before
 
     def explained(self, more: FloatArray) -> None:
         """Take (nj,) that `shift` has more from now on off the mean of the residual: nothing happened to the arm."""
@@ -130,12 +150,18 @@ class Observer:
     @property
     def delay(self) -> float:
         """How long ago what is said now was on average, s."""
-        return ORDER / (self.bandwidth or QUICKEST)
+        return ORDER / self.bandwidth
 
 
 def settling(bandwidth: float) -> float:
     """s after a start until filters and mean hold nothing of how they began."""
     return SETTLED / bandwidth + SLOW
+
+
+def arrived(bandwidth: float) -> float:
+    """Share of a torque from outside that the residual has after `SOON`, at K = `bandwidth`, 1/s."""
+    x = bandwidth * SOON
+    return float(1.0 - np.exp(-x) * (1.0 + x + x**2 / 2.0))
 
 
 def observer_function(model: ArmModel) -> ca.Function:

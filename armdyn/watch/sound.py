@@ -9,12 +9,12 @@ import numpy as np
 from scipy.optimize import nnls
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import FloatArray
+from armdyn.channels import Channel, FloatArray
 from armdyn.errors import InputError
 from armdyn.run import Run
 from armdyn.watch.changes import BLOCK, LOAD, OWN, SAMPLE, WINDOWS, Blocks, Sums, Usual
-from armdyn.watch.observer import ORDER, QUICKEST, Observer, compiled
-from armdyn.watch.tail import Gaussian, Law, Tail, largest_of
+from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, SOURCES, USUAL, Observer, arrived, compiled
+from armdyn.watch.tail import FEWEST, Gaussian, Law, Tail, largest_of
 
 Sample = tuple[float, FloatArray, FloatArray]
 """Time, s, (nj,) positions and (nj,) what the drives read."""
@@ -37,21 +37,23 @@ class Sound:
     """What to expect of a robot on which nothing changed.
 
     Attributes:
+        bandwidth: of the observer, 1/s.
         contrast: (nj, 4) variance of the contrast by its sources, see `Step`.
         residual: (nj, 4) likewise of the residual.
-        touch: law of the largest contrast over its size.
+        touch: by joint, law of the largest contrast over its size.
         usual: by size of a window in blocks.
         load: law of the load's largest score; None where nothing is known of it.
-        own: law of the other changes' largest score; likewise.
+        own: by joint, law of its other changes' largest score; likewise.
         seconds: of the recordings it was measured on; None where it is the model's own band.
     """
 
+    bandwidth: float
     contrast: FloatArray
     residual: FloatArray
-    touch: Law
+    touch: tuple[Law, ...]
     usual: Mapping[int, Usual]
     load: Law | None
-    own: Law | None
+    own: tuple[Law, ...] | None
     seconds: float | None
 
     @property
@@ -86,10 +88,17 @@ def samples_of(run: Run, model: ArmModel) -> Iterator[Sample]:
         elif np.array_equal(channel.time, time):
             columns.append(channel.value)
         else:
-            columns.append(np.interp(time, channel.time, channel.value, left=np.nan, right=np.nan))
+            columns.append(_at(time, channel))
     table = np.column_stack(columns)
     for stamp, row in zip(time.tolist(), table, strict=True):
         yield stamp, row[: len(joints)], row[len(joints) :]
+
+
+def _at(time: FloatArray, channel: Channel) -> FloatArray:
+    """(n,) a channel at times of others; nan beyond its ends and in its gaps."""
+    value = np.interp(time, channel.time, channel.value, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(channel.time, time), 1, len(channel) - 1)
+    return np.where(channel.time[after] - channel.time[after - 1] > GAP, np.nan, value)
 
 
 def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> Sound:
@@ -102,35 +111,64 @@ def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]
     Raises:
         InputError: they are too short.
     """
-    steps, length = [], 0.0
-    for recording in recordings:
-        observer, before = Observer(model), None
-        for sample in recording():
-            step = observer.take(*sample)
-            if step is not None and step.settled:
-                steps.append((step.contrast, step.residual, step.sources))
-                length += step.time - before if before is not None and step.time > before else 0.0
-                before = step.time
+    bandwidth = _quickest(model, recordings)
+    (contrast, residual, sources), length = _observed(model, recordings, bandwidth)
     if length < SHORTEST:
         raise InputError(
             f"the sound recordings last {length:.1f} s together: record {SHORTEST:g} s or more of usual motion"
         )
-    contrast, residual, sources = (np.array(values) for values in zip(*steps, strict=True))
     asked = np.array([joint in model.joints for joint in model.arm.joints])
     of_contrast, of_residual = (
         np.where(asked[:, None], _variances(values, sources), np.inf) for values in (contrast, residual)
     )
     ratio = np.abs(contrast) / np.sqrt((of_contrast * sources).sum(axis=2))
-    touch = Tail.of(largest_of(ratio.max(axis=1), max(1, round(STRETCH * len(ratio) / length))), STRETCH)
+    largest = largest_of(np.nan_to_num(ratio), max(1, round(STRETCH * len(ratio) / length)))
+    touch = tuple(Tail.of(values, STRETCH) for values in largest.T)
     blocks = Blocks(compiled(model)[1], of_residual, kept=None)
     for recording in recordings:
-        observer = Observer(model)
+        observer = Observer(model, bandwidth)
         for sample in recording():
             step = observer.take(*sample)
-            if step is not None and step.settled and blocks.due(step.time) and observer.bandwidth is not None:
+            if step is not None and step.settled and blocks.due(step.time):
                 blocks.take(step, observer.bandwidth)
     usual, load, own = _usual(Sums.together(list(blocks.sums))) if blocks.sums else ({}, None, None)
-    return Sound(of_contrast, of_residual, touch, usual, load, own, length)
+    return Sound(bandwidth, of_contrast, of_residual, touch, usual, load, own, length)
+
+
+def _observed(
+    model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]], bandwidth: float, enough: float = np.inf
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray], float]:
+    """(n, nj) contrast and residual and (n, nj, 4) sources of their errors, and how many s they are of."""
+    n = len(model.arm.joints)
+    contrast, residual, sources = [np.zeros((0, n))], [np.zeros((0, n))], [np.zeros((0, n, SOURCES))]
+    length = 0.0
+    for recording in recordings:
+        observer, before, steps = Observer(model, bandwidth), None, []
+        for sample in recording():
+            step = observer.take(*sample)
+            if step is None or not step.settled:
+                continue
+            steps.append(step)
+            length += step.time - before if before is not None and step.time > before else 0.0
+            before = step.time
+            if length > enough:
+                break
+        if steps:
+            contrast.append(np.array([step.contrast for step in steps]))
+            residual.append(np.array([step.residual for step in steps]))
+            sources.append(np.array([step.sources for step in steps]))
+    return (np.concatenate(contrast), np.concatenate(residual), np.concatenate(sources)), length
+
+
+def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> float:
+    """The bandwidth, 1/s, at which the joints' errors hide least of a torque after `SOON`; the mean of their logarithms."""
+    hidden = {}
+    for bandwidth in BANDWIDTHS:
+        (contrast, _, _), length = _observed(model, recordings[:1], bandwidth, SHORTEST)
+        if length > 0.0:
+            size = np.maximum(np.mean(contrast**2, axis=0), TINY)
+            hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(arrived(bandwidth))
+    return min(hidden, key=hidden.__getitem__) if hidden else USUAL
 
 
 def _variances(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
@@ -149,15 +187,15 @@ def _variances(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
     return found
 
 
-def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, Law | None]:
+def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[Law, ...] | None]:
     """What is usual by size of window, and the laws of the largest scores of load and everything else."""
     count = len(blocks.load)
     sizes = [size for size in WINDOWS if count >= (FOLDS - 1) * size]
-    scores = np.zeros((2, count))
+    scores = np.zeros((count, 1 + blocks.own.shape[1]))
     usual = {}
     for size in sizes:
         windows = blocks.windows(size)
-        usual[size] = Usual.of(windows)
+        usual[size] = Usual.of(windows, size)
         ends = np.arange(size - 1, count)
         fold = ends * FOLDS // count
         for k in np.unique(fold):
@@ -165,14 +203,14 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, Law | None]:
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                load, own = Usual.of(windows.of(others)).scores(windows.of(mine))
-                scores[0, ends[mine]] = np.maximum(scores[0, ends[mine]], load)
-                scores[1, ends[mine]] = np.maximum(scores[1, ends[mine]], own.max(axis=(1, 2)))
+                load, own = Usual.of(windows.of(others), size).scores(windows.of(mine))
+                scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.max(axis=2)]))
     # Windows share blocks with their neighbours for as long as the shortest lasts at least.
-    laws = [Tail.of(largest_of(values, WINDOWS[0]), WINDOWS[0] * BLOCK) for values in scores] if sizes else [None] * 2
-    if None in laws:
+    largest = largest_of(scores, WINDOWS[0])
+    if not sizes or len(largest) < FEWEST:
         return {}, None, None
-    return usual, laws[0], laws[1]
+    load, *own = (Tail.of(values, WINDOWS[0] * BLOCK) for values in largest.T)
+    return usual, load, tuple(own)
 
 
 def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
@@ -192,13 +230,14 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
     size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, 0.0, 0.0, 1.0] for joint in model.arm.joints])
     n, alike = len(size), COHERENT / SAMPLE
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
-    crossings = 3600.0 * n * QUICKEST / (2.0 * np.pi * np.sqrt(ORDER))
+    crossings = 3600.0 * USUAL / (2.0 * np.pi * np.sqrt(ORDER))
     per_sample = np.full((n, len(OWN)), np.inf)
     usual = {
-        w: Usual(np.zeros(len(LOAD)), np.zeros((n, len(OWN))), np.full(1 + len(OWN), alike), (np.inf, per_sample))
+        w: Usual(np.zeros(len(LOAD)), np.zeros((n, len(OWN))), alike, np.full((n, len(OWN)), alike), (np.inf, per_sample))
         for w in WINDOWS
     }
     looks = 3600.0 / BLOCK
     return Sound(
-        size, size, Gaussian(crossings), usual, Gaussian(looks, len(LOAD)), Gaussian(looks * n * len(OWN)), None
+        USUAL, size, size, (Gaussian(crossings),) * n, usual, Gaussian(looks, len(LOAD)),
+        (Gaussian(looks * len(OWN)),) * n, None,
     )  # fmt: skip

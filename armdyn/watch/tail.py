@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import chi
 
-FEWEST = 4
-"""Largest values that a tail is made of; with fewer the threshold is more than a hundred times the mean excess."""
+FEWEST = 7
+"""Stretches of which a tail is made at least; with three excesses the threshold is a hundred times their mean."""
 
 
 class Law(Protocol):
@@ -46,14 +46,12 @@ class Tail:
     rate: float
 
     @classmethod
-    def of(cls, largest: np.ndarray, seconds: float) -> "Tail | None":
-        """From the largest values (k,) of stretches of so many seconds each; None of too few."""
-        squares = largest**2
-        start = float(np.median(squares)) if len(squares) else 0.0
-        beyond = squares[squares > start] - start
-        if len(beyond) < FEWEST:
-            return None
-        return cls(start, float(beyond.mean()), len(beyond), 3600.0 * len(beyond) / (len(largest) * seconds))
+    def of(cls, largest: np.ndarray, seconds: float) -> "Tail":
+        """From the largest values (k,) of stretches of so many seconds each, `FEWEST` or more."""
+        squares = np.sort(largest**2)
+        count = len(squares) // 2
+        start = float(np.median(squares))
+        return cls(start, float(np.mean(squares[-count:] - start)), count, 1800.0 / seconds)
 
     def threshold(self, per_hour: float) -> float:
         """See `Law`."""
@@ -79,6 +77,6 @@ class Gaussian:
 
 
 def largest_of(values: np.ndarray, size: int) -> np.ndarray:
-    """(k,) largest values of stretches of `size` of (n,) values; what is left over at the end is left out."""
+    """(k, m) largest values of stretches of `size` of (n, m) values; what is left over at the end is left out."""
     count = len(values) // size
-    return np.asarray(values[: count * size].reshape(count, size).max(axis=1)) if count else np.zeros(0)
+    return np.asarray(values[: count * size].reshape(count, size, -1).max(axis=1))

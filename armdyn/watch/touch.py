@@ -13,10 +13,12 @@ from armdyn.watch.sound import Sound
 
 LASTING = 5.0
 """s after which it is no touch any more: whatever stays so long is looked at as a change of load or robot."""
-OVER = 1.0 / 3.0
-"""Of the threshold, below which a contrast is as good as gone: half-way, noise would end and begin it again."""
+OVER = 0.5
+"""Of the threshold, below which a contrast is as good as gone: half-way, so that noise neither ends nor begins it."""
 QUIET = 0.3
 """s for which it must be gone."""
+REPEATED = 60.0
+"""s for which what may be a load is not told again: whether it is one is told by the slow sums."""
 
 
 @dataclass
@@ -48,15 +50,21 @@ class Touches:
 
     def __init__(self, joints: Sequence[str], units: Sequence[str], sound: Sound, per_hour: float, told: float) -> None:
         self._joints, self._units, self._sound, self._told = joints, units, sound, told
-        self.threshold = sound.touch.threshold(per_hour)
+        self.threshold = np.array([law.threshold(per_hour / len(joints)) for law in sound.touch])
         self._open: _Open | None = None
         self._quiet = 0.0
         self._lasting: FloatArray | None = None
+        self._doubted = -np.inf
 
     @property
     def going_on(self) -> bool:
         """Whether something touches the arm now."""
         return self._open is not None
+
+    @property
+    def outside(self) -> bool:
+        """Whether that is surely nothing that the tool carries."""
+        return self._open is not None and not self._open.doubted
 
     def limit(self, step: Step) -> FloatArray:
         """(nj,) contrasts that a sound robot does not have."""
@@ -77,8 +85,8 @@ class Touches:
             load: (nj, 4) columns of the load there.
             delay: of the observer, s.
         """
-        ratio = np.abs(step.contrast) / self._scale(step)
-        highest = float(ratio.max()) / self.threshold
+        ratio = np.abs(step.contrast) / self.limit(step)
+        highest = float(ratio.max())
         if self._open is None:
             if highest < OVER:
                 self._quiet = step.time
@@ -95,7 +103,7 @@ class Touches:
             return [self._ended(now, step)]
         if step.time - now.begun > LASTING:
             self._open, self._lasting, self._quiet = None, now.largest, step.time
-        elif now.doubted and not self._as_load(step, load):
+        elif now.doubted and not self._as_load(step, load, 1.0):
             now.doubted = False
             return [self._event(Kind.OUTSIDE_TORQUE, now, step)]
         return []
@@ -108,16 +116,22 @@ class Touches:
             if left < 0.5 * np.linalg.norm(before / scale):
                 now = _Open(step.time, self._quiet - delay, -before, joint, doubted=False)
                 return [self._ended(now, step)]
-        now = _Open(step.time, self._quiet - delay, step.contrast, joint, self._as_load(step, load))
+        now = _Open(step.time, self._quiet - delay, step.contrast, joint, self._as_load(step, load, 0.5))
         self._open = now
-        return [self._event(Kind.NOT_TOLD if now.doubted else Kind.OUTSIDE_TORQUE, now, step)]
+        if not now.doubted:
+            return [self._event(Kind.OUTSIDE_TORQUE, now, step)]
+        again, self._doubted = 0.0 <= step.time - self._doubted < REPEATED, step.time
+        return [] if again else [self._event(Kind.NOT_TOLD, now, step)]
 
-    def _as_load(self, step: Step, load: FloatArray) -> bool:
-        """Whether something that the tool carries would do as well: what it leaves is half-way to be told, or less."""
-        scale = self._scale(step)
-        X, r = load / scale[:, None], step.contrast / scale
+    def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
+        """Whether something that the tool carries would do as well: what it leaves is below a share of the threshold.
+
+        Asked of the residual: the mean of the last moments holds some of a load that was taken up in them.
+        """
+        scale = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
+        X, r = load / scale[:, None], step.residual / scale
         best = np.linalg.solve(X.T @ X + np.diag(1.0 / LOAD**2), X.T @ r)
-        return bool(np.abs(r - X @ best).max() < 0.5 * self.threshold)
+        return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
     def _event(self, kind: Kind, now: _Open, step: Step) -> Event:
         j = now.joint

@@ -14,7 +14,9 @@ from armdyn.watch.observer import Observer, Step, compiled
 from armdyn.watch.sound import Sample, Sound
 from armdyn.watch.touch import Touches
 
-PATIENCE = 16
+CLEAN = 8
+"""Blocks for which a change that shows in a window as short as that waits, until all of the window may be after it."""
+PATIENCE = 24
 """Blocks for which a change that is sure waits for the motion to tell what it is; then it is said that it does not."""
 LOAD_AXES = 4
 """Numbers of a load: mass, and mass times place."""
@@ -31,6 +33,17 @@ class _Change:
     evidence: float
 
 
+@dataclass(frozen=True)
+class _Alarm:
+    """A change that waits to be told: its window, and what a torque from outside would have been, N m, with its joint."""
+
+    window: int
+    since: float
+    joint: int
+    size: float
+    std: float
+
+
 class Watch:
     """Holds a model against what its arm does.
 
@@ -44,15 +57,17 @@ class Watch:
         joints = model.arm.joints
         units = tuple("N" if slides else "N m" for slides in model.arm.slides)
         self.model, self.sound, self.per_hour = model, sound, per_hour
-        self.observer = Observer(model)
+        self.observer = Observer(model, sound.bandwidth)
         self.touches = Touches(joints, units, sound, per_hour / 2.0, per_hour)
         self._blocks = Blocks(compiled(model)[1], sound.residual)
-        self._thresholds = [law.threshold(per_hour / 4.0) if law is not None else np.inf
-                            for law in (sound.load, sound.own)]  # fmt: skip
+        share = per_hour / 4.0
+        self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
+        self._own_thresholds = np.array([law.threshold(share / len(joints)) for law in sound.own or ()])
         self._carried = int(joints.index(model.joints[-1]))
         self._load, self._own = np.zeros(LOAD_AXES), np.zeros((len(joints), len(OWN)))
         self._shift = np.zeros(len(joints))
-        self._undecided = 0
+        self._alarm: _Alarm | None = None
+        self._waited = 0
         self._refining: _Change | None = None
         self.latest: Step | None = None
 
@@ -78,9 +93,9 @@ class Watch:
             self.touches.reset()
             return []
         events: list[Event] = []
-        going_on = self.touches.going_on
+        going_on = self.touches.outside
         if self._blocks.due(time):
-            bandwidth = self.observer.bandwidth or np.nan
+            bandwidth = self.observer.bandwidth
             complete = not going_on and self._blocks.take(step, bandwidth)
             if going_on:
                 self._blocks.look(step, bandwidth)
@@ -90,7 +105,7 @@ class Watch:
                 self.observer.explained(self._known() - self._shift)
                 self._shift = self._known()
         events += self.touches.take(step, self._blocks.load, self.observer.delay)
-        if going_on and not self.touches.going_on:
+        if going_on and not self.touches.outside:
             self._blocks.clear()
         return events
 
@@ -104,25 +119,37 @@ class Watch:
         if self._refining is not None:
             self._refine(blocks)
             return []
-        best, rivals = self._best(blocks)
-        if best is None:
-            self._undecided = 0
+        best, rivals = self._best(blocks, self.sound.usual)
+        if self._alarm is not None:
+            self._waited += 1
+        elif best is None:
             return []
+        else:
+            self._alarm, self._waited = self._noticed(best, blocks), 0 if best.window <= CLEAN else CLEAN
+        if self._waited < CLEAN:
+            return []
+        # What a short window shows holds what was before as well: by now all of it may be of after the change.
+        after, others = self._best(blocks, [w for w in self.sound.usual if w <= CLEAN])
+        if after is not None:
+            best, rivals = after, others
+        if best is None:
+            alarm, self._alarm = self._alarm, None
+            return [self._passed(time, alarm)] if alarm.window <= CLEAN else []
         others = [each for each in rivals if best.evidence - each.evidence < TIE]
         if all(each.joint == best.joint for each in others):
             return [self._told(time, best, others, blocks)]
-        self._undecided += 1
-        return [self._not_told(time, best, others, blocks)] if self._undecided == PATIENCE else []
+        return [self._not_told(time, best, others, blocks)] if self._waited == PATIENCE else []
 
-    def _best(self, blocks: Sums) -> tuple[_Change | None, list[_Change]]:
+    def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The change that explains most of the window that shows one best, and all others; none where none is sure."""
         found, highest = None, 1.0
-        for window, usual in self.sound.usual.items():
+        for window in windows:
             if len(blocks.load) < window:
                 continue
+            usual = self.sound.usual[window]
             sums = blocks.of(slice(-window, None)).total
             load, own = usual.scores(sums)
-            over = max(float(load) / self._thresholds[0], float(own.max()) / self._thresholds[1])
+            over = max(float(load) / self._load_threshold, float((own.max(axis=1) / self._own_thresholds).max()))
             if over >= highest:
                 found, highest = (window, sums, float(load), own), over
         if found is None:
@@ -130,18 +157,18 @@ class Watch:
         window, sums, load, own = found
         usual = self.sound.usual[window]
         of_load, each = usual.explained(sums)
-        alike, count = 2.0 * float(usual.spread.mean()), np.log(window)
+        alike, count = 2.0 * (usual.spread + float(usual.own_spread.mean())) / 2.0, np.log(window)
         every = [_Change(-1, 0, window, load, float(of_load) / alike - 0.5 * LOAD_AXES * count)]
         every += [_Change(int(j), int(k), window, float(own[j, k]), float(each[j, k]) / alike - 0.5 * count)
                   for j, k in np.ndindex(own.shape)]  # fmt: skip
         best = max(every, key=lambda change: change.evidence)
-        if best.score < self._thresholds[0 if best.joint < 0 else 1]:
+        if best.score < (self._load_threshold if best.joint < 0 else self._own_thresholds[best.joint]):
             return None, []
         return best, [change for change in every if change is not best]
 
     def _told(self, time: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         """Tell a change, and count it in from now on."""
-        self._undecided = 0
+        self._alarm = None
         size, std, sums = self._size(best, blocks)
         since = self._blocks.begins[-best.window]
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
@@ -163,6 +190,25 @@ class Watch:
         return Event(
             time, kind, joint, since, float(size if before == 0.0 or over else total), std, unit,
             ", ".join([what, *tied]), self.per_hour, f"{says}; since {since:.1f} s.",
+        )  # fmt: skip
+
+    def _noticed(self, best: _Change, blocks: Sums) -> _Alarm:
+        sums, usual = blocks.of(slice(-best.window, None)).total, self.sound.usual[best.window]
+        offset = OWN.index("torque_offset")
+        joint = best.joint if best.joint >= 0 else int(np.argmax(usual.scores(sums)[1][:, offset]))
+        since = self._blocks.begins[-best.window]
+        return _Alarm(best.window, since, joint, *usual.own_change(sums, joint, offset))
+
+    def _passed(self, time: float, alarm: _Alarm) -> Event:
+        """Something was there and is gone, too small or too slow to be told at once, and no change of the robot."""
+        joint, unit = self.model.arm.joints[alarm.joint], "N" if self.model.arm.slides[alarm.joint] else "N m"
+        sentence = (
+            f"{joint}: something outside acted on the arm for some seconds after {alarm.since:.1f} s, "
+            f"{alarm.size:+.3g} ± {alarm.std:.2g} {unit} on average, and is gone."
+        )
+        return Event(
+            time, Kind.OUTSIDE_TORQUE, joint, alarm.since, alarm.size, alarm.std, unit, "outside_torque", self.per_hour,
+            sentence,
         )  # fmt: skip
 
     def _not_told(self, time: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
