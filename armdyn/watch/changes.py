@@ -23,8 +23,8 @@ from armdyn.watch.observer import Step
 
 SAMPLE, BLOCK = 0.04, 1.0
 """s from sample to sample, of which F leaves no more, and of motion in a block."""
-WINDOWS = (4, 8, 16, 32)
-"""Blocks that are looked at together; each is twice the one before, so that none fits a change by less than 70 %."""
+WINDOWS = (3, 7, 14, 28)
+"""Blocks that are looked at together; each is about twice the one before, so that none fits a change by less than 70 %."""
 OWN = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "torque_gain")
 """What may change of a joint, in the order of `column_function`."""
 UNITS = ("N m", "N m s/rad", "N m", "1")

@@ -143,9 +143,9 @@ class Observer:
         self.bandwidth, before = min(self.bandwidth, slower), self.bandwidth
         return self.bandwidth < before
 
-    def explained(self, more: FloatArray) -> None:
-        """Take (nj,) that `shift` has more from now on off the mean of the residual: nothing happened to the arm."""
-        self._state[MEAN * self._joints : (MEAN + 1) * self._joints] -= more
+    def explained(self, residual: FloatArray) -> None:
+        """Begin the running mean anew, with a residual (nj,): what the last moments held is known now."""
+        self._state[MEAN * self._joints : (MEAN + 1) * self._joints] = residual
 
     @property
     def delay(self) -> float:

@@ -43,7 +43,7 @@ class Sound:
         touch: by joint, law of the largest contrast over its size.
         usual: by size of a window in blocks.
         load: law of the load's largest score; None where nothing is known of it.
-        own: by joint, law of its other changes' largest score; likewise.
+        own: by joint and kind of other changes, laws of their scores; likewise.
         seconds: of the recordings it was measured on; None where it is the model's own band.
     """
 
@@ -53,7 +53,7 @@ class Sound:
     touch: tuple[Law, ...]
     usual: Mapping[int, Usual]
     load: Law | None
-    own: tuple[Law, ...] | None
+    own: tuple[tuple[Law, ...], ...] | None
     seconds: float | None
 
     @property
@@ -187,11 +187,11 @@ def _variances(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
     return found
 
 
-def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[Law, ...] | None]:
+def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law, ...], ...] | None]:
     """What is usual by size of window, and the laws of the largest scores of load and everything else."""
     count = len(blocks.load)
     sizes = [size for size in WINDOWS if count >= (FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.own.shape[1]))
+    scores = np.zeros((count, 1 + blocks.own[0].size))
     usual = {}
     for size in sizes:
         windows = blocks.windows(size)
@@ -204,13 +204,14 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[Law, ...] 
             others = (ends < begin) | (ends > end)
             if others.any():
                 load, own = Usual.of(windows.of(others), size).scores(windows.of(mine))
-                scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.max(axis=2)]))
+                scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Windows share blocks with their neighbours for as long as the shortest lasts at least.
     largest = largest_of(scores, WINDOWS[0])
     if not sizes or len(largest) < FEWEST:
         return {}, None, None
     load, *own = (Tail.of(values, WINDOWS[0] * BLOCK) for values in largest.T)
-    return usual, load, tuple(own)
+    kinds = len(OWN)
+    return usual, load, tuple(tuple(own[i : i + kinds]) for i in range(0, len(own), kinds))
 
 
 def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
@@ -239,5 +240,5 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
     looks = 3600.0 / BLOCK
     return Sound(
         USUAL, size, size, (Gaussian(crossings),) * n, usual, Gaussian(looks, len(LOAD)),
-        (Gaussian(looks * len(OWN)),) * n, None,
+        ((Gaussian(looks),) * len(OWN),) * n, None,
     )  # fmt: skip

@@ -14,7 +14,8 @@ from armdyn.watch.sound import Sound
 LASTING = 5.0
 """s after which it is no touch any more: whatever stays so long is looked at as a change of load or robot."""
 OVER = 0.5
-"""Of the threshold, below which a contrast is as good as gone: half-way, so that noise neither ends nor begins it."""
+"""Of the threshold, or of what it was, below which a contrast is gone: half-way, so that noise neither ends nor begins
+it."""
 QUIET = 0.3
 """s for which it must be gone."""
 REPEATED = 60.0
@@ -23,13 +24,15 @@ REPEATED = 60.0
 
 @dataclass
 class _Open:
-    """One that goes on: since when, s, (nj,) what was there at its largest, whether it may be a load, when it was gone."""
+    """One that goes on: since when, s, (nj,) what was there at its largest, whether it may be a load, whether it was told, and
+    when it was gone, s."""
 
     begun: float
     since: float
     largest: FloatArray
     joint: int
     doubted: bool
+    told: bool = True
     gone: float | None = None
 
 
@@ -73,9 +76,9 @@ class Touches:
     def _scale(self, step: Step) -> FloatArray:
         return np.asarray(np.sqrt((self._sound.contrast * step.sources).sum(axis=1)))
 
-    def reset(self) -> None:
-        """Nothing is known of what went on."""
-        self._open = None
+    def reset(self, time: float) -> None:
+        """At a time, s, what went on is explained, or nothing is known of it."""
+        self._open, self._lasting, self._quiet = None, None, time
 
     def take(self, step: Step, load: FloatArray, delay: float) -> list[Event]:
         """What one sample tells.
@@ -92,19 +95,20 @@ class Touches:
                 self._quiet = step.time
             return self._begun(step, ratio, load, delay) if highest >= 1.0 else []
         now = self._open
-        if np.linalg.norm(step.contrast / self._scale(step)) > np.linalg.norm(now.largest / self._scale(step)):
+        left, most = (float(np.linalg.norm(each / self._scale(step))) for each in (step.contrast, now.largest))
+        if left > most:
             now.largest = step.contrast
-        if highest >= OVER:
+        if highest >= OVER and left > OVER * most:
             now.gone = None
         elif now.gone is None:
             now.gone = step.time
         elif step.time - now.gone > QUIET:
             self._open, self._quiet = None, step.time
-            return [self._ended(now, step)]
+            return [self._ended(now, step)] if now.told else []
         if step.time - now.begun > LASTING:
             self._open, self._lasting, self._quiet = None, now.largest, step.time
         elif now.doubted and not self._as_load(step, load, 1.0):
-            now.doubted = False
+            now.doubted, now.told = False, True
             return [self._event(Kind.OUTSIDE_TORQUE, now, step)]
         return []
 
@@ -120,8 +124,8 @@ class Touches:
         self._open = now
         if not now.doubted:
             return [self._event(Kind.OUTSIDE_TORQUE, now, step)]
-        again, self._doubted = 0.0 <= step.time - self._doubted < REPEATED, step.time
-        return [] if again else [self._event(Kind.NOT_TOLD, now, step)]
+        now.told, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED, step.time
+        return [self._event(Kind.NOT_TOLD, now, step)] if now.told else []
 
     def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
         """Whether something that the tool carries would do as well: what it leaves is below a share of the threshold.

@@ -14,9 +14,9 @@ from armdyn.watch.observer import Observer, Step, compiled
 from armdyn.watch.sound import Sample, Sound
 from armdyn.watch.touch import Touches
 
-CLEAN = 8
+CLEAN = 7
 """Blocks for which a change that shows in a window as short as that waits, until all of the window may be after it."""
-PATIENCE = 24
+PATIENCE = 21
 """Blocks for which a change that is sure waits for the motion to tell what it is; then it is said that it does not."""
 LOAD_AXES = 4
 """Numbers of a load: mass, and mass times place."""
@@ -62,7 +62,8 @@ class Watch:
         self._blocks = Blocks(compiled(model)[1], sound.residual)
         share = per_hour / 4.0
         self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
-        self._own_thresholds = np.array([law.threshold(share / len(joints)) for law in sound.own or ()])
+        laws, each = sound.own or (), share / (len(joints) * len(OWN))
+        self._own_thresholds = np.array([[law.threshold(each) for law in joint] for joint in laws])
         self._carried = int(joints.index(model.joints[-1]))
         self._load, self._own = np.zeros(LOAD_AXES), np.zeros((len(joints), len(OWN)))
         self._shift = np.zeros(len(joints))
@@ -90,7 +91,7 @@ class Watch:
             return []
         self.latest = step
         if not step.settled:
-            self.touches.reset()
+            self.touches.reset(time)
             return []
         events: list[Event] = []
         going_on = self.touches.outside
@@ -99,11 +100,15 @@ class Watch:
             complete = not going_on and self._blocks.take(step, bandwidth)
             if going_on:
                 self._blocks.look(step, bandwidth)
-            self._shift = self._known()
+            before = self._shift = self._known()
             if complete:
                 events += self._changes(time)
-                self.observer.explained(self._known() - self._shift)
                 self._shift = self._known()
+                if (self._shift != before).any():
+                    # What went on until now was this.
+                    self.observer.explained(step.residual - (self._shift - before))
+                    self.touches.reset(time)
+                    return events
         events += self.touches.take(step, self._blocks.load, self.observer.delay)
         if going_on and not self.touches.outside:
             self._blocks.clear()
@@ -149,7 +154,7 @@ class Watch:
             usual = self.sound.usual[window]
             sums = blocks.of(slice(-window, None)).total
             load, own = usual.scores(sums)
-            over = max(float(load) / self._load_threshold, float((own.max(axis=1) / self._own_thresholds).max()))
+            over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
             if over >= highest:
                 found, highest = (window, sums, float(load), own), over
         if found is None:
@@ -162,7 +167,7 @@ class Watch:
         every += [_Change(int(j), int(k), window, float(own[j, k]), float(each[j, k]) / alike - 0.5 * count)
                   for j, k in np.ndindex(own.shape)]  # fmt: skip
         best = max(every, key=lambda change: change.evidence)
-        if best.score < (self._load_threshold if best.joint < 0 else self._own_thresholds[best.joint]):
+        if best.score < (self._load_threshold if best.joint < 0 else self._own_thresholds[best.joint, best.kind]):
             return None, []
         return best, [change for change in every if change is not best]
 

@@ -4,6 +4,7 @@ The C file needs no library: it is CasADi's code, and a function with plain arra
 numpy alone: an operation of CasADi's expression graph per line; its functions take one state or many at once, in rows.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,7 +187,16 @@ def c_text(functions: list[Function], about: list[str]) -> str:
         generator.add(each.function)
     prototypes = (f"  {_signature(each)};" for each in functions)
     head = c_comment([*about, "", "Compile with -lm, and call", "", *prototypes])
-    return f"{head}\n{generator.dump()}\n" + "\n".join(map(_wrapper, functions))
+    return f"{head}\n{_all_used(generator.dump())}\n" + "\n".join(map(_wrapper, functions))
+
+
+def _all_used(code: str) -> str:
+    """CasADi's code without a warning of a compiler: its functions have parameters that they do not use."""
+
+    def cast(head: re.Match[str]) -> str:
+        return head[0] + "".join(f" (void){name};" for name in re.findall(r"\b(iw|w|mem|i)(?=[,)])", head[0]))
+
+    return re.sub(r"^\w[^\n;#]*\([^\n;]*\) *\{", cast, code, flags=re.MULTILINE)
 
 
 def _signature(each: Function) -> str:
