@@ -33,7 +33,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
-from armdyn.watch.event import Event, Kind
+from armdyn.watch.event import Kind
 from armdyn.watch.sound import Sound, measured, samples_of
 from armdyn.watch.watch import Watch
 
@@ -142,7 +142,9 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
     events = list(Watch(robot.model, sound, per_hour).all(samples_of(run, robot.model)))
     within = SOON if what == "contact" else LATER
     wanted = {"contact": Kind.OUTSIDE_TORQUE, "load": Kind.LOAD_CHANGED, "friction": Kind.ROBOT_CHANGED}[what]
-    after = [e for e in events if begin <= e.time <= begin + max(within, CONTACT_LASTS) and e.kind is not Kind.RECOVERED]
+    after = [
+        e for e in events if begin <= e.time <= begin + max(within, CONTACT_LASTS) and e.kind is not Kind.RECOVERED
+    ]
     soon = [e for e in after if e.time <= begin + within]
     named = [e.kind for e in after if e.kind is not Kind.NOT_TOLD]
     return {
@@ -183,8 +185,11 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
                 found, named = [r["found"] for r in some], [r for r in some if r["after"] is not None]
                 late = [r["after"] for r in named]
                 apart = [r["apart"] for r in named]
-                print(f"  {what:9s}{robot or 'all':8s} of {len(some):3d}: found {100 * np.mean(found):5.1f} %, after "
-                      f"{np.median(late) if late else np.nan:6.3g} s; told apart {100 * np.mean(apart) if apart else 0:5.1f} %")  # fmt: skip
+                after, right = np.median(late) if late else np.nan, 100 * np.mean(apart) if apart else 0.0
+                print(
+                    f"  {what:9s}{robot or 'all':8s} of {len(some):3d}: found {100 * np.mean(found):5.1f} %, after "
+                    f"{after:6.3g} s; told apart {right:5.1f} %"
+                )
     quiet = [row for row in rows if row["what"] == "silent"]
     if quiet:
         hours, count = sum(r["hours"] for r in quiet), sum(len(r["events"]) for r in quiet)

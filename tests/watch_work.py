@@ -22,7 +22,9 @@ def work(arm, seed, seconds=60.0, *, load=0.0, friction=1.0, begin=0.0, outside=
     w = 2 * np.pi * rng.uniform(0.05, 0.35, (4, 6))
     size, phase = rng.uniform(0.1, 0.3, (4, 6)), rng.uniform(0, 2 * np.pi, (4, 6))
     angle = w * time[:, None, None] + phase
-    q, v, a = ((size * w**k * trig).sum(axis=1) for k, trig in ((0, np.sin(angle)), (1, np.cos(angle)), (2, -np.sin(angle))))
+    q, v, a = (
+        (size * w**k * trig).sum(axis=1) for k, trig in ((0, np.sin(angle)), (1, np.cos(angle)), (2, -np.sin(angle)))
+    )
     q = q + np.array([0.0, -1.2, 1.2, 0.0, 0.5, 0.0])
     after = (time >= begin) & (time < until)
     tau = inverse_dynamics(arm.arm.model, q, v, a)

@@ -24,7 +24,7 @@ from armdyn.watch.observer import Step
 SAMPLE, BLOCK = 0.04, 1.0
 """s from sample to sample, of which F leaves no more, and of motion in a block."""
 WINDOWS = (3, 7, 14, 28)
-"""Blocks that are looked at together; each is about twice the one before, so that none fits a change by less than 70 %."""
+"""Blocks that are looked at together; each about twice the one before, so that one fits a change by 70 % or more."""
 OWN = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "torque_gain")
 """What may change of a joint, in the order of `column_function`."""
 UNITS = ("N m", "N m s/rad", "N m", "1")
@@ -99,7 +99,7 @@ class Usual:
     def of(cls, windows: Sums, size: int) -> "Usual":
         """From windows (k, ...) of `size` blocks, each a block later than the one before."""
         total = windows.total
-        load = np.linalg.solve(total.load + np.diag(1.0 / LOAD**2), total.load_error)
+        load = np.asarray(np.linalg.solve(total.load + np.diag(1.0 / LOAD**2), total.load_error), dtype=float)
         own = total.own_error / np.maximum(total.own, np.finfo(float).tiny)
         found = cls(load, own, 1.0, np.ones(own.shape), (np.inf, np.full(own.shape, np.inf)))
         explained, by_own = found.explained(windows)
@@ -131,9 +131,7 @@ class Usual:
         ridge = sums.load + self.spread * np.diag(1.0 / LOAD**2)
         inverse = np.linalg.inv(ridge)
         wider = max(1.0, float(sums.load[0, 0]) / self.shown[0])
-        return inverse @ (sums.load_error - sums.load @ self.load), np.sqrt(
-            wider * self.spread * np.diag(inverse)
-        )
+        return inverse @ (sums.load_error - sums.load @ self.load), np.sqrt(wider * self.spread * np.diag(inverse))
 
     def own_change(self, sums: Sums, joint: int, kind: int) -> tuple[float, float]:
         """Of a joint, and its standard deviation."""

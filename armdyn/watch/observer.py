@@ -15,6 +15,7 @@ acceleration a_f the expected sign of the velocity is erf(v_f / sqrt(2 (CREEP^2 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -37,7 +38,7 @@ GAP = 0.2
 SETTLED = 15.0
 """Time constants of F after which what it began with is gone: exp(-15) 15^2 / 2 is 3e-5 of it."""
 BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
-"""K, 1/s, of which sound recordings choose, see `arrived`; neighbours find a torque within 10 % of each other's size."""
+"""K, 1/s, of which sound recordings choose, see `arrived`; neighbours find torques within 10 % of each other."""
 USUAL, PER_SAMPLE = 40.0, 0.8
 """K where there are none, and at most so much of it for each interval between samples."""
 FIRST = 20
@@ -49,8 +50,8 @@ SHORT = frozenset({"torque_delay", "command_delay"})
 MEAN = 2 * (ORDER + 1)
 """Where the mean of the residual stands."""
 PARTS = MEAN + 4
-"""States of a joint: last input and stages of F for its position, likewise its torque, means of residual and prediction,
-the prediction a moment ago, and doubt; then the age."""
+"""States of a joint: last input and stages of F for its position, likewise its torque, means of residual and of
+prediction, the prediction a moment ago, and doubt; then the age."""
 SOURCES = 4
 """Of a residual's variance, see `Step`: noise, errors of links and gains, of time, and of friction's direction."""
 
@@ -125,9 +126,9 @@ class Observer:
             step = time - self._last[0]
             if step == 0.0 or (step < 0.0 and step > -GAP):
                 return None  # repeated, or overtaken by a later one
-            if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any():
-                step = 0.0
-            elif step > 0.0 and len(self._intervals) < FIRST and self._too_rarely(step):
+            if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any() or (
+                step > 0.0 and len(self._intervals) < FIRST and self._too_rarely(step)
+            ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
         found = self._function(self._state, step, float(self.hold), K, q, tau, np.broadcast_to(shift, q.shape))
@@ -154,7 +155,7 @@ class Observer:
 
 
 def settling(bandwidth: float) -> float:
-    """s after a start until filters and mean hold nothing of how they began."""
+    """S after a start until filters and mean hold nothing of how they began."""
     return SETTLED / bandwidth + SLOW
 
 
@@ -165,10 +166,10 @@ def arrived(bandwidth: float) -> float:
 
 
 def observer_function(model: ArmModel) -> ca.Function:
-    """``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources,
-    motion)``.
+    """A step of the observer of this module, for one sample.
 
-    A step of the observer of this module; `step` of 0, below it or above `GAP` begins anew, `hold` of 1 keeps the mean.
+    It is ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``;
+    a `step` of 0, below it or above `GAP` begins anew, and `hold` of 1 keeps the mean.
 
     Raises:
         InputError: an effect depends on time or has states of its own, which no function of one instant has.
@@ -266,7 +267,7 @@ def _filtered(
     decay = ca.exp(-K * h)
     ramp = (1.0 - decay) / (K * h)
     following = [given]
-    for before, own in zip(past[:-1], past[1:], strict=True):
+    for before, own in pairwise(past):
         moved = decay * own + (ramp - decay) * before + (1.0 - ramp) * following[-1]
         following.append(ca.if_else(fresh, given, moved))
     return following

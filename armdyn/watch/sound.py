@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
 from scipy.optimize import nnls
 
 from armdyn.arm.model import ArmModel
@@ -161,7 +160,7 @@ def _observed(
 
 
 def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> float:
-    """The bandwidth, 1/s, at which the joints' errors hide least of a torque after `SOON`; the mean of their logarithms."""
+    """The bandwidth, 1/s, at which errors hide least of a torque after `SOON`, by the mean of the joints' logs."""
     hidden = {}
     for bandwidth in BANDWIDTHS:
         (contrast, _, _), length = _observed(model, recordings[:1], bandwidth, SHORTEST)
@@ -209,9 +208,9 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law,
     largest = largest_of(scores, WINDOWS[0])
     if not sizes or len(largest) < FEWEST:
         return {}, None, None
-    load, *own = (Tail.of(values, WINDOWS[0] * BLOCK) for values in largest.T)
+    first, *laws = (Tail.of(values, WINDOWS[0] * BLOCK) for values in largest.T)
     kinds = len(OWN)
-    return usual, load, tuple(tuple(own[i : i + kinds]) for i in range(0, len(own), kinds))
+    return usual, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
 
 def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
@@ -234,7 +233,9 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
     crossings = 3600.0 * USUAL / (2.0 * np.pi * np.sqrt(ORDER))
     per_sample = np.full((n, len(OWN)), np.inf)
     usual = {
-        w: Usual(np.zeros(len(LOAD)), np.zeros((n, len(OWN))), alike, np.full((n, len(OWN)), alike), (np.inf, per_sample))
+        w: Usual(
+            np.zeros(len(LOAD)), np.zeros((n, len(OWN))), alike, np.full((n, len(OWN)), alike), (np.inf, per_sample)
+        )
         for w in WINDOWS
     }
     looks = 3600.0 / BLOCK

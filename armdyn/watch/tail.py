@@ -4,7 +4,7 @@ The statistics are roots of sums of squares over their variance. Their squares a
 errors add up, as the square of a Gaussian one is. So the squares' largest values in stretches of a sound recording that
 exceed their median u are taken to be exponential beyond it (peaks over a threshold with the shape 0: Pickands, Ann.
 Stat. 3, 1975). With n of them, of the mean excess B, the probability that the next one exceeds u + x is not
-exp(-x / B), which takes B for known, but what is left when B is integrated out (a Gamma posterior with the prior 1 / B):
+exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior 1 / B):
 
     (1 + x / (n B))^-n.
 

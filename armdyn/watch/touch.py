@@ -24,8 +24,17 @@ REPEATED = 60.0
 
 @dataclass
 class _Open:
-    """One that goes on: since when, s, (nj,) what was there at its largest, whether it may be a load, whether it was told, and
-    when it was gone, s."""
+    """One that goes on.
+
+    Attributes:
+        begun: when it was noticed, s.
+        since: when it began, s.
+        largest: (nj,) contrast at its largest.
+        joint: where it shows best.
+        doubted: whether it may be a load.
+        told: whether it was told.
+        gone: when it was gone, s.
+    """
 
     begun: float
     since: float

@@ -8,7 +8,7 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.channels import FloatArray
 from armdyn.identify.appraisal import TIE
-from armdyn.watch.changes import LOAD, OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
+from armdyn.watch.changes import OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
 from armdyn.watch.event import Event, Kind
 from armdyn.watch.observer import Observer, Step, compiled
 from armdyn.watch.sound import Sample, Sound
@@ -35,7 +35,7 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Alarm:
-    """A change that waits to be told: its window, and what a torque from outside would have been, N m, with its joint."""
+    """A change that waits to be told: its window, and what an outside torque would have been, N m, and where."""
 
     window: int
     since: float
@@ -147,7 +147,8 @@ class Watch:
 
     def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The change that explains most of the window that shows one best, and all others; none where none is sure."""
-        found, highest = None, 1.0
+        found: tuple[int, Sums] | None = None
+        highest = 1.0
         for window in windows:
             if len(blocks.load) < window:
                 continue
@@ -156,16 +157,20 @@ class Watch:
             load, own = usual.scores(sums)
             over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
             if over >= highest:
-                found, highest = (window, sums, float(load), own), over
+                found, highest = (window, sums), over
         if found is None:
             return None, []
-        window, sums, load, own = found
-        usual = self.sound.usual[window]
+        chosen, sums = found
+        usual = self.sound.usual[chosen]
+        load, own = usual.scores(sums)
         of_load, each = usual.explained(sums)
-        alike, count = 2.0 * (usual.spread + float(usual.own_spread.mean())) / 2.0, np.log(window)
-        every = [_Change(-1, 0, window, load, float(of_load) / alike - 0.5 * LOAD_AXES * count)]
-        every += [_Change(int(j), int(k), window, float(own[j, k]), float(each[j, k]) / alike - 0.5 * count)
-                  for j, k in np.ndindex(own.shape)]  # fmt: skip
+        # Nats: half of what is explained over its usual size, less what every number costs (BIC).
+        alike, cost = usual.spread + float(usual.own_spread.mean()), 0.5 * float(np.log(chosen))
+        every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_AXES * cost)]
+        every += [
+            _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
+            for j, k in np.ndindex(own.shape)
+        ]
         best = max(every, key=lambda change: change.evidence)
         if best.score < (self._load_threshold if best.joint < 0 else self._own_thresholds[best.joint, best.kind]):
             return None, []
@@ -221,9 +226,8 @@ class Watch:
         _, unit, joint = self._words(best)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         since = self._blocks.begins[-best.window]
-        sentence = (
-            f"{joint}: something changed, and this motion does not tell what: {' or '.join(names)}; since {since:.1f} s."
-        )
+        either = " or ".join(names)
+        sentence = f"{joint}: something changed, and this motion does not tell what: {either}; since {since:.1f} s."
         return Event(time, Kind.NOT_TOLD, joint, since, size, std, unit, ", ".join(names), self.per_hour, sentence)
 
     def _name(self, change: _Change) -> str:
@@ -257,6 +261,8 @@ class Watch:
         change = self._refining
         largest = max(window for window in self.sound.usual if window <= max(WINDOWS[-2], min(self.sound.usual)))
         if change is not None and len(blocks.load) >= largest:
-            self._count_in(_Change(change.joint, change.kind, largest, 0.0, 0.0), blocks.of(slice(-largest, None)).total)
+            self._count_in(
+                _Change(change.joint, change.kind, largest, 0.0, 0.0), blocks.of(slice(-largest, None)).total
+            )
             self._blocks.clear()
             self._refining = None

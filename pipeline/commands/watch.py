@@ -3,7 +3,7 @@
 import json
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from armdyn.watch.event import Event
     from armdyn.watch.sound import Sample, Sound
     from armdyn.watch.watch import Watch
+    from pipeline.watch.log import Log
 
 PANEL = "Recordings"
 STANDARD = Path("-")
@@ -36,21 +37,27 @@ def watch(
     ] = "baxter",
     calibrate: Annotated[
         list[Path] | None,
-        typer.Option("--calibrate", help="A recording of sound work, from which false alarms are known; once for each."),
+        typer.Option(
+            "--calibrate", help="A recording of sound work, from which false alarms are known; once for each."
+        ),
     ] = None,
     false_alarms_per_hour: Annotated[
         float, typer.Option(min=1e-6, max=100.0, help="How often a sound robot may be told to have changed.")
     ] = 0.01,
-    log: Annotated[Path | None, typer.Option(help="Keep what comes as a recording; a change begins another one.")] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Keep what comes as a recording; a change begins another one.")
+    ] = None,
     page: Annotated[bool, typer.Option("--page", help="Show residuals, bands and events on a live page.")] = False,
-    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Of the page; any that is free, if not given.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Of the page; any that is free, if not given.")
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
     effects: EffectsOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="One JSON object a line for each event; '-' is standard output.")
     ] = None,
 ) -> None:
-    """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Commands nothing."""
+    """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Sends nothing."""
     from armdyn.arm.model import ArmModel
     from armdyn.effects.user import load_effects
     from armdyn.errors import at
@@ -108,7 +115,7 @@ def watch(
 
 
 def _sources(
-    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, object]]"
+    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[Sample]]]]"
 ) -> "Iterator[tuple[Path | None, Iterator[Sample]]]":
     """Where samples come from, one after the other: the recording's file, and the samples."""
     from pipeline.watch.sources import RosStates, lines_of
@@ -120,7 +127,7 @@ def _sources(
         yield None, RosStates(ros, topic, watching.model.arm.joints).samples()
     elif recorded:
         for file, samples in recorded:
-            yield file, samples()  # type: ignore[operator]
+            yield file, samples()
     else:
         yield None, lines_of(sys.stdin, watching.model)
 
@@ -128,7 +135,9 @@ def _sources(
 class _Out:
     """Where events go: a line each for a person, or for a program."""
 
-    def __init__(self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack) -> None:
+    def __init__(
+        self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack
+    ) -> None:
         self._model, self._effects, self._sound = model, effects, sound
         self._quiet = json_file == STANDARD
         self._stream = None
@@ -145,7 +154,7 @@ class _Out:
             typer.echo(sentence)
             sys.stdout.flush()
 
-    def tell(self, event: "Event", kept: "object | None") -> None:
+    def tell(self, event: "Event", kept: "Log | None") -> None:
         """Tell an event; what a change calls for."""
         from armdyn.watch.event import Kind
 
@@ -159,8 +168,8 @@ class _Out:
         if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED):
             self._changed = self.source
             if kept is not None:
-                kept.part()  # type: ignore[attr-defined]
-                self.note(f"to repair the model from here on: {self._repair([kept.file])}")  # type: ignore[attr-defined]
+                kept.part()
+                self.note(f"to repair the model from here on: {self._repair([kept.file])}")
 
     def end(self, files: list[Path]) -> None:
         """Say what all of it was."""

@@ -30,7 +30,9 @@ class Log:
         units = [("m", "N") if slide else ("rad", "N m") for slide in slides]
         self._asked = np.array([joint in model.joints for joint in joints])
         heads = ["time [s]", *(f"q.{joint} [{unit}]" for joint, (unit, _) in zip(joints, units, strict=True))]
-        heads += [f"tau.{joint} [{unit}]" for joint, (_, unit) in zip(joints, units, strict=True) if joint in model.joints]
+        heads += [
+            f"tau.{joint} [{unit}]" for joint, (_, unit) in zip(joints, units, strict=True) if joint in model.joints
+        ]
         self._heads = ",".join(heads)
         self.file = file
         self._stream = self._opened()

@@ -1,4 +1,4 @@
-"""What the observer says of a sample: nothing without a cause, a torque from outside in time, and no gap as an event."""
+"""What is said of a sample: nothing without a cause, a torque from outside in time, and no gap as an event."""
 
 import numpy as np
 import pytest
@@ -19,13 +19,15 @@ def quiet(monkeypatch):
     monkeypatch.setattr("watch_work.NOISE", 0.0)
 
 
-def test_what_the_model_explains_leaves_nothing_even_where_joints_turn_round(arm, quiet):
+@pytest.mark.usefixtures("quiet")
+def test_what_the_model_explains_leaves_nothing_even_where_joints_turn_round(arm):
     contrast = np.array([step.contrast for step in steps(arm, work(arm, 0, 20.0))])
     assert np.sqrt(np.mean(contrast**2)) < 0.06  # white noise of 0.05 N m, what is left of it, and of turns
     assert np.abs(contrast).max() < 0.25 * FRICTION
 
 
-def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm, quiet):
+@pytest.mark.usefixtures("quiet")
+def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm):
     found = steps(arm, work(arm, 0, 12.0, begin=8.0, outside=np.array([0, 0, 5.0, 0, 0, 0])))
     time = np.array([step.time for step in found])
     contrast = np.array([step.contrast for step in found])
@@ -69,7 +71,8 @@ def test_after_a_gap_or_a_jump_of_the_clock_the_filters_begin_anew(arm, jump):
     assert not observer.take(0.004 * 500 + jump, np.zeros(6), np.zeros(6)).settled
 
 
-def test_the_mean_waits_while_something_acts(arm, quiet):
+@pytest.mark.usefixtures("quiet")
+def test_the_mean_waits_while_something_acts(arm):
     observer = Observer(arm, 40.0)
     for time, q, tau in samples(work(arm, 0, 10.0, begin=5.0, outside=np.array([0, 0, 5.0, 0, 0, 0]))):
         observer.hold = time >= 5.0

@@ -27,8 +27,8 @@ def test_a_contact_is_found_within_50_ms_and_so_is_its_end(arm, sound, seed):
 
 
 def test_a_contact_that_no_load_explains_is_one_from_outside(arm, sound):
-    kinds = [event.kind for seed in range(5)
-             for event in events(arm, sound, work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT))]  # fmt: skip
+    contacts = [work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT) for seed in range(5)]
+    kinds = [event.kind for contact in contacts for event in events(arm, sound, contact)]
     assert set(kinds) <= {Kind.NOT_TOLD, Kind.OUTSIDE_TORQUE, Kind.RECOVERED}
     assert kinds.count(Kind.OUTSIDE_TORQUE) == 5
 
@@ -93,7 +93,7 @@ def test_what_is_kept_does_not_grow(arm, sound):
     assert sizes[0] == sizes[1]
 
 
-def test_a_model_that_says_its_error_needs_no_calibration(arm, sound):
+def test_a_model_that_says_its_error_needs_no_calibration(arm):
     history = [{"rmse": {f"tau.{joint}": 0.2 for joint in arm.joints}}]
     band = from_band(arm, history)
     assert "--calibrate" in band.sentence
