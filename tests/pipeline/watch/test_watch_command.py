@@ -56,7 +56,7 @@ def test_a_folder_of_logs_becomes_a_line_per_event(folder, calibrated, armdyn):
     found = lines(out)
     assert {event["schema"] for event in found} == {"armdyn.watch/1"}
     by_run = {Path(event["run"]).name: event["event"] for event in found if event["event"] != "not_told"}
-    assert by_run == {"a_contact.csv": "recovered", "b_load.csv": "load_changed"}
+    assert by_run == {"a_contact.csv": "recovered", "b_load.csv": "load_changed", "c_after.csv": "recovered"}
     assert {event["false_alarms_per_hour"] for event in found} == {0.01}
 
 
