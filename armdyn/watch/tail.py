@@ -1,10 +1,11 @@
 r"""How often a sound robot's statistic exceeds a threshold: from what was seen, to far beyond it.
 
-The statistics are roots of sums of squares over their variance. Their squares are exponential far out where many small
-errors add up, as the square of a Gaussian one is. So the squares' largest values in stretches of a sound recording that
-exceed their median u are taken to be exponential beyond it (peaks over a threshold with the shape 0: Pickands, Ann.
-Stat. 3, 1975). With n of them, of the mean excess B, the probability that the next one exceeds u + x is not
-exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior 1 / B):
+The largest values of stretches of a sound recording that exceed their median u are exponential beyond it, as those of
+a density with an exponential tail are (peaks over a threshold with the shape 0: Pickands, Ann. Stat. 3, 1975). A
+model's error at one instant comes in bouts and is exponential itself; the root of a sum of squares over many instants is
+nearly Gaussian, so that its square is. With n peaks of the mean excess B, the probability that the next one exceeds
+u + x is not exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior
+1 / B):
 
     (1 + x / (n B))^-n.
 
@@ -38,25 +39,28 @@ class Tail:
         excess: B.
         count: n.
         rate: how often a stretch exceeds u, per hour.
+        power: of the statistic that is exponential, 1 or 2.
     """
 
     start: float
     excess: float
     count: int
     rate: float
+    power: int
 
     @classmethod
-    def of(cls, largest: np.ndarray, seconds: float) -> "Tail":
-        """From the largest values (k,) of stretches of so many seconds each, `FEWEST` or more."""
-        squares = np.sort(largest**2)
-        count = len(squares) // 2
-        start = float(np.median(squares))
-        return cls(start, float(np.mean(squares[-count:] - start)), count, 1800.0 / seconds)
+    def of(cls, largest: np.ndarray, seconds: float, power: int) -> "Tail":
+        """From the largest values (k,) of stretches of so many seconds each, `FEWEST` or more; see `Tail.power`."""
+        values = np.sort(largest**power)
+        count = len(values) // 2
+        start = float(np.median(values))
+        return cls(start, float(np.mean(values[-count:] - start)), count, 1800.0 / seconds, power)
 
     def threshold(self, per_hour: float) -> float:
         """See `Law`."""
         rarer = max(self.rate / per_hour, 1.0)
-        return float(np.sqrt(self.start + self.excess * self.count * np.expm1(np.log(rarer) / self.count)))
+        beyond = self.excess * self.count * float(np.expm1(np.log(rarer) / self.count))
+        return float((self.start + beyond) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from armdyn.channels import FloatArray
 from armdyn.watch.changes import LOAD
 from armdyn.watch.event import Event, Kind
-from armdyn.watch.observer import Step
-from armdyn.watch.sound import Sound
+from armdyn.watch.observer import GAP, Step
+from armdyn.watch.sound import Bouts, Sound
 
 LASTING = 5.0
 """s after which it is no touch any more: whatever stays so long is looked at as a change of load or robot."""
@@ -66,7 +66,8 @@ class Touches:
         self._open: _Open | None = None
         self._quiet = 0.0
         self._lasting: FloatArray | None = None
-        self._doubted = -np.inf
+        self._doubted = self._last = -np.inf
+        self._bouts = Bouts(len(joints))
 
     @property
     def going_on(self) -> bool:
@@ -82,8 +83,11 @@ class Touches:
         """(nj,) contrasts that a sound robot does not have."""
         return np.asarray(self.threshold * self._scale(step))
 
-    def _scale(self, step: Step) -> FloatArray:
+    def _usual(self, step: Step) -> FloatArray:
         return np.asarray(np.sqrt((self._sound.contrast * step.sources).sum(axis=1)))
+
+    def _scale(self, step: Step) -> FloatArray:
+        return np.asarray(self._bouts.factor * self._usual(step))
 
     def reset(self, time: float) -> None:
         """At a time, s, what went on is explained, or nothing is known of it."""
@@ -97,8 +101,12 @@ class Touches:
             load: (nj, 4) columns of the load there.
             delay: of the observer, s.
         """
-        ratio = np.abs(step.contrast) / self.limit(step)
+        usual = self._usual(step)
+        ratio = np.abs(step.contrast) / (self.threshold * self._bouts.factor * usual)
         highest = float(ratio.max())
+        if self._open is None:
+            self._bouts.take(np.abs(step.contrast) / usual, min(max(step.time - self._last, 0.0), GAP))
+        self._last = step.time
         if self._open is None:
             if highest < OVER:
                 self._quiet = step.time

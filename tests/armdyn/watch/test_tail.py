@@ -14,7 +14,7 @@ def test_the_threshold_is_exceeded_no_more_often_than_was_asked(count):
     rates = []
     for _ in range(2000):
         seen = np.abs(rng.standard_normal((count, 50))).max(axis=1)
-        threshold = Tail.of(seen, 3600.0).threshold(1e-3)
+        threshold = Tail.of(seen, 3600.0, 2).threshold(1e-3)
         rates.append(1.0 - (1.0 - chi(1).sf(threshold)) ** 50)
     assert np.mean(rates) < 1e-3
 
@@ -22,14 +22,16 @@ def test_the_threshold_is_exceeded_no_more_often_than_was_asked(count):
 def test_short_recordings_ask_for_a_higher_threshold():
     rng = np.random.default_rng(1)
     thresholds = [
-        np.median([Tail.of(np.abs(rng.standard_normal((n, 50))).max(axis=1), 2.0).threshold(0.01) for _ in range(50)])
+        np.median(
+            [Tail.of(np.abs(rng.standard_normal((n, 50))).max(axis=1), 2.0, 2).threshold(0.01) for _ in range(50)]
+        )
         for n in (8, 30, 300)
     ]
     assert thresholds[0] > 1.3 * thresholds[1] > 1.1 * thresholds[2]
 
 
 def test_fewer_false_alarms_need_a_higher_threshold():
-    law = Tail.of(np.linspace(2.0, 4.0, 30), 2.0)
+    law = Tail.of(np.linspace(2.0, 4.0, 30), 2.0, 1)
     assert law.threshold(0.001) > law.threshold(0.01) > law.threshold(1.0)
 
 
