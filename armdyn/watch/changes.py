@@ -17,8 +17,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from armdyn.arm.motion import CERTAIN
-from armdyn.channels import FloatArray
 from armdyn.codegen import Buffered
+from armdyn.recording.channels import FloatArray
 from armdyn.watch.observer import Step
 
 SAMPLE, BLOCK = 0.04, 1.0

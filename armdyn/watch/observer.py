@@ -25,9 +25,9 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import CREEP
 from armdyn.arm.physics import Expression
 from armdyn.arm.symbolic import added_torques, rigid_torques
-from armdyn.channels import FloatArray
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import InputError
+from armdyn.recording.channels import FloatArray
 
 ORDER = 3
 """Of F: the least that gives an acceleration."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import Channel, FloatArray
 from armdyn.errors import InputError
+from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from armdyn.watch.changes import BLOCK, LOAD, OWN, SAMPLE, WINDOWS, Blocks, Sums, Usual
 from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, SOURCES, USUAL, Observer, arrived, compiled
@@ -86,7 +86,7 @@ class Bouts:
         return np.asarray(np.sqrt(np.maximum(1.0, self._squares)))
 
     def take(self, ratio: FloatArray, interval: float) -> FloatArray:
-        """The factor before a sample, (nj,) sizes over the usual ones an interval, s, after the last, and take it in."""
+        """The factor before a sample, (nj,) sizes over usual ones, an interval [s] after the last; and take it in."""
         before, share = self.factor, 1.0 - np.exp(-interval / LOCAL)
         self._squares = self._squares + share * (np.minimum(ratio, STRIKING) ** 2 - self._squares)
         return before

@@ -1,11 +1,10 @@
 r"""How often a sound robot's statistic exceeds a threshold: from what was seen, to far beyond it.
 
-The largest values of stretches of a sound recording that exceed their median u are exponential beyond it, as those of
-a density with an exponential tail are (peaks over a threshold with the shape 0: Pickands, Ann. Stat. 3, 1975). A
-model's error at one instant comes in bouts and is exponential itself; the root of a sum of squares over many instants is
-nearly Gaussian, so that its square is. With n peaks of the mean excess B, the probability that the next one exceeds
-u + x is not exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior
-1 / B):
+The largest values of stretches of a sound recording that exceed their median u are exponential beyond it, as those of a
+density with an exponential tail are (peaks over a threshold with the shape 0: Pickands, Ann. Stat. 3, 1975). A model's
+error at one instant comes in bouts and is exponential itself; the root of a sum of squares over many instants is nearly
+Gaussian, so that its square is. With n peaks of mean excess B, the probability that the next one exceeds u + x is not
+exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior 1 / B):
 
     (1 + x / (n B))^-n.
 

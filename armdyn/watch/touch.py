@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.channels import FloatArray
+from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import LOAD
 from armdyn.watch.event import Event, Kind
 from armdyn.watch.observer import GAP, Step

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import FloatArray
-from armdyn.identify.appraisal import TIE
+from armdyn.identify.selection.set_score import TIE
+from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
 from armdyn.watch.event import Event, Kind
 from armdyn.watch.observer import Observer, Step, compiled

@@ -11,8 +11,8 @@ from typing import TextIO
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.channels import FloatArray, channel_unit, name_and_unit
 from armdyn.errors import InputError
+from armdyn.recording.channels import FloatArray, channel_unit, name_and_unit
 from armdyn.run import Run, read_run
 from armdyn.watch.sound import Sample, samples_of
 from pipeline.interrupts import noted_signals

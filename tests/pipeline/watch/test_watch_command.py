@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from watch_work import model, samples, work
 
-from armdyn.channels import Channel
 from armdyn.model_file import ModelFile, write_model_file
+from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
 from armdyn.watch.sound import measured
 from armdyn.watch.watch import Watch
