@@ -160,7 +160,7 @@ class Touches:
         says = f"{size:+.3g} ± {std:.2g} {unit} by now, since {now.since:.2f} s"
         if kind is Kind.NOT_TOLD:
             what = "outside_torque, payload"
-            sentence = f"{name}: something touches the arm or it took up a load, which one moment cannot tell: {says}."
+            sentence = f"{name}: something touches the arm, or it took up a load; one moment cannot tell which: {says}."
         else:
             what, sentence = "outside_torque", f"{name}: something outside acts on the arm: {says}."
         return Event(step.time, kind, name, now.since, size, std, unit, what, self._told, sentence)

@@ -137,13 +137,15 @@ class Watch:
         after, others = self._best(blocks, [w for w in self.sound.usual if w <= CLEAN])
         if after is not None:
             best, rivals = after, others
+        alarm = self._alarm
         if best is None:
-            alarm, self._alarm = self._alarm, None
+            self._alarm = None
             return [self._passed(time, alarm)] if alarm.window <= CLEAN else []
         others = [each for each in rivals if best.evidence - each.evidence < TIE]
         if all(each.joint == best.joint for each in others):
-            return [self._told(time, best, others, blocks)]
-        return [self._not_told(time, best, others, blocks)] if self._waited == PATIENCE else []
+            self._alarm = None
+            return [self._told(time, alarm.since, best, others, blocks)]
+        return [self._not_told(time, alarm.since, best, others, blocks)] if self._waited == PATIENCE else []
 
     def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The change that explains most of the window that shows one best, and all others; none where none is sure."""
@@ -176,11 +178,9 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _told(self, time: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         """Tell a change, and count it in from now on."""
-        self._alarm = None
         size, std, sums = self._size(best, blocks)
-        since = self._blocks.begins[-best.window]
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
         self._count_in(best, sums)
         self._blocks.clear()
@@ -221,11 +221,10 @@ class Watch:
             sentence,
         )  # fmt: skip
 
-    def _not_told(self, time: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _not_told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         size, std, _ = self._size(best, blocks)
         _, unit, joint = self._words(best)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
-        since = self._blocks.begins[-best.window]
         either = " or ".join(names)
         sentence = f"{joint}: something changed, and this motion does not tell what: {either}; since {since:.1f} s."
         return Event(time, Kind.NOT_TOLD, joint, since, size, std, unit, ", ".join(names), self.per_hour, sentence)
