@@ -22,7 +22,7 @@ def main(out: Path) -> None:
     arm = model()
     runs = [work(arm, seed) for seed in range(100, 106)]
     watch = Watch(arm, measured(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
-    with LivePage(watch, None) as page, Browser(1100, 820, dark=False) as tab:
+    with LivePage(watch, None) as page, Browser(1100, 560, dark=False) as tab:
         recordings = [work(arm, 1, load=0.3, begin=20.0), work(arm, 4, 30.0, begin=18.0, until=20.0, outside=CONTACT)]
         for minute, recording in enumerate(recordings):
             for sample in samples(recording, later=61.0 * minute):
