@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.identify.selection.set_score import TIE
+from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
 from armdyn.watch.event import Event, Kind
@@ -141,7 +141,7 @@ class Watch:
         if best is None:
             self._alarm = None
             return [self._passed(time, alarm)] if alarm.window <= CLEAN else []
-        others = [each for each in rivals if best.evidence - each.evidence < TIE]
+        others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
             return [self._told(time, alarm.since, best, others, blocks)]
