@@ -4,6 +4,7 @@ The C file needs no library: it is CasADi's code, and a function with plain arra
 numpy alone: an operation of CasADi's expression graph per line; its functions take one state or many at once, in rows.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,6 +116,36 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     return found, left_over(model, held - LATE, "a function", symmetric=False)
 
 
+def _observer_of(model: ArmModel) -> Function:
+    """What `armdyn watch` computes of every sample; see `armdyn.watch.observer`.
+
+    Raises:
+        InputError: an effect has a memory that it lacks.
+    """
+    from armdyn.watch.observer import GAP, PARTS, USUAL, observer_function, without_memory
+
+    n = len(model.arm.joints)
+    inputs = {
+        "state": f"the last call's state_next; {PARTS} n + 1 zeros at first, n = {n} joints",
+        "step": f"since the last sample [s]; 0, less, or more than {GAP:g} begins anew",
+        "hold": "1 while something acts that the running mean must not take for usual, else 0",
+        "bandwidth": f"of the low-pass, the same in every call [1/s]; {USUAL:g} is usual, 0.8 / step the most",
+        "q": "positions [rad or m]; leave a sample out where something is missing",
+        "tau": "torques that the drives read [N m or N]",
+        "shift": "what of these is known and no model's matter, usually zeros",
+    }
+    outputs = {
+        "state_next": "for the next call; its last entry is how long the filters run [s]",
+        "predicted": "torques that the model expects, as of 3 / bandwidth ago",
+        "residual": "read, less predicted",
+        "contrast": "residual, less its mean of the last half second",
+        "sources": "4 n numbers: a sound error's variance is the sum of each times a factor that recordings say",
+        "motion": "3 n numbers: positions, velocities and accelerations behind the low-pass",
+    }
+    summary = "One sample of the observer of outside torques: no allocation, the same time for every sample."
+    return Function(observer_function(without_memory(model)), summary, inputs, outputs)
+
+
 def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
     variational = model.variational()
     theta = ca.DM([model.parameters[name].value for name in variational.names])
@@ -156,7 +187,16 @@ def c_text(functions: list[Function], about: list[str]) -> str:
         generator.add(each.function)
     prototypes = (f"  {_signature(each)};" for each in functions)
     head = c_comment([*about, "", "Compile with -lm, and call", "", *prototypes])
-    return f"{head}\n{generator.dump()}\n" + "\n".join(map(_wrapper, functions))
+    return f"{head}\n{_all_used(generator.dump())}\n" + "\n".join(map(_wrapper, functions))
+
+
+def _all_used(code: str) -> str:
+    """CasADi's code without a warning of a compiler: its functions have parameters that they do not use."""
+
+    def cast(head: re.Match[str]) -> str:
+        return head[0] + "".join(f" (void){name};" for name in re.findall(r"\b(iw|w|mem|i)(?=[,)])", head[0]))
+
+    return re.sub(r"^\w[^\n;#]*\([^\n;]*\) *\{", cast, code, flags=re.MULTILINE)
 
 
 def _signature(each: Function) -> str:
@@ -226,12 +266,17 @@ def _shape(size: int) -> str:
 
 
 def _written(
-    write: Callable[[list[Function], list[str]], str],
+    write: Callable[[list[Function], list[str]], str], *, observer: bool = False
 ) -> Callable[[ModelFile, Path, str], tuple[str, list[str]]]:
     """A writer of functions as the text of a format, with what it lacks in a comment."""
 
     def text(file: ModelFile, _: Path, about: str) -> tuple[str, list[str]]:
         functions, notes = functions_of(file.model)
+        if observer and isinstance(file.model, ArmModel):
+            try:
+                functions = [*functions, _observer_of(file.model)]
+            except InputError as error:
+                notes = [*notes, f"the observer of 'armdyn watch': {error}"]
         lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
         return write(functions, lines), notes
 
@@ -251,6 +296,6 @@ def _import(model: Model, output: Path) -> str:
 
 
 FORMATS = (
-    Format(".c", "C functions", _written(c_text), _held, _compile),
+    Format(".c", "C functions", _written(c_text, observer=True), _held, _compile),
     Format(".py", "Python functions", _written(python_text), _held, _import),
 )

@@ -91,6 +91,8 @@ class Case:
         typical: (nj,) typical torques, N m.
         left: by single effect and joint, (4,) share of each run's squared error that it leaves, fitted to the training.
         draws: how many were made until the case was clear.
+        exam_world: the robot of the exam, on its motion.
+        exam_truth: the dominant effects as they are there.
     """
 
     robot: str
@@ -102,6 +104,8 @@ class Case:
     typical: np.ndarray
     left: Mapping[Atom, np.ndarray]
     draws: int
+    exam_world: World
+    exam_truth: tuple[Hidden, ...]
 
     @property
     def train(self) -> list[Run]:
@@ -209,7 +213,8 @@ def generate(robot: str, name: str, seed: int, *, duration: float = 20.0, rate: 
             for i, (world, alone) in enumerate(zip(worlds, background, strict=True))
         )
         case = Case(
-            robot, name, seed, plant.joints, recordings, truth, typical, single.left(misfits), attempt + 1
+            robot, name, seed, plant.joints, recordings, truth, typical, single.left(misfits), attempt + 1,
+            worlds[-1], present[-1],
         )  # fmt: skip
         if case.clear:
             return case

@@ -23,6 +23,7 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
+from armdyn.watch.observer import PARTS, SOURCES, Observer
 from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
@@ -154,6 +155,40 @@ def test_c_code_computes_what_the_model_says(bare_arm, tmp_path, armdyn):
         tau = numbers()
         assert library.armdyn_inverse_dynamics(*(numbers(*x) for x in state), tau) == 0
         np.testing.assert_allclose(list(tau), by_formulas(model, *state), atol=1e-9)
+
+
+@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+def test_the_observer_in_c_says_what_the_watch_says_without_a_warning(bare_arm, tmp_path, armdyn):
+    model = with_effects(bare_arm, IN_FUNCTIONS)
+    description = {"robot": model.arm.robot.name, "joints": list(model.joints)}
+    write_model_file(tmp_path / "m.toml", ModelFile(model, description))
+    assert armdyn("export", "m.toml", "--output", "watch.c")[0] == 0
+    strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run([compiler(), *strict, "-O2", "-shared", "-fPIC", "watch.c", "-o", "watch.so", "-lm"], check=True,
+                   cwd=tmp_path)  # fmt: skip
+    assert "malloc" not in (tmp_path / "watch.c").read_text()
+    library, n = ctypes.CDLL(str(tmp_path / "watch.so")), len(model.joints)
+
+    def numbers(count):
+        return (ctypes.c_double * count)()
+
+    observer, state = Observer(model, 40.0), numbers(PARTS * n + 1)
+    rng = np.random.default_rng(0)
+    for i in range(400):
+        time = 0.004 * i + (1.0 if i > 300 else 0.0)
+        q, tau = np.sin(0.2 * time * np.arange(1, n + 1)), rng.standard_normal(n)
+        step = observer.take(time, q, tau)
+        since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
+        one = ctypes.c_double
+        following, predicted, residual, contrast = numbers(PARTS * n + 1), numbers(n), numbers(n), numbers(n)
+        done = library.armdyn_watch(
+            state, (one * 1)(since), (one * 1)(0.0), (one * 1)(40.0), (one * n)(*q), (one * n)(*tau), numbers(n),
+            following, predicted, residual, contrast, numbers(SOURCES * n), numbers(3 * n),
+        )  # fmt: skip
+        assert done == 0
+        np.testing.assert_allclose(list(contrast), step.contrast, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(list(predicted), step.predicted, rtol=1e-9, atol=1e-9)
+        state = following
 
 
 def test_python_code_computes_what_the_model_says_for_many_states_at_once(bare_arm, tmp_path):

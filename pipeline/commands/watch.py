@@ -1,0 +1,187 @@
+"""`armdyn watch`: the model beside the robot."""
+
+import json
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from armdyn.errors import InputError
+from pipeline.console.options import EffectsOption, ModelArgument
+from pipeline.console.outputs import check_outputs
+from pipeline.console.screen import spinner
+
+if TYPE_CHECKING:
+    from armdyn.watch.event import Event
+    from armdyn.watch.sound import Sample, Sound
+    from armdyn.watch.watch import Watch
+    from pipeline.watch.log import Log
+
+PANEL = "Recordings"
+STANDARD = Path("-")
+
+
+def watch(
+    model: ModelArgument,
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[RUN...]", help="Recordings, or a folder of them; '-' for lines of CSV as they come."),
+    ] = None,
+    ros: Annotated[str | None, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")] = None,
+    arm: Annotated[
+        str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
+    ] = "baxter",
+    calibrate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--calibrate", help="A recording of sound work, from which false alarms are known; once for each."
+        ),
+    ] = None,
+    false_alarms_per_hour: Annotated[
+        float, typer.Option(min=1e-6, max=100.0, help="How often a sound robot may be told to have changed.")
+    ] = 0.01,
+    log: Annotated[
+        Path | None, typer.Option(help="Keep what comes as a recording; a change begins another one.")
+    ] = None,
+    page: Annotated[bool, typer.Option("--page", help="Show residuals, bands and events on a live page.")] = False,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Of the page; any that is free, if not given.")
+    ] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
+    effects: EffectsOption = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="One JSON object a line for each event; '-' is standard output.")
+    ] = None,
+) -> None:
+    """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Sends nothing."""
+    from armdyn.arm.model import ArmModel
+    from armdyn.effects.user import load_effects
+    from armdyn.errors import at
+    from armdyn.model_file import read_model_file
+    from armdyn.watch.sound import from_band, measured
+    from armdyn.watch.watch import Watch
+    from pipeline.watch.log import Log
+    from pipeline.watch.sources import again, recordings_in, runs_of
+
+    runs, calibrate = runs or [], recordings_in(calibrate or [])
+    if (ros is None) == (not runs) or (STANDARD in runs and len(runs) > 1):
+        raise InputError("a watch needs one source: recordings, '-' for standard input, or --ros ws://HOST:9090")
+    live = ros is not None or runs == [STANDARD]
+    files = [] if live else recordings_in(runs)
+    check_outputs(log, json_file, inputs=[model, *files, *calibrate])
+    with spinner() as say:
+        file = read_model_file(model, load_effects(effects, stages=None))
+        given = file.model
+        if not isinstance(given, ArmModel):
+            raise InputError(
+                f"{model}: a watch is for arms, and this model's base is '{given.base}': 'armdyn compare' takes it"
+            )
+        sound_runs, watched = runs_of(given, calibrate), runs_of(given, files)
+        given = given.following([*sound_runs, *watched])
+        say("measuring what is usual")
+        with at(model):
+            sound = measured(given, again(given, sound_runs)) if sound_runs else from_band(given, file.history)
+        say("preparing")
+        watching = Watch(given, sound, false_alarms_per_hour)
+    with ExitStack() as stack:
+        out = _Out(model, effects, json_file, sound, stack)
+        kept = Log(log, given) if log is not None else None
+        if kept is not None:
+            stack.callback(kept.close)
+        shown = None
+        if page:
+            from pipeline.watch.page import LivePage
+
+            shown = stack.enter_context(LivePage(watching, port))
+            out.note(f"watching at {shown.address}")
+            if not no_browser and sys.stdout.isatty():
+                shown.open()
+        for name, samples in _sources(watching, ros, arm, [*zip(files, again(given, watched), strict=True)]):
+            out.source = name
+            for sample in samples:
+                found = watching.take(*sample)
+                if kept is not None:
+                    kept.keep(sample)
+                if shown is not None:
+                    shown.take(found)
+                for event in found:
+                    out.tell(event, kept)
+            watching.observer.begin()
+        out.end(files)
+
+
+def _sources(
+    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[Sample]]]]"
+) -> "Iterator[tuple[Path | None, Iterator[Sample]]]":
+    """Where samples come from, one after the other: the recording's file, and the samples."""
+    from pipeline.watch.sources import RosStates, lines_of
+
+    if ros is not None:
+        from pipeline.ros.topics import read_topics, settings_file
+
+        topic = read_topics(settings_file(arm)).joint_states
+        yield None, RosStates(ros, topic, watching.model.arm.joints).samples()
+    elif recorded:
+        for file, samples in recorded:
+            yield file, samples()
+    else:
+        yield None, lines_of(sys.stdin, watching.model)
+
+
+class _Out:
+    """Where events go: a line each for a person, or for a program."""
+
+    def __init__(
+        self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack
+    ) -> None:
+        self._model, self._effects, self._sound = model, effects, sound
+        self._quiet = json_file == STANDARD
+        self._stream = None
+        if json_file is not None:
+            self._stream = sys.stdout if self._quiet else stack.enter_context(json_file.open("w", encoding="utf-8"))
+        self.source: Path | None = None
+        self._events = 0
+        self._changed: Path | None = None
+        self.note(sound.sentence)
+
+    def note(self, sentence: str) -> None:
+        """Say something that is no event."""
+        if not self._quiet:
+            typer.echo(sentence)
+            sys.stdout.flush()
+
+    def tell(self, event: "Event", kept: "Log | None") -> None:
+        """Tell an event; what a change calls for."""
+        from armdyn.watch.event import Kind
+
+        self._events += 1
+        if self._stream is not None:
+            run = {} if self.source is None else {"run": str(self.source)}
+            self._stream.write(json.dumps({**event.answer, **run}, allow_nan=False) + "\n")
+            self._stream.flush()
+        where = "" if self.source is None else f"{self.source}: "
+        self.note(f"{where}{event.time:.2f} s: {event.sentence}")
+        if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED):
+            self._changed = self.source
+            if kept is not None:
+                kept.part()
+                self.note(f"to repair the model from here on: {self._repair([kept.file])}")
+
+    def end(self, files: list[Path]) -> None:
+        """Say what all of it was."""
+        count = f"{self._events} event{'s' * (self._events != 1)}"
+        self.note(f"{count}, at {self._told()}." if self._events else f"Nothing happened, at {self._told()}.")
+        after = files[files.index(self._changed) + 1 :] if self._changed in files else []
+        if after:
+            self.note(f"to repair the model with what came after: {self._repair(after)}")
+
+    def _told(self) -> str:
+        return "a rate of false alarms that was " + ("asked for" if self._sound.seconds is None else "measured")
+
+    def _repair(self, files: list[Path]) -> str:
+        words = ["armdyn", "repair", str(self._model), *map(str, files)]
+        return shlex.join([*words, *(["--effects", str(self._effects)] if self._effects is not None else [])])

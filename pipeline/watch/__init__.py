@@ -1,0 +1,1 @@
+"""Where a watch gets its samples, and where what it says goes."""

@@ -1,0 +1,105 @@
+"""A page that shows what a watch sees: residuals with their bands, and events, from this computer only."""
+
+import json
+import threading
+from collections import deque
+from collections.abc import Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armdyn.errors import InputError
+from armdyn.watch.event import Event
+from armdyn.watch.watch import Watch
+from pipeline.processes import Closing
+
+HOST = "127.0.0.1"
+EVERY, SHOWN, MOST = 0.05, 30.0, 200
+"""s from point to point, s that a curve shows, and events that are listed."""
+PAGE = Path(__file__).parent / "templates" / "watch.html"
+
+
+class LivePage(Closing):
+    """Serves the page while a watch goes on.
+
+    Args:
+        watch: what it shows.
+        port: where; any that is free if None.
+
+    Raises:
+        InputError: the port is taken.
+    """
+
+    def __init__(self, watch: Watch, port: int | None) -> None:
+        self._watch = watch
+        self._points: deque[list[Any]] = deque(maxlen=round(SHOWN / EVERY))
+        self._events: deque[dict[str, Any]] = deque(maxlen=MOST)
+        self._lock = threading.Lock()
+        try:
+            self._server = ThreadingHTTPServer((HOST, port or 0), self._handler())
+        except OSError as error:
+            raise InputError(f"--port {port}: {error.strerror}; choose another one, or leave it out") from error
+        self.address = f"http://{HOST}:{self._server.server_port}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="watch page")
+        self._thread.start()
+
+    def take(self, events: Sequence[Event]) -> None:
+        """Show the watch's latest sample, and events."""
+        step = self._watch.latest
+        if step is None:
+            return
+        with self._lock:
+            self._events.extend(event.answer for event in events)
+            if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < EVERY):
+                limit = self._watch.touches.limit(step)
+                mean = step.residual - step.contrast
+                self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])
+
+    def state(self) -> bytes:
+        """What the page asks for, as JSON."""
+        with self._lock:
+            told = {
+                "joints": list(self._watch.model.arm.joints), "points": list(self._points),
+                "events": list(self._events), "basis": self._watch.sound.sentence,
+            }  # fmt: skip
+        return json.dumps(told).encode()
+
+    def open(self) -> None:
+        """Show it in a browser."""
+        import webbrowser
+
+        threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
+
+    def close(self) -> None:
+        """End it."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        page = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                host = self.headers.get("Host", "").rpartition(":")[0]
+                if host not in (HOST, "localhost"):  # a name that another page had point here
+                    return self.send_error(403)
+                if self.path == "/":
+                    return self._answer(PAGE.read_bytes(), "text/html; charset=utf-8")
+                if self.path == "/state":
+                    return self._answer(page.state(), "application/json")
+                return self.send_error(404)
+
+            def _answer(self, body: bytes, kind: str) -> None:
+                self.send_response(200)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(body)))
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, *_: Any) -> None:
+                """Say nothing."""
+
+        return Handler

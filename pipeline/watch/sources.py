@@ -1,0 +1,157 @@
+"""Samples of an arm as they come: from recordings, from a program's lines on standard input, or from a robot's ROS."""
+
+import math
+import queue
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel
+from armdyn.errors import InputError
+from armdyn.recording.channels import FloatArray, channel_unit, name_and_unit
+from armdyn.run import Run, read_run
+from armdyn.watch.sound import Sample, samples_of
+from pipeline.interrupts import noted_signals
+from pipeline.ros.bridge import Bridge, Message
+from pipeline.ros.states import FIRST_STATE, JointStates
+
+RECORDINGS = (".csv", ".mcap")
+KEPT = 2000
+"""States that wait when the computer is busy, two seconds at 1 kHz; then the oldest are dropped, which is a gap."""
+AGAIN = 1.0
+"""s after which a bridge that went away is called again."""
+
+
+def recordings_in(paths: Sequence[Path]) -> list[Path]:
+    """The recordings that are named, those of a folder by their names.
+
+    Raises:
+        InputError: a folder holds none.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = sorted(file for file in path.iterdir() if file.suffix in RECORDINGS)
+            if not inside:
+                raise InputError(f"{path}: holds no recording, {' or '.join(RECORDINGS)}")
+            found += inside
+        else:
+            found.append(path)
+    return found
+
+
+def runs_of(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
+    """Recordings as the model reads them, with torques of servos that only say what they were told."""
+    return [model.reading(read_run(path)) for path in paths]
+
+
+def again(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[Sample]]]:
+    """By run, what gives its samples, from the first one whenever it is asked."""
+    return [lambda run=run: samples_of(run, model) for run in runs]  # type: ignore[misc]
+
+
+def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[Sample]:
+    """Samples from lines of CSV, the first of them its heads as of a recording: ``time [s],q.elbow [rad],...``.
+
+    A line that cannot be read, or lacks a value, is a sample that is missing.
+
+    Raises:
+        InputError: the heads lack the time, or a position or torque.
+    """
+    heads = [name_and_unit(cell) for cell in stream.readline().strip().split(",")]
+    index = {head: i for i, (head, _) in enumerate(heads)}
+    joints = model.arm.joints
+    wanted = ["time", *(f"q.{joint}" for joint in joints), *(f"tau.{joint}" for joint in model.joints)]
+    missing = [head for head in wanted if head not in index]
+    if missing:
+        raise InputError(
+            f"{name}: its first line has no {', '.join(missing)}: write the heads of a recording, time [s], q.<joint> "
+            "[rad] and tau.<joint> [N m] of every joint"
+        )
+    units = {head: channel_unit(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
+    for line in stream:
+        cells = line.strip().split(",")
+        try:
+            value = {
+                head: float(cells[index[head]]) * (units[head].factor if head in units else 1.0) for head in wanted
+            }
+        except (ValueError, IndexError):
+            continue
+        q = np.array([value[f"q.{joint}"] for joint in joints])
+        yield value["time"], q, np.array([value.get(f"tau.{joint}", 0.0) for joint in joints])
+
+
+class RosStates:
+    """Joint states of a robot behind rosbridge; nothing is sent to the robot.
+
+    A bridge that goes away is called again until it is back, which is a gap.
+
+    Args:
+        uri: of the bridge.
+        topic: of the joint states.
+        names: of the arm's joints.
+    """
+
+    def __init__(self, uri: str, topic: str, names: Sequence[str]) -> None:
+        self._uri, self._topic, self._names = uri, topic, tuple(names)
+        self._waiting: queue.Queue[Sample] = queue.Queue(KEPT)
+        self._ended = False
+
+    def samples(self) -> Iterator[Sample]:
+        """Until a signal comes: times on our clock, s since the first.
+
+        Raises:
+            InputError: no bridge, no states of these joints, or none with a torque.
+        """
+        with ExitStack() as stack:
+            stack.enter_context(noted_signals(lambda _: setattr(self, "_ended", True)))
+            bridge = stack.enter_context(self._connected())
+            start, begun, torques = None, time.monotonic(), False
+            while not self._ended:
+                try:
+                    stamp, q, tau = self._waiting.get(timeout=0.1)
+                except queue.Empty:
+                    if bridge.failure is not None:
+                        bridge = self._reconnected(stack) or bridge
+                    elif start is None and time.monotonic() - begun > FIRST_STATE:
+                        raise InputError(
+                            f"{self._topic}: no state of {', '.join(self._names)} within {FIRST_STATE:g} s: is the "
+                            "robot on, and is this its topic?"
+                        ) from None
+                    continue
+                torques = torques or bool(np.isfinite(tau).all())
+                if not torques and time.monotonic() - begun > FIRST_STATE:
+                    raise InputError(f"{self._topic}: no efforts are sent: a watch needs the torques of the joints")
+                start = stamp if start is None else start
+                yield stamp - start, q, tau
+
+    def _connected(self) -> Bridge:
+        bridge, joints, newest = Bridge(self._uri), JointStates(self._names), [-math.inf]
+
+        def take(message: Message, now: float) -> None:
+            joints.take(message, now)
+            state = joints.latest
+            if state is not None and state.time > newest[0]:
+                newest[0] = state.time
+                self._put((state.time, np.array(state.q), np.array(state.tau)))
+
+        bridge.subscribe(self._topic, "sensor_msgs/JointState", take, every=True)
+        return bridge
+
+    def _put(self, sample: tuple[float, FloatArray, FloatArray]) -> None:
+        while True:
+            try:
+                return self._waiting.put_nowait(sample)
+            except queue.Full:
+                self._waiting.get_nowait()
+
+    def _reconnected(self, stack: ExitStack) -> Bridge | None:
+        time.sleep(AGAIN)
+        try:
+            return stack.enter_context(self._connected())
+        except InputError:
+            return None

@@ -1,0 +1,80 @@
+"""What is said of a sample: nothing without a cause, a torque from outside in time, and no gap as an event."""
+
+import numpy as np
+import pytest
+from watch_work import FRICTION, RATE, samples, work
+
+from armdyn.watch import observer as observing
+from armdyn.watch.observer import Observer, arrived
+
+
+def steps(arm, recording, bandwidth=40.0):
+    observer = Observer(arm, bandwidth)
+    found = [observer.take(*sample) for sample in samples(recording)]
+    return [step for step in found if step is not None and step.settled]
+
+
+@pytest.fixture
+def quiet(monkeypatch):
+    monkeypatch.setattr("watch_work.NOISE", 0.0)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_what_the_model_explains_leaves_nothing_even_where_joints_turn_round(arm):
+    contrast = np.array([step.contrast for step in steps(arm, work(arm, 0, 20.0))])
+    assert np.sqrt(np.mean(contrast**2)) < 0.06  # white noise of 0.05 N m, what is left of it, and of turns
+    assert np.abs(contrast).max() < 0.25 * FRICTION
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm):
+    found = steps(arm, work(arm, 0, 12.0, begin=8.0, outside=np.array([0, 0, 5.0, 0, 0, 0])))
+    time = np.array([step.time for step in found])
+    contrast = np.array([step.contrast for step in found])
+    after = contrast[np.argmin(np.abs(time - 8.0 - observing.SOON))]
+    assert after[2] == pytest.approx(5.0 * arrived(40.0), abs=0.3)
+    assert np.abs(np.delete(after, 2)).max() < 0.4
+
+
+def test_filtered_motion_is_that_of_the_delay_before(arm):
+    time = np.arange(0, 4, 1 / RATE)
+    q = 0.5 * np.sin(2.0 * time)[:, None] * np.ones(6)
+    last = steps(arm, (time, q, np.zeros_like(q)))[-1]
+    at = last.time - Observer(arm, 40.0).delay
+    expected = 0.5 * np.array([np.sin(2 * at), 2 * np.cos(2 * at), -4 * np.sin(2 * at)])
+    np.testing.assert_allclose(last.motion[:, 0], expected, atol=0.01)
+
+
+def test_samples_that_come_rarely_make_the_filter_slower(arm):
+    observer = Observer(arm, 75.0)
+    for i in range(60):
+        observer.take(0.04 * i, np.zeros(6), np.zeros(6))
+    assert observer.bandwidth == pytest.approx(observing.PER_SAMPLE / 0.04)
+
+
+def test_a_sample_that_lacks_something_or_comes_again_is_no_sample(arm):
+    observer, q = Observer(arm), np.zeros(6)
+    assert observer.take(0.0, q, q) is not None
+    assert observer.take(0.01, np.full(6, np.nan), q) is None
+    assert observer.take(0.01, q, np.full(6, np.nan)) is None
+    assert observer.take(np.nan, q, q) is None
+    assert observer.take(0.0, q, q) is None
+    assert observer.take(-0.01, q, q) is None
+
+
+@pytest.mark.parametrize("jump", [1.0, -1.0, 1e9])
+def test_after_a_gap_or_a_jump_of_the_clock_the_filters_begin_anew(arm, jump):
+    observer = Observer(arm, 40.0)
+    for i in range(500):
+        step = observer.take(0.004 * i, np.zeros(6), np.zeros(6))
+    assert step.settled
+    assert not observer.take(0.004 * 500 + jump, np.zeros(6), np.zeros(6)).settled
+
+
+@pytest.mark.usefixtures("quiet")
+def test_the_mean_waits_while_something_acts(arm):
+    observer = Observer(arm, 40.0)
+    for time, q, tau in samples(work(arm, 0, 10.0, begin=5.0, outside=np.array([0, 0, 5.0, 0, 0, 0]))):
+        observer.hold = time >= 5.0
+        step = observer.take(time, q, tau)
+    assert step.contrast[2] == pytest.approx(5.0, abs=0.4)

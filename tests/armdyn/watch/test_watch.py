@@ -1,0 +1,111 @@
+"""Three kinds of event, told apart; silence on sound work, gaps and clocks that jump."""
+
+import numpy as np
+import pytest
+from watch_work import samples, work
+
+from armdyn.errors import InputError
+from armdyn.watch.event import Kind
+from armdyn.watch.sound import from_band, measured
+from armdyn.watch.watch import Watch
+
+CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
+
+
+def events(arm, sound, *recordings, per_hour=0.01):
+    watch = Watch(arm, sound, per_hour)
+    return [event for recording in recordings for event in watch.all(samples(recording))]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_contact_is_found_within_50_ms_and_so_is_its_end(arm, sound, seed):
+    first, *_, last = events(arm, sound, work(arm, seed, 20.0, begin=10.0, until=11.0, outside=CONTACT))
+    assert 10.0 <= first.time <= 10.05
+    assert 9.8 <= first.since <= 10.05
+    assert last.kind is Kind.RECOVERED
+    assert 11.0 <= last.time <= 12.0
+
+
+def test_a_contact_that_no_load_explains_is_one_from_outside(arm, sound):
+    contacts = [work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT) for seed in range(5)]
+    kinds = [event.kind for contact in contacts for event in events(arm, sound, contact)]
+    assert set(kinds) <= {Kind.NOT_TOLD, Kind.OUTSIDE_TORQUE, Kind.RECOVERED}
+    assert kinds.count(Kind.OUTSIDE_TORQUE) == 5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_load_is_weighed(arm, sound, seed):
+    found = [e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not Kind.NOT_TOLD]
+    assert [event.kind for event in found] == [Kind.LOAD_CHANGED]
+    (event,) = found
+    assert event.time < 50.0
+    assert event.since == pytest.approx(20.0, abs=8.0)
+    assert event.size == pytest.approx(0.3, abs=max(4 * event.std, 0.03))
+    assert (event.unit, event.what) == ("kg", "payload")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_more_friction_is_a_changed_robot(arm, sound, seed):
+    found = events(arm, sound, work(arm, seed, friction=1.4, begin=20.0))
+    (event,) = [event for event in found if event.kind is Kind.ROBOT_CHANGED]
+    assert event.kind is Kind.ROBOT_CHANGED
+    assert event.joint == "shoulder_lift_joint"
+    assert "joint_coulomb_friction" in event.what
+    assert event.time < 50.0
+
+
+def test_a_load_that_is_put_down_again_is_over(arm, sound):
+    found = events(arm, sound, work(arm, 7, 150.0, load=0.5, begin=20.0, until=80.0))
+    told = [event.kind for event in found if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED, Kind.RECOVERED)]
+    assert told[0] is Kind.LOAD_CHANGED
+    assert told[-1] is Kind.RECOVERED
+    assert Kind.ROBOT_CHANGED not in told
+
+
+def test_sound_work_is_silent(arm, sound):
+    assert events(arm, sound, *(work(arm, seed) for seed in range(20, 30))) == []
+
+
+def test_gaps_missing_values_and_clocks_that_jump_are_no_events(arm, sound):
+    time, q, tau = work(arm, 30)
+    q, tau = q.copy(), tau.copy()
+    q[3000:3100] = np.nan
+    tau[5000:5400, 2] = np.nan
+    tau[7000, 0] = np.nan
+    time = time.copy()
+    time[9000:] += 100.0
+    time[11000:] -= 3000.0
+    keep = np.ones(len(time), dtype=bool)
+    keep[13000:13200] = False
+    assert events(arm, sound, (time[keep], q[keep], tau[keep])) == []
+
+
+def test_another_recording_begins_where_the_arm_was_not(arm, sound):
+    assert events(arm, sound, work(arm, 31, 15.0), work(arm, 32, 15.0)) == []
+
+
+def test_what_is_kept_does_not_grow(arm, sound):
+    watch = Watch(arm, sound, 0.01)
+    sizes = []
+    for minute in range(2):
+        list(watch.all(samples(work(arm, 40 + minute), 61.0 * minute)))
+        sizes.append((len(watch._blocks.sums), len(watch._blocks.begins), watch.observer._state.size))
+    assert sizes[0] == sizes[1]
+
+
+def test_a_model_that_says_its_error_needs_no_calibration(arm):
+    history = [{"rmse": {f"tau.{joint}": 0.2 for joint in arm.joints}}]
+    band = from_band(arm, history)
+    assert "--calibrate" in band.sentence
+    assert events(arm, band, work(arm, 50)) == []
+    assert Kind.OUTSIDE_TORQUE in {e.kind for e in events(arm, band, work(arm, 0, 16.0, begin=10.0, outside=CONTACT))}
+
+
+def test_a_model_that_says_nothing_of_its_error_needs_recordings(arm):
+    with pytest.raises(InputError, match="--calibrate RUN"):
+        from_band(arm, [])
+
+
+def test_sound_recordings_that_are_too_short_are_refused(arm):
+    with pytest.raises(InputError, match="record 15 s or more"):
+        measured(arm, [lambda: samples(work(arm, 0, 5.0))])

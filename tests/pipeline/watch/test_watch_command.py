@@ -1,0 +1,114 @@
+"""The command: recordings, lines on standard input, a page; and what it refuses."""
+
+import io
+import json
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from watch_work import model, samples, work
+
+from armdyn.model_file import ModelFile, write_model_file
+from armdyn.recording.channels import Channel
+from armdyn.run import Run, write_run_csv
+from armdyn.watch.sound import measured
+from armdyn.watch.watch import Watch
+from pipeline.watch.page import LivePage
+
+CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
+
+
+def write(arm, recording, file):
+    stamps, q, tau = recording
+    channels = {f"q.{joint}": Channel(stamps, q[:, i], "rad") for i, joint in enumerate(arm.joints)}
+    channels |= {f"tau.{joint}": Channel(stamps, tau[:, i], "N m") for i, joint in enumerate(arm.joints)}
+    write_run_csv(Run(file.name, channels), file)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model, sound recordings, a contact and a load."""
+    arm, here = model(), tmp_path_factory.mktemp("work")
+    write_model_file(here / "m.toml", ModelFile(arm, {"robot": "ur5"}))
+    for k in range(3):
+        write(arm, work(arm, 100 + k), here / f"sound_{k}.csv")
+    (here / "day").mkdir()
+    write(arm, work(arm, 0, 16.0, begin=10.0, until=11.0, outside=CONTACT), here / "day" / "a_contact.csv")
+    write(arm, work(arm, 1, load=0.5, begin=20.0), here / "day" / "b_load.csv")
+    write(arm, work(arm, 2, 16.0), here / "day" / "c_after.csv")
+    return here
+
+
+@pytest.fixture(scope="module")
+def calibrated(folder):
+    return [word for k in range(3) for word in ("--calibrate", str(folder / f"sound_{k}.csv"))]
+
+
+def lines(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_a_folder_of_logs_becomes_a_line_per_event(folder, calibrated, armdyn):
+    status, out, _ = armdyn("watch", folder / "m.toml", folder / "day", *calibrated, "--json", "-")
+    assert status == 0
+    found = lines(out)
+    assert {event["schema"] for event in found} == {"armdyn.watch/1"}
+    by_run = {Path(event["run"]).name: event["event"] for event in found if event["event"] != "not_told"}
+    assert by_run == {"a_contact.csv": "recovered", "b_load.csv": "load_changed", "c_after.csv": "recovered"}
+    assert {event["false_alarms_per_hour"] for event in found} == {0.01}
+
+
+def test_a_person_reads_what_happened_and_what_to_do(folder, calibrated, armdyn, tmp_path):
+    status, out, _ = armdyn("watch", folder / "m.toml", folder / "day", *calibrated, "--log", "kept.csv")
+    assert status == 0
+    assert "the tool carries +0." in out
+    assert f"to repair the model from here on: armdyn repair {folder}/m.toml kept_2.csv" in out
+    assert f"armdyn repair {folder}/m.toml {folder}/day/c_after.csv" in out
+    rows = sum(len((tmp_path / name).read_text().splitlines()) - 1 for name in ("kept.csv", "kept_2.csv"))
+    assert rows == 250 * (16 + 60 + 16)
+
+
+def test_lines_of_standard_input_are_samples(folder, calibrated, armdyn, monkeypatch):
+    text = (folder / "day" / "a_contact.csv").read_text().splitlines()
+    text[100] = "what is this"
+    text[200] = text[200].replace(text[200].split(",")[3], "", 1)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(text)))
+    status, out, _ = armdyn("watch", folder / "m.toml", "-", *calibrated, "--json", "-")
+    assert status == 0
+    assert [event["event"] for event in lines(out)][-2:] == ["outside_torque", "recovered"]
+
+
+def test_the_page_shows_residuals_with_their_limits_and_events():
+    arm = model()
+    runs = [work(arm, seed) for seed in (100, 101)]
+    watch = Watch(arm, measured(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
+    with LivePage(watch, None) as page:
+        for sample in samples(work(arm, 0, 16.0, begin=10.0, outside=CONTACT)):
+            page.take(watch.take(*sample))
+        assert b"armdyn watch" in urllib.request.urlopen(page.address).read()
+        state = json.loads(urllib.request.urlopen(page.address + "state").read())
+        strange = urllib.request.Request(page.address + "state", headers={"Host": "elsewhere.example"})
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(strange)
+    assert state["joints"] == list(arm.joints)
+    assert "outside_torque" in {event["event"] for event in state["events"]}
+    stamp, residual, mean, limit = state["points"][-1]
+    assert stamp > 15.0
+    assert abs(residual[1] - mean[1]) > limit[1]
+
+
+def test_what_it_cannot_watch_is_refused(folder, refused, tmp_path):
+    assert "one source" in refused("watch", folder / "m.toml")
+    assert "one source" in refused("watch", folder / "m.toml", "-", "--ros", "ws://127.0.0.1:1")
+    assert "--calibrate RUN" in refused("watch", folder / "m.toml", folder / "day")
+    assert "holds no recording" in refused("watch", folder / "m.toml", tmp_path)
+    (tmp_path / "p.toml").write_text('base = "pendulum"\n')
+    assert "a watch is for arms" in refused("watch", tmp_path / "p.toml", folder / "sound_0.csv")
+
+
+def test_standard_input_without_a_joint_is_refused(folder, calibrated, refused, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("time [s],q.shoulder_pan_joint [rad]\n0,0\n"))
+    said = refused("watch", folder / "m.toml", "-", *calibrated[:4], "--json", "-")
+    assert "its first line has no q.shoulder_lift_joint" in said
