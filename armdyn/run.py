@@ -177,8 +177,7 @@ class Run(Displayable):
         """Kinds of channels and number of joints, such as ``"q, tau of 6 joints"``."""
         quantities = dict.fromkeys(name.partition(".")[0] for name in self.channels)
         of_joints = f" of {len(self.joints)} joints" if self.joints else ""
-        beside = f", {', '.join(self.extra)}" if self.extra else ""
-        return f"{', '.join(quantities) or 'nothing'}{of_joints}{beside}"
+        return ", ".join(filter(None, (f"{', '.join(quantities)}{of_joints}", *self.extra))) or "nothing"
 
     def _samples(self) -> dict[str, list[Any]]:
         """Table of samples: a row per time stamp, a column per channel; nan where a channel has no sample."""

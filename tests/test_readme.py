@@ -52,7 +52,7 @@ def test_the_run_that_is_shown_is_one(tmp_path):
 def test_the_mapping_that_is_shown_is_one(tmp_path):
     path = tmp_path / "map.toml"
     path.write_text(re.search(r"```toml\n(time = .*?)```", FORMATS, re.DOTALL)[1])
-    assert [entry.channel for entry in read_map(path).entries.values()] == ["q.shoulder", "q.elbow", "tau.elbow"]
+    assert [entry.channel for entry in read_map(path)[""].entries.values()] == ["q.shoulder", "q.elbow", "tau.elbow"]
 
 
 def test_every_file_says_the_same_version():

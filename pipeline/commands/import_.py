@@ -1,6 +1,7 @@
 """`armdyn import`: runs from bags, data sets and tables of others."""
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -87,15 +88,17 @@ def _import(
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
-    given = read_map(mapping) if mapping is not None else None
+    given: Mapping[str, ColumnMap | None] = read_map(mapping) if mapping is not None else {"": None}
     joints = _joints(choice)
     columns = {name for foreign in recordings for name in foreign.columns}
     found: list[Imported] = []
     problems: list[str] = []
     for foreign in recordings:
-        with collect(problems):
-            own = given or known_columns(foreign, joints)
-            found.append(imported(foreign, replace(own, rate=rate) if rate else own, columns))
+        for name, own in given.items():
+            with collect(problems):
+                read = own or known_columns(foreign, joints)
+                part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
+                found.append(imported(part, replace(read, rate=rate) if rate else read, columns))
     if problems:
         raise InputError("; ".join(problems))
     runs = [each.run for each in found]
@@ -200,9 +203,9 @@ def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> N
     runs = [each.run for each in found]
     for each, path in zip(found, written, strict=True):
         run = each.run
-        longest = max(run.channels.values(), key=len)
+        longest = max(run.everything.values(), key=len)
         rate = (len(longest) - 1) / max(float(longest.time[-1] - longest.time[0]), 1e-9)
-        seconds = max(float(c.time[-1]) for c in run.channels.values())
+        seconds = max(float(c.time[-1]) for c in run.everything.values())
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
@@ -213,7 +216,7 @@ def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> N
         measured = any(name.startswith("tau.") for name in runs[0].channels)
         typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
     else:
-        typer.echo("next: armdyn new pendulum M.toml")
+        typer.echo(f"next: armdyn new {'pendulum' if runs[0].channels else '--base FILE.py'} M.toml")
         typer.echo(compare)
 
 
@@ -227,7 +230,7 @@ def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
                 "file": str(path),
                 "channels": {
                     name: {"unit": c.unit, "samples": len(c), "from": float(c.time[0]), "to": float(c.time[-1])}
-                    for name, c in each.run.channels.items()
+                    for name, c in each.run.everything.items()
                 },
                 "samples": [fields(a, "source came kept left_out steps stamped") for a in each.accounts],
                 "notes": list(each.run.warnings),

@@ -1,7 +1,8 @@
 """Which column is which channel: a TOML file, and a run made by it.
 
 ```toml
-time = { column = "t", unit = "ms" }          # where columns share rows, as in a table; or { rate = "100 Hz" }
+time = { column = "t", unit = "ms" }          # where columns share rows, as in a table; or { rate = "100 Hz" }, or
+                                              # { period = "4 s" }: from one row to the next
 
 [columns]
 "J1 pos" = { channel = "q.shoulder", unit = "deg", sign = -1, offset = "90 deg" }
@@ -11,12 +12,16 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 A channel is ``sign * scale * value * (unit) + offset``, and its stamps are ``late`` too large. With a gear ratio N, a
 motor turns N times as far and as fast as the joint and gives an Nth of its torque: positions and speeds are divided,
 torques multiplied. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar and go there.
+
+Where the columns of one file belong to several runs, ``[runs.NAME]`` holds what is a run's own, such as
+``[runs.morning.columns]``; what stands outside of these tables holds for every run.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from armdyn.errors import InputError, collect
 from armdyn.inspection.correction import Correction
@@ -28,9 +33,13 @@ from armdyn.run import Run
 from armdyn.toml_file import read_toml
 from urdf.table_file import Check, TableFileError, join_problems, read_as
 
-TIME_LINE = 'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" }'
+TIME_LINE = (
+    'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
+    'or { period = "4 s" }'
+)
 SLOWEST_RATE, FASTEST_RATE = 0.1, 1e5
 """Hz, of the rows of a recording."""
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
@@ -112,25 +121,50 @@ class ColumnMap:
         return ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
 
 
-def read_map(path: Path) -> ColumnMap:
+def read_map(path: Path) -> Mapping[str, ColumnMap]:
     """Read a mapping file.
+
+    Returns:
+        By the run's name; ``""`` where a recording becomes one run only.
 
     Raises:
         InputError: it cannot be read, or lists everything in it that cannot be used.
     """
     table = read_toml(path)
+    runs = table.pop("runs", {"": {}})
+    if not isinstance(runs, dict) or not runs or not all(isinstance(own, dict) for own in runs.values()):
+        raise InputError(f"{path}: runs: write what is a run's own into tables such as [runs.morning.columns]")
+    problems: list[str] = []
+    found = {}
+    for name, own in runs.items():
+        with collect(problems, f"runs.{name}" if name else ""):
+            if name and not _NAME.fullmatch(name):
+                raise InputError(f"call a run by letters, digits, '_' and '-', not '{one_line(name)}'")
+            found[name] = _map_of({**table, **own})
+    if problems:
+        raise InputError(f"{path}: {join_problems(problems)}")
+    return found
+
+
+def _map_of(table: Mapping[str, Any]) -> ColumnMap:
+    """The mapping of one run; see `read_map`."""
     problems = [
-        f"unknown key '{key}': a mapping has time, columns, {', '.join(SIDECAR_KEYS)}"
+        f"unknown key '{key}': a mapping has time, columns, runs, {', '.join(SIDECAR_KEYS)}"
         for key in table
         if key not in ("time", "columns", *SIDECAR_KEYS)
     ]
     time = table.get("time", {})
     time = {"column": time} if isinstance(time, str) else time
-    if not isinstance(time, dict) or not (set(time) <= {"column", "unit", "check"} or set(time) == {"rate"}):
+    if not isinstance(time, dict) or not (
+        set(time) <= {"column", "unit", "check"} or set(time) in ({"rate"}, {"period"})
+    ):
         problems.append(f"time: {TIME_LINE}")
         time = {}
+    rate = str(time.get("rate", ""))
     with collect(problems, "time"):
-        check_rate(str(time.get("rate", "")))
+        if "period" in time:
+            rate = _rate_of(str(time["period"]))
+        check_rate(rate)
     columns = table.get("columns", {})
     if not isinstance(columns, dict) or not columns:
         problems.append('no [columns]: write lines such as "J1 pos" = { channel = "q.shoulder", unit = "deg" }')
@@ -150,9 +184,17 @@ def read_map(path: Path) -> ColumnMap:
     with collect(problems):
         sidecar = sidecar_of({key: table[key] for key in SIDECAR_KEYS if key in table})
     if problems:
-        raise InputError(f"{path}: {join_problems(problems)}")
-    column, unit, check, rate = (str(time.get(key, "")) for key in ("column", "unit", "check", "rate"))
+        raise InputError(join_problems(problems))
+    column, unit, check = (str(time.get(key, "")) for key in ("column", "unit", "check"))
     return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate)
+
+
+def _rate_of(period: str) -> str:
+    """The rate of rows that follow each other after a time with its unit."""
+    seconds = parse_quantity(period, "s").value
+    if not seconds > 0.0:
+        raise InputError(f"'{period}' is no time from one row to the next: write it as '4 s'")
+    return f"{1.0 / seconds!r} Hz"
 
 
 def check_rate(rate: str) -> None:

@@ -151,12 +151,13 @@ def guess_and_import(path):
     for foreign in read_foreign(path):
         mapping = guess_map([foreign], Joints(("j0", "j1", "j2")))
         (path.parent / "guessed.toml").write_text(map_text(mapping, f"of {path}"), encoding="utf-8")
-        imported(foreign, read_map(path.parent / "guessed.toml"))
+        imported(foreign, read_map(path.parent / "guessed.toml")[""])
 
 
 def import_mapped(path):
     (foreign,) = read_foreign(path.parent / "foreign.csv")
-    imported(foreign, read_map(path))
+    for mapping in read_map(path).values():
+        imported(foreign, mapping)
 
 
 def import_known(path):

@@ -55,8 +55,8 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
         columns, mapping = dict(reversed(columns.items())), dict(reversed(mapping.items()))
     path = tmp_path_factory.mktemp("map") / "map.toml"
     path.write_text(map_text(ColumnMap(mapping, "t", "ms", why="a\nguess")))
-    assert read_map(path).entries == mapping
-    found = imported(Foreign("a", columns), read_map(path))
+    assert read_map(path)[""].entries == mapping
+    found = imported(Foreign("a", columns), read_map(path)[""])
     run, (account,) = found.run, found.accounts
 
     with_time = np.flatnonzero(np.isfinite(stamps))

@@ -48,7 +48,7 @@ mass = "80 g +/- 0.4 g"
 def mapped(tmp_path, text):
     path = tmp_path / "map.toml"
     path.write_text(text)
-    return read_map(path)
+    return read_map(path)[""]
 
 
 def test_a_mapping_makes_a_run_of_a_spreadsheet_with_what_goes_beside_it(german, tmp_path, joints):
