@@ -24,6 +24,15 @@ class Pump(Stage):
     voltage: Expression
 
 
+@dataclass(frozen=True)
+class Brim(Stage):
+    """The edge of the upper tank: its level, V; what runs over, V/s; and what the lower tank catches of that, V/s."""
+
+    level: Expression
+    lost: Expression
+    caught: Expression
+
+
 @physics(
     "tanks", summary="Two tanks, one below the other.", source="Torricelli 1643",
     parameters=(
@@ -42,7 +51,8 @@ def tanks(at: Moment) -> Equations:
     first = at["upper_hole"] * ca.sqrt(ca.fmax(at["upper"], 1e-4))
     second = at["lower_hole"] * ca.sqrt(ca.fmax(at["lower"], 1e-4))
     pump = at.stage("pump", Pump(at.input("extra.pump").value))
-    rates = {"upper": at["pump"] * pump.voltage - first, "lower": first - second}
+    brim = at.stage("brim", Brim(at["upper"], lost=0, caught=0))
+    rates = {"upper": at["pump"] * pump.voltage - first - brim.lost, "lower": first + brim.caught - second}
     return Equations(rates, {"extra.level": at["lower"]})
 
 
@@ -52,10 +62,23 @@ def dead_zone(pump: Pump, width: Expression = quantity("V", typical=0.5, lower=0
     return replace(pump, voltage=pump.voltage - ca.fmin(pump.voltage, width))
 
 
+SIZE = quantity("1/s", typical=0.1, lower=0.0, upper=1.0)  # at 1/s nothing stands above the edge for longer than 1 s
 EDGE = quantity("V", typical=1.0, null=8.0, lower=0.0)
 
 
 @effect(acts_on="rate", summary="A tank overflows beyond an edge.", source="of its own")
-def overflow(rate: Rate, size: Expression = quantity("1/s", typical=0.1, lower=0.0), edge: Expression = EDGE) -> Rate:
+def overflow(rate: Rate, size: Expression = SIZE, edge: Expression = EDGE) -> Rate:
     """-size * max(0, level - edge)."""
     return rate.with_rate(-size * ca.fmax(rate[rate.state] - edge, 0))
+
+
+@effect(summary="The upper tank overflows, and the lower one catches a share.", source="of its own")
+def overflow_below(
+    brim: Brim,
+    size: Expression = SIZE,
+    edge: Expression = EDGE,
+    share: Expression = quantity("1", typical=0.5, null=0.5, lower=0.0, upper=1.0),
+) -> Brim:
+    """Two rates at once: size * max(0, level - edge) leaves the upper tank, a share of it comes into the lower one."""
+    over = size * ca.fmax(brim.level - edge, 0)
+    return replace(brim, lost=brim.lost + over, caught=brim.caught + share * over)

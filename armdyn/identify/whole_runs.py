@@ -2,8 +2,8 @@
 
 Process noise absorbs errors that add up over many swings, so far above the sensor's noise a wrong friction may have the
 better evidence. Then the residuals of whole runs, fitted and held-out ones, are compared as well: for one or two
-effects alone, and for every effect exchanged for another. Effects that are zero at the end, or increase the error of
-held-out runs, are removed.
+effects alone, for every effect exchanged for another, and for one more. Effects that are zero at the end, or increase
+the error of held-out runs, are removed.
 """
 
 from collections.abc import Callable
@@ -54,6 +54,8 @@ def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Calla
         effects = _pair_or(study, scorer, effects, needed)
         say("comparing rivals over whole runs")
         effects = _exchanged(study, scorer, effects)
+        say("comparing further effects over whole runs")
+        effects = _added(study, scorer, effects)
     return scorer.settle(_without_nothing(study, effects))
 
 
@@ -105,6 +107,19 @@ def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effect
         whole = min(better, key=lambda one: float(left[one].sum()))
 
 
+def _added(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
+    """A set, extended by one effect at a time while errors are gross and the residual of whole runs falls enough."""
+    while _fitted(study, whole).chi2_per_sample > GROSS_ERROR_RATIO:
+        now = scorer.settle(whole)
+        left = [c for c in scorer.candidates if c not in whole]
+        promised = sorted(left, key=lambda c: -scorer.of((*now.effects, c)).score)[:COMPARED_PAIR_EFFECTS]
+        sets = [one for one in ((*whole, c) for c in promised) if _explains(study, whole, one)]
+        if not sets:
+            return whole
+        whole = min(sets, key=lambda one: _left(study, one) / (1.0 - MIN_SHARE_PER_VALUE) ** len(one[-1].names))
+    return whole
+
+
 def _without_nothing(study: Study, effects: Effects) -> Effects:
     """A set without effects whose values are zero, and without those that increase the error of held-out runs.
 
@@ -117,7 +132,7 @@ def _without_nothing(study: Study, effects: Effects) -> Effects:
         effects = tuple(c for c in effects if c not in useless)
         if useless:
             continue
-        gone = [c for c in unsure if _is_nothing(study, found, c)]
+        gone = [c for c in unsure if _is_nothing(study, found, effects, c)]
         gone = gone or list(islice((c for c in unsure if _harms(study, found, effects, c)), 1))
         if not gone:
             return effects
@@ -141,12 +156,26 @@ def _distance(found: Fit, one: Candidate) -> np.ndarray:
     return found.values[own] - found.problem.null[own]
 
 
-def _is_nothing(study: Study, found: Fit, one: Candidate) -> bool:
-    """Whether an effect's values are within two standard deviations of those at which it is absent (Wald 1943)."""
+def _is_nothing(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
+    """Whether an effect's values are within two standard deviations of those at which it is absent (Wald 1943).
+
+    The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
+    Biometrika 64, 1977): such an effect is absent only if the residual of whole runs is as small without it, too.
+    """
     own = found.problem.of(one.names) & found.free
     covariance, away = uncertainty(study, found).covariance[np.ix_(own, own)], _distance(found, one)
     known = np.diag(covariance) > 0.0
     if not known.any():
         return False  # a bound holds it
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
-    return bool(square < chdtri(int(known.sum()), NULL_PROBABILITY))
+    if square >= chdtri(int(known.sum()), NULL_PROBABILITY):
+        return False
+    assert study.motion is not None
+    placed = not study.motion.names_of_places.keys().isdisjoint(one.names)
+    return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
+
+
+def _explains(study: Study, fewer: Effects, more: Effects) -> bool:
+    """Whether each value of the larger set explains at least `MIN_SHARE_PER_VALUE` of the smaller set's residual."""
+    values = sum(len(c.names) for c in more) - sum(len(c.names) for c in fewer)
+    return _left(study, more) < (1.0 - MIN_SHARE_PER_VALUE) ** values * _left(study, fewer)

@@ -97,16 +97,39 @@ def test_what_makes_held_out_runs_worse_goes():
 def test_what_ends_at_nothing_goes_also_where_the_error_is_larger_without_it(monkeypatch):
     """A gripper's scale that an uncertain gravity explains as well."""
     monkeypatch.setattr(whole_runs, "_distance", lambda *_: np.ones(1))
-    monkeypatch.setattr(whole_runs, "_is_nothing", lambda _study, _fit, one: one is BIAS)
+    monkeypatch.setattr(whole_runs, "_is_nothing", lambda _study, _fit, _set, one: one is BIAS)
     left = {(LOAD, BIAS): (0.01, 0.01), (LOAD,): (0.2, 0.2)}
     assert chosen(left, {**EVIDENCE, BIAS: 20.0}, LOAD, BIAS) == {LOAD}
 
 
-@pytest.mark.parametrize(("value", "stays"), [(1.9, False), (2.1, True)])
-def test_a_value_within_two_standard_deviations_of_nothing_goes(monkeypatch, value, stays):
+@pytest.mark.parametrize(("remains", "more"), [(0.8, {DRAG}), (0.9, set())])
+@pytest.mark.usefixtures("all_are_there")
+def test_what_explains_more_than_a_little_of_gross_errors_is_added(remains, more):
+    """Evidence prefers the pair: process noise excuses what the third one explains."""
+    left = {(): (60.0, 60.0), (LOAD, DRY): (10.0, 10.0), (LOAD, DRY, DRAG): (10.0 * remains, 10.0 * remains)}
+    assert chosen(left, {**EVIDENCE, DRAG: -30.0}, LOAD, DRY) == {LOAD, DRY} | more
+
+
+def nothing(monkeypatch, value, runs):
+    """Whether a bias is, which is `value` standard deviations large."""
+    runs.motion = Plain(names_of_places={"dry.size": 3.0})
     problem = Plain(
-        of=lambda names: np.array([name.startswith("bias") for name in ("load.size", *names)]), null=np.zeros(2)
+        of=lambda names: np.array([name.startswith(("bias", "dry")) for name in ("load.size", *names)]),
+        null=np.zeros(2),
     )
     found = Plain(problem=problem, free=np.ones(2, dtype=bool), values=np.array([5.0, 3.0 * value]))
     monkeypatch.setattr(whole_runs, "uncertainty", lambda *_: Plain(covariance=np.diag([1.0, 9.0])))
-    assert whole_runs._is_nothing(Plain(), found, BIAS) is not stays
+    return lambda one: whole_runs._is_nothing(runs, found, (LOAD, one), one)
+
+
+@pytest.mark.parametrize(("value", "stays"), [(1.9, False), (2.1, True)])
+def test_a_value_within_two_standard_deviations_of_nothing_goes(monkeypatch, value, stays):
+    assert nothing(monkeypatch, value, Runs({}, {}))(BIAS) is not stays
+
+
+@pytest.mark.parametrize(("without", "stays"), [(11.0, False), (12.0, True)])
+def test_an_effect_with_a_place_goes_where_whole_runs_are_predicted_as_well_without_it(monkeypatch, without, stays):
+    runs = Runs({(LOAD, DRY): (10.0, 10.0), (LOAD,): (without, without), (LOAD, BIAS): (10.0, 10.0)}, {})
+    is_nothing = nothing(monkeypatch, 1.0, runs)
+    assert is_nothing(DRY) is not stays
+    assert is_nothing(BIAS)
