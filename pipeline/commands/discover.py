@@ -50,7 +50,7 @@ def _page(document: Document, found: "Discovery") -> Document:
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
     """Adding what was found, and the recording or the experiment that would say more."""
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
-    judge = [NextStep("record another motion, that holdout_kinds it", another)] if not found.judged else []
+    judge = [NextStep("record another motion, and hold it out", another)] if not found.judged else []
     if not found.findings:
         return judge if found.leaves_something else []
     first = found.findings[0]
