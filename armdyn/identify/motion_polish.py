@@ -44,8 +44,8 @@ INDEPENDENT_SECONDS = 2.0
 """Length of a stretch of a recording, s, that is independent of the next one: far longer than the memory of a servo."""
 ROBUST_ERROR_RATIO, OPEN_LOOP_ERROR_RATIO = 0.5, 20.0
 """Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
-another way, a whole recording diverges; the short windows of an open loop do not. Errors up to an encoder's step are its
-rounding, and count with their square: counted with their size they bend torque offsets by eleven deviations."""
+another way, a whole recording diverges; the short windows of an open loop do not. Errors up to an encoder's step are
+its rounding, and count with their square: counted with their size they bend torque offsets by eleven deviations."""
 
 LINK_EFFECTS = ("payload", "link_inertia")
 """Effects that act on a joint and load every joint before it."""
