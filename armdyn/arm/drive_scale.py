@@ -1,4 +1,4 @@
-r"""What recordings say of drives themselves: their gains, from the weight that they hold, and their delays.
+r"""What recordings say of drives themselves: gains, from the weight that they hold, delays, and where they saturate.
 
 A servo's error e stands on the left and the physics on the right, both low-passed:
 
@@ -6,15 +6,17 @@ A servo's error e stands on the left and the physics on the right, both low-pass
 
 with the ten inertial parameters m of what the last link may carry, that every joint feels through its regressor P;
 linear but for the product c m, and by Gauss-Newton in it. Frictions and inertias are not negative. The delay d of a
-kind of drives is the one that leaves least of all its joints together, whatever each alone says of c and m. The error
-is what is noisy: on the right its noise would shrink the gain towards zero. Only gravity, of masses that are known,
-says how large c is: where the motion of a joint does not show it, joints with the same drive say it. What an arm
-carries and nobody wrote down passes for a gain where few joints feel it: the deviation that is told counts a usual load
-in, as far as the recordings leave room for one.
+kind of drives is the one that leaves least of all its joints together, whatever each alone says of c and m. A drive
+that is asked for more than it has gives the torque of the error s where it saturates: of the error as clipped at s, the
+physics leaves the least share unexplained, and beyond s it says nothing of c. The error is what is noisy: on the right
+its noise would shrink the gain towards zero. Only gravity, of masses that are known, says how large c is: where the
+motion of a joint does not show it, joints with the same drive say it. What an arm carries and nobody wrote down passes
+for a gain where few joints feel it: the deviation that is told counts a usual load in, as far as the recordings leave
+room for one.
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,10 +43,15 @@ THINNED = 4
 """Of these, of which one is kept: at this rate the low-pass leaves independent samples."""
 CERTAIN = 0.9
 """Expected sign of a velocity from which its friction is known; below, samples are left out."""
-DELAYS, NEXT, SHARP = np.arange(0.0, 0.0651, 0.0025), 0.0025, 5e-5
-"""s that are tried, how far apart they are, and how closely the best of them is looked at: a millisecond of delay
+DELAYS, SHARP = np.arange(0.0, 0.0651, 0.0025), 5e-5
+"""s that are tried, and how closely the best of them is looked at: a millisecond of delay
 looks like as much inertia of a rotor, times the gain, where a drive is told a velocity, and as much friction where it
 is told a position."""
+CEILINGS, SHARPLY = np.linspace(0.3, 1.0, 15), 1e-3
+"""Quantiles of errors that are tried as the one where drives saturate, and of the largest, how closely it is looked at:
+of one that is at its limit most of the time nothing else can be told."""
+SPREAD = np.pi**2 * np.e
+"""(2 pi e) (pi / 2): of a normal density, the square of exp(entropy) over that of its mean size."""
 DETERMINED = 0.1
 """Relative standard deviation of 1/k below which recordings say it. On recordings of an SO-101 joints that gravity
 loads have 1 to 4 %, those that it does not 30 % and more."""
@@ -108,10 +115,11 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
     found, rows = {name: _supplied(servo, runs) for name, servo in drives.items()}, list[_Rows]()
     for name, servo in list(found.items()):
         joints = [joint for joint in servo.joints if any(reads(run, joint, servo) for run in runs)]
-        if joints and (servo.gain is None or servo.gain.std is not None or servo.delay is None):
-            delay, own = _timed(name, servo, arm, runs, joints)
-            found[name] = replace(servo, delay=delay)
-            rows += own
+        known = servo.gain is not None and servo.gain.std is None and servo.delay is not None
+        if joints and not (known and np.isfinite(servo.saturating)):
+            told = _told(name, servo, arm, runs, joints)
+            found[name] = replace(told, full_at=servo.full_at if np.isfinite(servo.limit) else told.full_at)
+            rows += [row for row in _rows(name, told, arm, runs, joints) if row.noise > 0.0]
     if not rows:
         return found
     asked = {name: found[name].gain for name in dict.fromkeys(row.drive for row in rows)}
@@ -155,26 +163,63 @@ def telling(arm: Arm, joints: Sequence[str]) -> str:
     )
 
 
-def _timed(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> tuple[float, list[_Rows]]:
-    """A kind's delay, and what its joints say at it."""
+def _told(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> Servo:
+    """Drives with the delay and the error where they saturate that their joints say, what is not known of them."""
+    timed = _timed(name, servo, arm, runs, joints)
+    if np.isfinite(servo.saturating):
+        return timed
+    full_at = _saturation(name, timed, arm, runs, joints)
+    if full_at == np.inf:
+        return timed
+    return _timed(name, replace(servo, full_at=full_at), arm, runs, joints)
 
-    def at(delay: float) -> list[_Rows]:
-        return [_read(name, servo, arm, runs, joint, delay) for joint in joints]
 
+def _timed(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> Servo:
+    """Drives with the delay that leaves the least of all their joints' errors."""
     if servo.delay is not None:
-        return servo.delay, [row for row in at(servo.delay) if row.noise > 0.0]
+        return servo
 
     def worth(delay: float) -> float:
-        return float(sum(np.log(row.left) for row in at(delay) if row.left > 0.0))
+        rows = _rows(name, replace(servo, delay=delay), arm, runs, joints)
+        return float(sum(np.log(row.left) for row in rows if row.left > 0.0))
 
-    best = float(DELAYS[int(np.argmin([worth(float(delay)) for delay in DELAYS]))])
     # Frictions and inertias that may not be negative give it a kink: no parabola.
-    delay = float(
-        minimize_scalar(
-            worth, bounds=(max(best - NEXT, 0.0), best + NEXT), method="bounded", options={"xatol": SHARP}
-        ).x
-    )
-    return delay, [row for row in at(delay) if row.noise > 0.0]
+    return replace(servo, delay=_least_at(worth, DELAYS, SHARP))
+
+
+def _saturation(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> float:
+    """The error from which drives give no more; infinite where that makes the errors no likelier.
+
+    It is where the least share of the clipped errors is left: an error clipped at nothing leaves nothing, and says
+    nothing. Below it errors are as likely as what is left then says; beyond it they may be anything up to the largest.
+    """
+
+    def rows(full_at: float) -> list[_Rows]:
+        return _rows(name, replace(servo, full_at=full_at), arm, runs, joints, clipped=True)
+
+    unlimited, sizes = rows(np.inf), [_sizes(servo, arm, runs, joint) for joint in joints]
+    count = [len(row.y) * row.left / row.noise**2 if row.left > 0.0 else 0.0 for row in unlimited]
+
+    def share(full_at: float) -> float:
+        left = [min(row.left / np.var(row.y), 1.0) if row.left > 0.0 else 1.0 for row in rows(full_at)]
+        return float(np.array(count) @ np.log(left))
+
+    every = np.concatenate(sizes)
+    best, gained = _least_at(share, np.quantile(every, CEILINGS), SHARPLY * float(every.max())), 0.0
+    for without, row, size in zip(unlimited, rows(best), sizes, strict=True):
+        if row.left > 0.0 and without.left > 0.0:
+            beyond = float(np.mean(size > best))
+            per_sample = 0.5 * np.log(SPREAD * without.left) - 0.5 * (1.0 - beyond) * np.log(SPREAD * row.left)
+            per_sample -= beyond * np.log(max(float(size.max()) - best, np.finfo(float).tiny)) if beyond else 0.0
+            gained += len(row.y) * row.left / row.noise**2 * per_sample
+    return best if gained > 0.5 * np.log(max(sum(count), 1.0)) else np.inf
+
+
+def _least_at(cost: Callable[[float], float], tried: np.ndarray, closely: float) -> float:
+    """Where a cost is least, from (n,) rising values that are tried, to within `closely`."""
+    i = int(np.argmin([cost(float(value)) for value in tried]))
+    bounds = float(tried[max(i - 1, 0)]), float(tried[min(i + 1, len(tried) - 1)])
+    return float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": closely}).x)
 
 
 NOT_NEGATIVE = (True, True, True, True, True, False, True, True) + (SIZE - 1) * (False,)
@@ -317,23 +362,42 @@ def _correlated(residual: np.ndarray) -> float:
     return total
 
 
-def _read(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, delay: float) -> _Rows:
-    """What one joint read in all runs."""
+def _rows(
+    name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str], *, clipped: bool = False
+) -> list[_Rows]:
+    """What joints read in all runs: without what is beyond saturation, or `clipped` there."""
+    return [_read(name, servo, arm, runs, joint, clipped) for joint in joints]
+
+
+def _read(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joint: str, clipped: bool) -> _Rows:
     X, y, part = [], [], []
     for number, run in enumerate(runs):
         if not reads(run, joint, servo):
             continue
         time, columns, known = _columns(run, arm, joint)
-        share, scale = servo.gate(run, joint, time)
-        reading = share * scale * error(run, arm.joints, joint, servo, delay, time, smooth=True)
-        within = (share > 0.0) & (np.abs(reading) < SATURATED * share * servo.saturating)
+        share, reading = _reading(servo, arm, run, joint, time)
+        most = share * servo.saturating
+        within = (share > 0.0) & (clipped | (np.abs(reading) < SATURATED * most))
         used = known & (_low(within.astype(float)) > 0.95)
         X.append(columns[used][::THINNED])
-        y.append(_low(reading)[used][::THINNED])
+        y.append(_low(np.clip(reading, -most, most))[used][::THINNED])
         late = time[used][::THINNED] > 0.5 * (time[0] + time[-1])
         part.append(np.where(late, 2 * number + 1, 2 * number) if len(runs) == 1 else np.full(len(late), number))
     every, read = np.vstack(X), np.concatenate(y)
     return _Rows(name, every, read, np.concatenate(part), *_alone(every, read))
+
+
+def _reading(servo: Servo, arm: Arm, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) share of a drive's torque at (n,) times, and (n,) that share of its error, by its usual gain."""
+    share, scale = servo.gate(run, joint, time)
+    return share, share * scale * error(run, arm.joints, joint, servo, servo.delay or 0.0, time, smooth=True)
+
+
+def _sizes(servo: Servo, arm: Arm, runs: Sequence[Run], joint: str) -> np.ndarray:
+    """Sizes of all errors of a joint."""
+    read = [run for run in runs if reads(run, joint, servo)]
+    found = [np.abs(_reading(servo, arm, run, joint, _columns(run, arm, joint)[0])[1]) for run in read]
+    return np.concatenate(found)
 
 
 @cached_with_first_argument

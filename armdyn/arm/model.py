@@ -106,6 +106,7 @@ class ArmModel(Model):
             "servo_gain": any(servo.gain is None or servo.gain.std is not None for servo in drives),
             "command_delay": any(servo.delay is None for servo in drives),
             "supply_voltage": any(servo.supply is not None for servo in drives),
+            "servo_damping": all(servo.law != "position" for servo in drives),
         }
         return OF_READING | {name for name, told in looked_for.items() if told}
 
@@ -298,9 +299,8 @@ class ArmModel(Model):
 
 OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects that are what a declared drive's table holds: another gain is another table."""
-OF_READING = frozenset({"servo_integral", "torque_limit", "dead_band", "starting_duty"})
-"""Effects made of what a drive reads, which they are to predict: the larger a dead band, the more of the reading it is,
-whatever the physics. Evidence that does not count that would always choose them."""
+OF_READING = frozenset({"torque_limit"})
+"""Effects of a joint that are looked for of all drives of a kind: where they saturate; see `drive_scale`."""
 ROTOR = "rotor_inertia"
 """The effect that adds to the inertia of a joint by itself."""
 

@@ -177,8 +177,11 @@ def prepare(
         drives: see `smoothing_drives`.
         standing: which joints hardly move in all recordings together.
     """
-    motion, stands = own.motion.standing(standing), list(standing)
-    channels, noise, preparations = dict(run.channels), dict(run.noise), {}
+    # What a drive reads at rest is what friction holds, up to what breaks it loose.
+    reading = [isinstance(run.channels.get(f"tau.{joint}"), Reading) for joint in joints]
+    stands = [still and not reads for still, reads in zip(standing, reading, strict=True)]
+    motion = own.motion.standing(stands)
+    channels, noise, preparations, at_rest = dict(run.channels), dict(run.noise), {}, set[str]()
     for name, (j, stamps, values, brought_in, physics) in own.torques.items():
         raw, choice = run.channels[name], best_smoothing(stamps, values)
         cutoff = cutoff_of(stamps, values, choice, brought_in)
@@ -191,6 +194,7 @@ def prepare(
         time = _thinned(stamps, known, cutoff)
         if len(time) < 2 and not stands[j]:  # it moves in other recordings only
             stands[j] = True
+            at_rest |= {name} if reading[j] else set()
             motion = motion.standing(stands)
             known = settled(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
@@ -215,6 +219,8 @@ def prepare(
             moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
             smoothed=drive.cutoff if smoothed else None,
         )
+    for name in at_rest if at_rest != set(preparations) else ():
+        del channels[name], preparations[name]
     for joint, path in zip(joints, motion.joints, strict=True):
         channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
     return PreparedRun(

@@ -129,13 +129,14 @@ def _reading(run: Run, joints: tuple[str, ...], joint: str, servo: Servo) -> Rea
     assert servo.gain is not None
     q, late = run.channels[f"q.{joint}"], servo.delay or 0.0
     share, scale = servo.gate(run, joint, q.time)
-    asked = scale * servo.gain.value * error(run, joints, joint, servo, late, q.time, smooth=False)
+    by_error = scale * servo.gain.value * error(run, joints, joint, servo, late, q.time, smooth=False)
+    asked = by_error
     velocity = np.zeros(len(q))
     if servo.law == "position" and f"v_cmd.{joint}" in run.channels:
         velocity = mean_held(run.channels[f"v_cmd.{joint}"], around(q.time) - late)
     if servo.damping and servo.law == "position":
         v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
-        asked += servo.damping * (velocity - v)
+        asked = asked + servo.damping * (velocity - v)
     given = share * np.clip(asked, -servo.largest, servo.largest)
     if not np.ptp(np.quantile(given, INFORMATIVE)) > 0.0:
         return None
@@ -145,6 +146,9 @@ def _reading(run: Run, joints: tuple[str, ...], joint: str, servo: Servo) -> Rea
     by_command = np.gradient(mean_told(run, joint, servo, around(q.time) - late), q.time)
     rate = np.where(np.abs(asked) < servo.largest, share * scale * servo.gain.value * by_command, 0.0)
     total = cumulative_trapezoid(given, q.time, initial=0.0)
-    told = np.array([given, rate, total, velocity, servo.over_reference(run, joint, q.time)])
+    # What effects are made of has not the noise of what they are to predict.
+    smooth = scale * servo.gain.value * error(run, joints, joint, servo, late, q.time, smooth=True)
+    known = share * np.clip(smooth + asked - by_error, -servo.largest, servo.largest)
+    told = np.array([known, rate, total, velocity, servo.over_reference(run, joint, q.time)])
     unit = "N" if q.unit == "m" else "N m"
     return Reading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))), told)

@@ -92,8 +92,11 @@ def simulate(
     rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, FREE), drives.on, volts])
     state = np.concatenate([*start, np.zeros(2 * joints)])
     found = np.empty((count + 1, len(state)))
-    found[0] = state
     inputs = np.zeros((PER_JOINT * joints, BLOCK))
+    inputs[:] = rows[:1].T
+    # No step was before the first one: it is made twice, with the acceleration that it has.
+    state[2 * joints : 3 * joints] = function(state, inputs, values)[0][2 * joints : 3 * joints, 0]
+    found[0] = state
     for begin in range(0, count, BLOCK):
         part = rows[begin : begin + BLOCK]
         inputs[:, : len(part)] = part.T

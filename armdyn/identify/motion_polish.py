@@ -17,7 +17,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import can_roll_out, closed, rolled, windows
+from armdyn.arm.rollout import can_roll_out, closed, resolution, rolled, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
 from armdyn.run import Run
@@ -25,10 +25,10 @@ from armdyn.run import Run
 WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
 """Lengths of the windows in turn, s; the second list is for drives without a position command, which pull nothing
 back."""
-MAX_WINDOW_STEPS = 12
+MAX_WINDOW_STEPS = 30
 """Largest number of steps with windows of one length."""
-MIN_DECREASE_SHARE = 5e-4
-"""Share of the squared error that a step must remove to be followed by another one."""
+MIN_DECREASE_NATS = 0.1
+"""Log likelihood that a step must gain to be followed by another one: less moves no value by half of its deviation."""
 DIFFERENCE_SHARE = 0.02
 """Share of its typical size by which a value is changed in a difference quotient: friction steps in time are rounded
 there."""
@@ -42,9 +42,10 @@ START_DIFFERENCES = (1e-3, 1e-2)
 """Change of a window's start state in a difference quotient: rad or m, and rad/s or m/s."""
 INDEPENDENT_SECONDS = 2.0
 """Length of a stretch of a recording, s, that is independent of the next one: far longer than the memory of a servo."""
-ROBUST_ERROR_RATIO = 0.5
+ROBUST_ERROR_RATIO, OPEN_LOOP_ERROR_RATIO = 0.5, 20.0
 """Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
-another way, a whole recording diverges."""
+another way, a whole recording diverges; the short windows of an open loop do not. Errors up to an encoder's step are
+its rounding, and count with their square: counted with their size they bend torque offsets by eleven deviations."""
 
 LINK_EFFECTS = ("payload", "link_inertia")
 """Effects that act on a joint and load every joint before it."""
@@ -182,6 +183,7 @@ class _Descent:
 
     def __init__(self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float) -> None:
         self._model, self._unknowns = model, unknowns
+        self._robust = OPEN_LOOP_ERROR_RATIO if length in OPEN_LOOP_WINDOW_SECONDS else ROBUST_ERROR_RATIO
         joints = model.arm.joints
         self._windows = [w for run in runs for w in windows(run, joints, length)]
         self._groups = _apart(unknowns)
@@ -190,6 +192,8 @@ class _Descent:
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
         noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
         self._known = np.maximum(START_STD_FACTOR * np.array(noise), 1e-9)
+        steps = [[resolution(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
+        self._step = np.maximum(np.max(steps, axis=0), 1e-9)
 
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """(N, nj) position errors at (u,) values and (w, 2 nj) deviations of start states from the measured ones."""
@@ -217,7 +221,7 @@ class _Descent:
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
         for _ in range(MAX_WINDOW_STEPS):
-            size = np.maximum(ROBUST_ERROR_RATIO * np.median(np.abs(errors), axis=0), 1e-9)
+            size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
             independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
             cost = _Cost(size, mean, weight, held)
@@ -242,12 +246,14 @@ class _Descent:
                     values, starts, errors, now, damping = tried, from_, there, left, max(damping / 5.0, 1e-9)
                     break
                 damping *= 8.0
-            if now > (1.0 - MIN_DECREASE_SHARE) * before:
+            if 0.5 * independent * errors.shape[1] * (1.0 - now / before) < MIN_DECREASE_NATS:
                 break
         curved = share / (1.0 + (errors / size) ** 2)  # a full step would overestimate the curvature of the robust cost
-        H, own, _ = self._eliminated(slopes, of_starts, curved, held)
+        H, own, inner = self._eliminated(slopes, of_starts, curved, held)
         pulls = np.einsum("unj,nj->un", own, share * errors)
-        return values, self._deviations(H + np.diag(weight), pulls, (values > lower) & (values < upper), typical)
+        begun = np.array([-B @ inverse @ k for (inverse, B), k in zip(inner, held * starts, strict=True)]).T
+        free = (values > lower) & (values < upper)
+        return values, self._deviations(H + np.diag(weight), pulls, begun, free, typical)
 
     def _eliminated(
         self, slopes: np.ndarray, of_starts: np.ndarray, share: np.ndarray, held: np.ndarray
@@ -263,16 +269,28 @@ class _Descent:
             inner.append((inverse, B))
         return H, own, inner
 
-    def _deviations(self, H: np.ndarray, pulls: np.ndarray, free: np.ndarray, typical: np.ndarray) -> np.ndarray:
-        """(u,) standard deviations of the free values from Hessian H and (u, N) scores of the samples; else 0."""
+    def _deviations(
+        self, H: np.ndarray, pulls: np.ndarray, begun: np.ndarray, free: np.ndarray, typical: np.ndarray
+    ) -> np.ndarray:
+        """(u,) standard deviations of the free values from Hessian H, else 0.
+
+        Scores are (u, N) of the samples and (u, w) of the states in which windows begin.
+        """
         times = [w.time - w.begin for w in self._windows]
         first = [rows.start + np.flatnonzero(np.diff(t // INDEPENDENT_SECONDS, prepend=-1.0))
                  for t, rows in zip(times, self._rows, strict=True)]  # fmt: skip
-        sums = np.add.reduceat(pulls, np.concatenate(first), axis=1)[free] * typical[free, None]
-        inverse = np.linalg.pinv(H[np.ix_(free, free)] * np.outer(typical[free], typical[free]), hermitian=True)
+        sums = np.hstack([np.add.reduceat(pulls, np.concatenate(first), axis=1), begun])[free] * typical[free, None]
+        scaled = H * np.outer(typical, typical)
+        inverse = np.linalg.pinv(scaled[np.ix_(free, free)], hermitian=True)
         found, count = np.zeros(len(free)), sums.shape[1]
         middle = sums @ sums.T * count / max(count - 1, 1)
         found[free] = np.sqrt(np.diag(inverse @ middle @ inverse)) * typical[free]
+        for i, unknown in enumerate(self._unknowns):
+            gain = self._model.drives[unknown.name].gain if unknown.of == "gain" else None
+            if gain is not None and gain.std is not None and free[i]:  # no surer than what the gain is told with
+                others = free & (np.arange(len(free)) != i)
+                follow = np.linalg.pinv(scaled[np.ix_(others, others)], hermitian=True) @ scaled[others, i]
+                found[others] = np.hypot(found[others], follow * typical[others] * gain.std / gain.value / typical[i])
         return found
 
     def _slopes(

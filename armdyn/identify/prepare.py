@@ -32,6 +32,7 @@ def prepared(
     check_distinct({"a training run": runs, "a held-out run": held_out, "an exam run": exam})
     runs, held_out, exam = ([model.taking(run) for run in given] for given in (runs, held_out, exam))
     check_distinct_data(model, [*runs, *held_out, *exam])
+    held_out, exam = ([_of_channels(model, run, runs) for run in given] for given in (held_out, exam))
     named = with_distinct_names([*runs, *held_out])
     parts = [without_gaps(model, run) for run in (*named, *_exam_named(exam, named))]
     beside = list(chain(*parts[: len(named)]))
@@ -39,6 +40,13 @@ def prepared(
     kinds = found[: len(runs)], found[len(runs) : len(named)], found[len(named) :]
     training, others, last = (list(chain(*kind)) for kind in kinds)
     return training, others, last
+
+
+def _of_channels(model: Model, run: Run, training: Sequence[Run]) -> Run:
+    """A run without what the model predicts in no training run: a drive may have been at its limit in all of them."""
+    fitted = {name for one in training for name in model.predicted_channels(one)}
+    beside = set(model.predicted_channels(run)) - fitted
+    return replace(run, channels={k: c for k, c in run.channels.items() if k not in beside}) if beside else run
 
 
 def _exam_named(exam: Sequence[Run], named: Sequence[Run]) -> Iterator[Run]:

@@ -62,6 +62,8 @@ EFFECTS = (
 )  # fmt: skip
 OUTSIDE = 1.2
 """Hz of the loop around drives that are told velocities or torques."""
+HELPLESS = 0.5
+"""Of the time: a drive that is at its limit for longer does not keep its arm on its path."""
 SHOWN, BAND, STILL, THINNED = 50.0, 6.0, 0.02, 10
 """Nats, see `generated_arm.SHOWN`; Hz to which positions' noise becomes torque; rad/s; independent samples a second."""
 
@@ -220,6 +222,10 @@ def _recorded(
         states.append((q, v))
         found_q, found_v = simulate(truth, theta, (q, v), drives, h)
         q, v = found_q[-1], found_v[-1]
+    q_all, v_all = np.array(states).transpose(1, 0, 2)
+    asked = gain * {"position": told - q_all, "velocity": told - v_all, "torque": told}[law]
+    if np.any(np.mean(np.abs(asked) >= limit, axis=0) > HELPLESS):
+        raise InputError("the drives cannot hold the arm on its path")
     rows = time >= -1e-9
     exact, told, time = np.array(states)[rows].transpose(1, 0, 2), told[rows], time[rows]
     volts = None if volts is None else volts[rows]

@@ -1,7 +1,10 @@
 """Effects of drives: absent at null, exact derivatives, found in arms that MuJoCo moves by laws written here."""
 
+import ctypes
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +13,10 @@ from derivatives import assert_jacobian
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.rollout import roll_outs
 from armdyn.checked_study import CheckedStudy
+from armdyn.codegen import compiler
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.run import Run
-from pipeline.exports.functions import functions_of, python_text
+from pipeline.exports.functions import c_text, functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
@@ -111,7 +115,7 @@ def test_an_effect_of_a_drive_is_absent_at_null_and_has_exact_derivatives(arm, p
     assert_jacobian(predicted, theta[columns], more.predict(run, theta).sensitivities[:, columns], steps, 2e-3)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "torque_limit"])
 def test_what_a_drive_does_is_found_in_recordings_and_moves_the_model_as_it_moved_the_arm(arm, name):
     truth, law = LAWS[name]
     *training, held_out = (moved(arm, law, seed) for seed in (1, 2, 3))
@@ -119,7 +123,7 @@ def test_what_a_drive_does_is_found_in_recordings_and_moves_the_model_as_it_move
     study = CheckedStudy.of(model, training, [held_out], adding=name)
     before = np.mean([r.rms for r in study.compare().rollout if r.role == "held_out"])
     found = study.add([find(name)])
-    for joint in JOINTS[:1] if name == "torque_limit" else JOINTS:  # the elbow's drive is never asked for so much
+    for joint in JOINTS:
         for short, value in truth.items():
             p = found.model.parameters[f"{name}.{short}[{joint}]"]
             assert abs(p.value - value) < max(0.1 * value, 3.0 * p.std), joint
@@ -127,6 +131,25 @@ def test_what_a_drive_does_is_found_in_recordings_and_moves_the_model_as_it_move
     after = [r.rms for r in found.after.rollout if r.role == "held_out"]
     assert np.mean(after) < 0.5 * before
     assert max(after) < (1.5e-3 if name != "back_emf" else 0.01)  # an arm falls freely while its drives are off
+
+
+@pytest.mark.parametrize("name", ["dead_band", "servo_integral"])
+def test_what_is_made_of_the_reading_itself_is_named_by_repair_on_its_joints_with_its_size(arm, name):
+    truth, law = LAWS[name]
+    found = CheckedStudy.of(driven(arm), [moved(arm, law, seed) for seed in (1, 2)], [moved(arm, law, 3)]).repair()
+    ((short, value),) = truth.items()
+    p = found.named.parameters[f"{name}.{short}[swing]"]
+    assert abs(p.value - value) < 0.05 * value
+
+
+def test_where_drives_saturate_is_found_and_only_where_they_do(arm):
+    limited, free = (
+        [moved(arm, law, seed) for seed in (1, 2, 3)] for law in (LAWS["torque_limit"][1], lambda R, **_: R)
+    )
+    assert driven(arm).following(free[:2]).drives["servo"].full_at == np.inf
+    found = CheckedStudy.of(driven(arm), limited[:2], limited[2:]).repair()
+    assert found.model.drives["servo"].full_at == pytest.approx(LAWS["torque_limit"][0]["torque"] / GAIN, rel=0.01)
+    assert max(r.rms for r in found.after.rollout if r.role == "held_out") < 1.5e-3
 
 
 @pytest.mark.parametrize("name", ["dead_band", "starting_duty", "torque_limit", "servo_gain", "servo_damping"])
@@ -139,6 +162,26 @@ def test_an_exported_function_holds_what_a_drive_does(arm, name):
     q, v, v_cmd = np.array([[0.01, -0.5], [-0.3, 0.0]]), np.array([[0.4, -0.2], [0.0, 1.0]]), np.array([0.1, 0.3])
     expected = law(GAIN * (0.0 - q), v=v, v_cmd=v_cmd, on=1.0)
     assert scope["servo_torque"](q, v, np.zeros(2), v_cmd) == pytest.approx(expected)
+
+
+@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+def test_the_c_function_gives_the_torque_of_the_python_one_with_all_that_its_drives_do(arm, tmp_path):
+    named = ("dead_band", "starting_duty", "torque_limit", "servo_gain", "servo_damping")
+    model = driven(arm, limit="6 N m")
+    for name in named:
+        model = model.with_effect(find(name)).with_values(
+            {f"{name}.{short}[{joint}]": v for short, v in LAWS[name][0].items() for joint in JOINTS}
+        )
+    functions, scope = functions_of(model)[0], dict[str, Any]()
+    exec(python_text(functions, ["test"]), scope)
+    (tmp_path / "m.c").write_text(c_text(functions, ["test"]))
+    subprocess.run([compiler(), "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True, cwd=tmp_path)
+    servo_torque, double = ctypes.CDLL(str(tmp_path / "m.so")).armdyn_servo_torque, ctypes.c_double * 2
+    random = np.random.default_rng(1)
+    for state in random.uniform(-1.0, 1.0, (200, 4, 2)) * [[[0.4], [2.0], [0.4], [2.0]]]:
+        tau = double()
+        assert servo_torque(*(double(*part) for part in state), tau) == 0
+        assert [*tau] == pytest.approx(scope["servo_torque"](*state), abs=1e-12)
 
 
 def test_a_command_that_is_followed_no_faster_than_the_drives_rate_is_read_and_moved_as_it_was(arm):

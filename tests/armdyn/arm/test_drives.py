@@ -7,7 +7,7 @@ from hidden_effects.servo_arm import generate
 from armdyn.arm.drive_scale import settled
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.readings import mean_held
-from armdyn.arm.rollout import _resolution, rolled, windows
+from armdyn.arm.rollout import resolution, rolled, windows
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
@@ -198,7 +198,7 @@ def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, 
 def test_the_step_of_an_encoder_shows_also_where_its_values_were_rounded_in_degrees():
     step, time = 2.0 * np.pi / 4096, np.linspace(0.0, 20.0, 2001)
     q = np.round(np.sin(time) / step) * step
-    assert _resolution(q) == pytest.approx(step)
-    assert _resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
-    assert _resolution(np.sin(time)) == 0.0
-    assert _resolution(np.zeros(100)) == 0.0
+    assert resolution(q) == pytest.approx(step)
+    assert resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
+    assert resolution(np.sin(time)) == 0.0
+    assert resolution(np.zeros(100)) == 0.0
