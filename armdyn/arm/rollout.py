@@ -19,9 +19,9 @@ from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import cached_with_first_argument
 from armdyn.run import Run
 
-STEP = 0.001
-"""s of the simulation, at most: of generated arms that stick and slide its error is then below an encoder's noise; with
-0.004 s it is up to ten times that, and bends frictions."""
+STEP, COARSE_STEP = 0.001, 0.004
+"""Longest step of the simulation, s, and of one that only leads near an optimum. In arms that stick and slide the error
+of the first is below an encoder's noise; that of the second is up to ten times larger, and bends frictions."""
 STIFF = 0.5
 """Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
 WINDOWS = (0.5, 5.0)
@@ -131,7 +131,11 @@ def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, .
 
 
 def rolled(
-    model: ArmModel, theta: np.ndarray, window: Window, servos: Sequence[Servo | None] | None = None
+    model: ArmModel,
+    theta: np.ndarray,
+    window: Window,
+    servos: Sequence[Servo | None] | None = None,
+    longest: float = STEP,
 ) -> np.ndarray:
     """(n, nj) simulated positions at the stamps of a window.
 
@@ -140,17 +144,19 @@ def rolled(
         theta: (p,) its parameters.
         window: what is simulated.
         servos: by joint, in place of those of the model.
+        longest: longest step of the simulation, s.
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
-    step = _step(model, theta, own)
+    step = min(longest, _stiff_step(model, theta, own))
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
     q, _ = simulate(model, theta, window.start, _drives(model, theta, window.run, own, edges), step)
     return np.column_stack([np.interp(window.time, edges, q[:, j]) for j in range(q.shape[1])])
 
 
-def _step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
-    rigid, lasts = model.rigid_at(theta), STEP
+def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
+    """Longest step, s, in which no servo pulls back what it moves; infinite without a position servo."""
+    rigid, lasts = model.rigid_at(theta), np.inf
     mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid)))
     for inertia, servo in zip(mass.tolist(), servos, strict=True):
         if servo is not None and servo.gain is not None and servo.law == "position":

@@ -17,7 +17,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import can_roll_out, closed, resolution, rolled, windows
+from armdyn.arm.rollout import COARSE_STEP, STEP, can_roll_out, closed, resolution, rolled, windows
 from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
 from armdyn.run import Run
@@ -25,8 +25,8 @@ from armdyn.run import Run
 WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
 """Lengths of the windows in turn, s; the second list is for drives without a position command, which pull nothing
 back."""
-MAX_WINDOW_STEPS = 30
-"""Largest number of steps with windows of one length."""
+MAX_WINDOW_STEPS, MAX_COARSE_STEPS = 30, 6
+"""Largest number of steps at the end, and of steps that only lead near it."""
 MIN_DECREASE_NATS = 0.1
 """Log likelihood that a step must gain to be followed by another one: less moves no value by half of its deviation."""
 DIFFERENCE_SHARE = 0.02
@@ -89,8 +89,8 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
-    for length in lengths:
-        values, spread = _Descent(model, usable, unknowns, length).down(values)
+    for length, step in (*((length, COARSE_STEP) for length in lengths), (lengths[-1], STEP)):
+        values, spread = _Descent(model, usable, unknowns, length, step).down(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
     return moved.with_parameters({n: replace(moved.parameters[n], std=std) for n, std in told.items()})
@@ -179,10 +179,13 @@ class _Descent:
         runs: training runs.
         unknowns: the unknowns of the fit.
         length: length of the windows, s.
+        longest: longest step of the simulation, s.
     """
 
-    def __init__(self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float) -> None:
-        self._model, self._unknowns = model, unknowns
+    def __init__(
+        self, model: ArmModel, runs: Sequence[Run], unknowns: Sequence[_Unknown], length: float, longest: float
+    ) -> None:
+        self._model, self._unknowns, self._longest = model, unknowns, longest
         self._robust = OPEN_LOOP_ERROR_RATIO if length in OPEN_LOOP_WINDOW_SECONDS else ROBUST_ERROR_RATIO
         joints = model.arm.joints
         self._windows = [w for run in runs for w in windows(run, joints, length)]
@@ -205,7 +208,7 @@ class _Descent:
             for w, s in zip(self._windows, starts, strict=True)
         ]
         with np.errstate(all="ignore"):
-            parts = [rolled(model, theta, window, servos) - window.q for window in begun]
+            parts = [rolled(model, theta, window, servos, self._longest) - window.q for window in begun]
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -220,7 +223,7 @@ class _Descent:
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(MAX_WINDOW_STEPS):
+        for _ in range(MAX_WINDOW_STEPS if self._longest == STEP else MAX_COARSE_STEPS):
             size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
             independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
