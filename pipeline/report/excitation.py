@@ -1,4 +1,4 @@
-"""What a motion that was designed for an arm is expected to tell, and how it moves the arm."""
+"""The report of a motion designed for an arm: the expected standard deviations, and how the motion moves the arm."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -21,12 +21,12 @@ OTHERS = ("best random", "least condition number")
 
 
 def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ()) -> Document:
-    """What the motion is expected to tell, and how it moves the arm.
+    """Document of a designed motion: the expected standard deviations, and how it moves the arm.
 
     Args:
         found: the motion.
-        most: unknowns that are listed one by one; of more, the effects are listed.
-        notes: what else a reader must know.
+        most: largest number of unknowns that are listed one by one; where there are more, effects are listed instead.
+        notes: further facts that a reader must know.
     """
     goal, series = found.goal, found.series
     noise = goal.columns.noise
@@ -55,7 +55,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
 
 
 def excitation_page(found: Excitation) -> Document:
-    """The same with figures, and with the shares of all limits."""
+    """Report of a designed motion with figures, and with the shares of all limits that the motion uses."""
     motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MOST_SAMPLES))
     limits = found.goal.columns.arm.robot.limits
     figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
@@ -85,7 +85,7 @@ def excitation_page(found: Excitation) -> Document:
 
 
 def _expectation_table(found: Excitation, most: int) -> Table:
-    """What is expected of this motion and of others, by unknown, or by effect where they are more than `most`."""
+    """Table of expected results of this motion and others, by unknown, or by effect for more than `most` unknowns."""
     goal = found.goal
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
@@ -112,7 +112,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
 
 
 def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]:
-    """Numbers by motion; a column without any belongs to a motion that was not made, and is not shown."""
+    """Columns of numbers by motion; an empty column belongs to a motion that was not made, and is left out."""
     return [
         Column(name, [float(v) if np.isfinite(v) else None for v in column], ".3g")
         for name, column in zip(names, values, strict=True)
@@ -120,7 +120,7 @@ def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]
 
 
 def _peak_table(found: Excitation) -> Table:
-    """How far, how fast and how strongly every joint moves, with the shares of its limits."""
+    """Table of each joint's range, peak speed and peak torque, with the shares of its limits."""
     rows = peaks(found)
     columns = [Column("joint", [row["joint"] for row in rows])]
     for name, key in (("from", "lowest"), ("to", "highest")):
@@ -132,7 +132,7 @@ def _peak_table(found: Excitation) -> Table:
 
 
 def _expectation_chart(found: Excitation) -> Chart:
-    """The same as a bar per unknown or hidden case and motion."""
+    """Bar chart of the expected results: a bar per motion for each unknown or hidden case."""
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:

@@ -1,4 +1,4 @@
-"""The report of `inspect`: what was found, and every channel over time with its spectrum and its marks."""
+"""The report of `inspect`: the findings, and every channel over time with its spectrum and marks at findings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,13 +18,13 @@ HEIGHT = 230
 
 
 def inspection_document(found: Inspection) -> Document:
-    """What was found, the worst first."""
+    """Document of an inspection: its findings, the worst first."""
     level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
     return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
 
 
 def inspection_report(found: Inspection) -> Document:
-    """The same with every channel of every recording."""
+    """Report of an inspection: its findings, and figures of every channel of every recording."""
     return replace(
         inspection_document(found),
         sections=[checks_section(found.checks), *(run_section(run, found.checks) for run in found.runs)],
@@ -33,7 +33,7 @@ def inspection_report(found: Inspection) -> Document:
 
 
 def checks_section(checks: Sequence[Check]) -> Section:
-    """All checks in a table."""
+    """Section with a table of all checks of an inspection."""
     if not checks:
         return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
     columns = [
@@ -52,7 +52,7 @@ def _span(check: Check) -> str:
 
 
 def run_section(run: Run, checks: Sequence[Check]) -> Section:
-    """Every channel of a recording."""
+    """Section with a figure of every channel of a recording."""
     charts = [
         channel_chart(name, c, [k for k in checks if k.run == run.name and name in k.channels])
         for name, c in run.channels.items()
@@ -61,7 +61,7 @@ def run_section(run: Run, checks: Sequence[Check]) -> Section:
 
 
 def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart:
-    """One channel over time, its marks, and its spectrum."""
+    """Figure of one channel over time, with marks at findings, and of its spectrum."""
     from plotly.subplots import make_subplots
 
     figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
@@ -87,7 +87,7 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
 
 
 def spectrum(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and one-sided power density of a channel less its mean, on a logarithmic grid."""
+    """Frequencies [Hz] and one-sided power density of a channel without its mean, on a logarithmic grid."""
     from scipy.signal import periodogram
 
     time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))

@@ -1,4 +1,4 @@
-"""The first picture of every report about a fit: what the model cannot explain, against what it may depend on."""
+"""The first figure of every report about a fit: the force that the model lacks, against possible covariates."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -27,11 +27,11 @@ SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
 def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> list[Section]:
-    """One section, with a picture for each joint; none where the missing force is not known.
+    """Sections on the missing force: one with a figure for each joint; none where the force is not known.
 
     Args:
-        curves: the joint that lacks most first.
-        added: what the repaired model has besides, for the legend.
+        curves: missing force of each joint, the largest first.
+        added: names of the effects that the repair added, for the legend.
     """
     charts = missing_force_charts(curves, added)
     tabs = {chart.tab: short_name(chart.tab) for chart in charts if chart.tab}
@@ -39,7 +39,7 @@ def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> lis
 
 
 def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:
-    """A picture of all runs together for each joint, the one that lacks most first; see `missing_force_sections`."""
+    """Figures of the missing force, one for each joint over all runs; the joint with the largest force comes first."""
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
@@ -53,7 +53,7 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
 
 
 def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
-    """Panels side by side on one vertical axis; without `go.Figure`, for whose checks a click would have to wait."""
+    """Panels side by side on one vertical axis; `go.Figure` is avoided because its checks are too slow for a click."""
     unit, count = curves[0].unit, len(curves)
     width = (1.0 - GAP * (count - 1)) / count
     layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
@@ -80,7 +80,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
 
 
 def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: str, shade: str) -> list[dict[str, Any]]:
-    """Means and their band."""
+    """Curves of the means, and of their band."""
     low, high = mean - WIDTH * std, mean + WIDTH * std
     outline = {"x": _short(np.concatenate([x, x[::-1]])), "y": _short(np.concatenate([high, low[::-1]]))}
     band = {**BAND, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}
@@ -89,5 +89,5 @@ def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: s
 
 
 def _short(values: FloatArray) -> list[float]:
-    """Finer than a screen, in few digits."""
+    """Values rounded to few digits, still finer than the pixels of a screen."""
     return [float(f"{value:.5g}") for value in values]
