@@ -1,4 +1,4 @@
-"""`armdyn excite`: the motion of an arm to record, so that chosen effects are determined or told apart."""
+"""`armdyn excite`: design a motion of an arm that determines or distinguishes chosen effects."""
 
 import shlex
 from dataclasses import replace
@@ -88,7 +88,7 @@ def excite(
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
-    # `check` takes an arm as its description has it.
+    # `check` reads the arm from its description again.
     known = shlex.join(["--robot", choice.robot] if choice.robot else ["--urdf", str(choice.urdf_file)])
     again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
     notes = missing_meshes(found.goal.columns.arm.robot)
@@ -118,10 +118,10 @@ def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_fil
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":
-    """The effects of a list such as ``"payload,rotor_inertia:elbow,wrist"``: a joint belongs to the effect before it.
+    """Effects from a list such as ``"payload,rotor_inertia:elbow,wrist"``; joints belong to the effect before them.
 
     Raises:
-        InputError: it names no effect, one twice, or one that this arm cannot have.
+        InputError: the list names no effect, an effect twice, or one that this arm cannot have.
         UnknownNameError: no effect and no joint has a name.
     """
     from armdyn.effects.catalogue import find
@@ -139,5 +139,5 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
     if twice:
         raise InputError(f"{option}: names {twice[0]} twice; write its joints in one list, {twice[0]}:JOINT,JOINT")
     for effect in found:
-        model.with_effect(effect)  # refuses one that this arm cannot have
+        model.with_effect(effect)  # an effect that this arm cannot have is refused
     return found

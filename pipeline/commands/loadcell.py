@@ -72,7 +72,7 @@ def calibrate(
             else:
                 console.print(f"{what} (emulated)")
                 emulated.hang(weight.force)
-                time.sleep(0.2)  # until the earlier samples have arrived
+                time.sleep(0.2)  # wait until the earlier samples have arrived
 
         def progress(weight: "Weight", count: int) -> None:
             status.update(f"{weight.text}: {count} of {samples} samples")
@@ -123,7 +123,7 @@ def monitor(
 
 
 def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monitor", "LoadCellStatus", float]:
-    """Show the cell until `seconds` after its first sample, Ctrl-C, or its disconnection; gives the start time too."""
+    """Show the cell until `seconds` after its first sample, Ctrl-C, or a disconnection; returns the start time too."""
     import time
 
     from rich.live import Live
@@ -139,7 +139,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
         console.print("Ctrl-C ends")
     ends: list[int] = []
     with Live(console=console, refresh_per_second=10) as live:
-        # Ctrl-C is the usual way to end it: it is no interruption.
+        # Ctrl-C is the usual way to end the display, and not an interruption.
         with noted_signals(ends.append):
             while status.connected and not ends:
                 time.sleep(0.05)
@@ -160,7 +160,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 
 @contextmanager
 def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
-    """Name of the port to open, and the emulated cell behind it where there is one."""
+    """Name of the port to open, and the emulated cell behind the port; None for a real cell."""
     if port != EMULATED:
         yield port, None
         return

@@ -23,15 +23,15 @@ STEP = 0.02
 
 
 class RideCurve:
-    """A smooth speed limit that lies under the true one everywhere, and motions along it.
+    """A smooth speed limit that is nowhere above the true one, and motions at this speed.
 
     The limit is the lowest of the joints' limits and has a kink wherever another joint takes over; its acceleration
     ``a = W W'`` would jump there. Taking the minimum over a window and then a mean over the same window gives a limit
     that is smooth and still never above the true one.
 
     Attributes:
-        limits: with the smooth speed limit, at `nodes`.
-        nodes: even, about `GRID` apart (n,) [m].
+        limits: limits of the line with the smooth speed limit, at `nodes`.
+        nodes: evenly spaced positions, about `GRID` apart (n,) [m].
     """
 
     def __init__(self, limits: LineLimits) -> None:
@@ -49,12 +49,12 @@ class RideCurve:
         self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
 
     def at(self, s: float, direction: float) -> LineState:
-        """State of a tool that rides the limit at `s`, towards larger s (+1) or smaller (-1)."""
+        """State of a tool that moves at the speed limit at `s`, towards larger s (+1) or smaller (-1)."""
         speed = float(self._spline(s))
         return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
 
     def after(self, s: float, time: float, direction: float) -> LineState:
-        """State of a ride `time` [s] after `s`, by midpoint steps; it ends at the end of the line."""
+        """State `time` [s] after the tool passes `s` at the speed limit, by midpoint steps; the line's end at most."""
         for _ in range(steps := max(round(time / STEP), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
@@ -64,7 +64,7 @@ class RideCurve:
         return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
 
     def between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
-        """The ride from one position to another: its duration [s], and its state at a time since its beginning [s]."""
+        """Motion at the speed limit between two positions: its duration [s], and a function from time [s] to state."""
         s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * GRID)) + 1, 4))
         travelled = np.abs(s - s_from)
         time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
@@ -72,6 +72,6 @@ class RideCurve:
         return float(time[-1]), lambda t: self.at(float(position(t)), direction)
 
     def jerk(self, s: ArrayLike) -> Array:
-        """Size of the jerk of riding, ``|W (W'^2 + W W'')|`` [m/s^3]."""
+        """Size of the jerk of a motion at the speed limit, ``|W (W'^2 + W W'')|`` [m/s^3]."""
         w, slope, bend = (self._spline(s, order) for order in (0, 1, 2))
         return np.abs(np.asarray(w * (slope**2 + w * bend)))

@@ -1,4 +1,4 @@
-"""Into a motion and out of it: how a stream begins, a way from rest to rest, the brake of joints that nobody leads."""
+"""Transitions: blending into a stream, motion from rest to rest, and braking of joints without commands."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
@@ -16,14 +16,14 @@ DURATION = 0.5
 
 
 class Brake:
-    """Every joint comes to rest by itself, as soon as a share of its acceleration and jerk limits allows.
+    """Braking motion: each joint comes to rest as fast as a share of its acceleration and jerk limits allows.
 
     Args:
         start: positions, velocities and accelerations (n,) from which it brakes [rad, rad/s, rad/s^2].
-        limits: of the joints.
+        limits: limits of the joints.
 
     Attributes:
-        duration: until the last joint stands [s].
+        duration: time until the last joint is at rest [s].
     """
 
     def __init__(self, start: tuple[Array, Array, Array], limits: urdf.Limits) -> None:
@@ -36,7 +36,7 @@ class Brake:
         given.control_interface = ControlInterface.Velocity
         given.current_position, given.current_velocity, given.current_acceleration = (x.tolist() for x in start)
         given.target_velocity = given.target_acceleration = [0.0] * n
-        # What is under way may accelerate more than the share with which it is braked.
+        # A motion may have a larger acceleration than the share with which it is braked.
         given.max_acceleration = np.maximum(SHARE * limits.acceleration, np.abs(a)).tolist()
         given.max_jerk = (SHARE * limits.jerk).tolist()
         given.max_velocity = limits.velocity.tolist()
@@ -45,7 +45,7 @@ class Brake:
             self._rest = np.array(self._way.at_time(self.duration)[0])
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations (n,) so long after braking began [s]."""
+        """Positions, velocities and accelerations (n,) at a time after braking began [s]."""
         if time >= self.duration:
             return self._rest, np.zeros_like(self._rest), np.zeros_like(self._rest)
         q, v, a = (np.array(x) for x in self._way.at_time(max(time, 0.0)))
@@ -53,14 +53,14 @@ class Brake:
 
 
 def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
-    """From rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
+    """Motion from rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
 
     Args:
-        u: shares of the time that have passed, any shape.
-        duration: of the whole motion [s].
+        u: elapsed shares of the duration, any shape.
+        duration: duration of the whole motion [s].
 
     Returns:
-        Share of the way at `u`, its rate [1/s] and its acceleration [1/s^2].
+        Covered share of the distance at `u`, its rate [1/s] and its acceleration [1/s^2].
     """
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
@@ -69,11 +69,11 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
 
 
 class Blend:
-    """Adds to a stream of commands what makes it begin where the arm is; the addition fades without jerk.
+    """Adds an offset to a stream of commands so that it begins at the arm's position; the offset fades smoothly.
 
     Args:
-        here: where the arm is (n,) [rad].
-        told: the first command (n,) [rad]. What is farther off than `FARTHEST` stays off, for the gate to refuse.
+        here: present position of the arm (n,) [rad].
+        told: the first command (n,) [rad]. A larger offset than `FARTHEST` is not bridged, so that the gate refuses it.
     """
 
     def __init__(self, here: Array, told: Array) -> None:
@@ -81,7 +81,7 @@ class Blend:
         self._cycle = 0
 
     def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """The next command (n,) each [rad, rad/s, rad/s^2]."""
+        """The next command with its offset: positions, velocities, accelerations (n,) each [rad, rad/s, rad/s^2]."""
         u = min(self._cycle * PERIOD / DURATION, 1.0)
         self._cycle += 1
         if u == 1.0:
