@@ -1,4 +1,4 @@
-"""Who does the jobs of a batch: processes of this machine, or the workers of a dask cluster."""
+"""Workers of a batch's jobs: processes on this machine, or a dask cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import set_forkserver_preload
@@ -15,13 +15,13 @@ LOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair",
 def outcomes(
     jobs: Sequence[Job], workers: int, scheduler: str | None, stopped: Callable[[], bool]
 ) -> Iterator[Outcome]:
-    """Do jobs, in the order in which they get done; one of which workers die is an outcome as well.
+    """Do jobs, and yield outcomes as they finish; a job whose workers die has an outcome too.
 
     Args:
-        jobs: what to do; their files must be there, under the same paths, on every worker of a cluster.
-        workers: processes of this machine.
-        scheduler: address of a dask cluster that does it instead.
-        stopped: asked often; where it says so, the iteration ends.
+        jobs: jobs to do; every worker of a cluster must have their files under the same paths.
+        workers: number of processes on this machine.
+        scheduler: address of a dask cluster that does the work instead.
+        stopped: called often; where it returns True, the iteration ends.
 
     Raises:
         InputError: dask is missing, or the scheduler does not answer.

@@ -1,4 +1,4 @@
-"""What a trial publishes for others to see, on standard message types: rqt, Foxglove and rosbag read them.
+"""Messages that a trial publishes for observers, of standard types that rqt, Foxglove and rosbag read.
 
 ``/armdyn/estimate``: ``std_msgs/Float64MultiArray``, length and its standard deviation [m].
 ``/armdyn/reference``: ``sensor_msgs/JointState``, the commanded joints.
@@ -24,7 +24,7 @@ LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "da
 
 
 class Telemetry:
-    """Publishes; what cannot be published is left out, because whoever moves the arm notices a lost bridge himself."""
+    """Publishes messages about a trial; failures are ignored, because the program that moves the arm notices them."""
 
     def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
         self._bridge, self._names = bridge, list(names)
@@ -36,14 +36,14 @@ class Telemetry:
         bridge.advertise(PHASE, "std_msgs/String", latch=True)
 
     def reference(self, q: Vector, v: Vector) -> None:
-        """What the joints were told (n,) [rad, rad/s]."""
+        """Publish the commanded joint positions and velocities (n,) [rad, rad/s]."""
         if self._due(REFERENCE):
             position, velocity = q.tolist(), v.tolist()
             header = {"stamp": time_message(time.time())}
             self._say(REFERENCE, {"header": header, "name": self._names, "position": position, "velocity": velocity})
 
     def load_force(self, samples: Sequence[ForceSample]) -> None:
-        """What the load cell measured last [N]."""
+        """Publish the load cell's last force [N]."""
         if samples and self._due(LOAD_FORCE):
             force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
             self._say(LOAD_FORCE, {
@@ -51,11 +51,11 @@ class Telemetry:
             })  # fmt: skip
 
     def estimate(self, length: float, std: float) -> None:
-        """The length and its standard deviation [m]."""
+        """Publish the estimated length and its standard deviation [m]."""
         self._say(ESTIMATE, {"layout": LAYOUT, "data": [length, std]})
 
     def phase(self, name: str) -> None:
-        """What is going on."""
+        """Publish the present phase of the trial."""
         if name != self._phase:
             self._phase = name
             self._say(PHASE, {"data": name})
@@ -80,7 +80,7 @@ class PublishingRecorder(Recorder):
         self._telemetry = telemetry
 
     def record(self, channel: str, time: float, value: float) -> None:
-        """Take one sample, see `Recorder.record`."""
+        """Record one sample, and publish it where it is a new estimate."""
         super().record(channel, time, value)
         if channel == "estimate.length_std":
             self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)
