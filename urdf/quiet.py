@@ -1,4 +1,4 @@
-"""Libraries written in C++ print where nobody asked them to: what they say is kept for our own one line."""
+"""Capture the printed messages of C++ libraries, for our own message of one line."""
 
 import os
 import sys
@@ -17,14 +17,14 @@ SHOWN = 200
 
 @dataclass
 class Said:
-    """What was printed, in one line; complete when the block has ended."""
+    """Captured output in one line; complete when the block has ended."""
 
     text: str = ""
 
 
 @contextmanager
 def quiet() -> Iterator[Said]:
-    """Keep what the block prints on the process's own standard output and error, and give it in one line."""
+    """Capture all that the process prints on standard output and error in the block, as one line."""
     said, kept = Said(), []
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
@@ -46,11 +46,11 @@ def quiet() -> Iterator[Said]:
 
 @contextmanager
 def told(what: str, remedy: str) -> Iterator[None]:
-    """Let a library work in the block without printing, and tell what it says where it refuses something.
+    """Run a library in the block without printing; its messages become part of the error where it fails.
 
     Args:
-        what: is wrong then.
-        remedy: what to do.
+        what: sentence on what is wrong in that case.
+        remedy: sentence on what to do.
 
     Raises:
         UrdfError: `what`, the library's own words without where in its source it noticed, and the remedy.

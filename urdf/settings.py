@@ -1,4 +1,4 @@
-"""The readable file per robot: what a URDF cannot say."""
+"""The settings file of a robot: facts that a URDF cannot contain."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,10 +73,10 @@ class LineTable:
     core_speed: float
 
     def line(self) -> Line:
-        """The same with a rotation matrix.
+        """The line with a rotation matrix.
 
         Raises:
-            UrdfError: it is no line.
+            UrdfError: the entries are no line.
         """
         origin, direction = np.array(self.origin), np.array(self.direction)
         rotation = rotation_of(*self.tool_rpy)
@@ -85,7 +85,7 @@ class LineTable:
 
 @dataclass(frozen=True)
 class Collision:
-    """The SRDF, found as the URDF is, and further pairs of links that need no collision check."""
+    """The SRDF, found in the same places as the URDF, and further pairs of links that need no collision check."""
 
     srdf: str | None = None
     exclude: tuple[tuple[str, str], ...] = ()
@@ -93,7 +93,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a robot's TOML file says; see ``robots/baxter.toml`` for an example with comments."""
+    """Contents of a robot's TOML file; see ``robots/baxter.toml`` for an example with comments."""
 
     name: str
     urdf: UrdfFile
@@ -128,7 +128,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
 
 
 def _check(settings: Settings) -> None:
-    """Refuse numbers that no arm has: they guard it.
+    """Refuse numbers that no arm can have, since these numbers protect it.
 
     Raises:
         UrdfError: names the entry.

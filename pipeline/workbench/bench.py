@@ -113,7 +113,7 @@ class Workbench:
     def expansion(self) -> LinearScorer | None:
         """Sums at the fit of a given arm, which predict the result of any set of effects at once; None for others.
 
-        Predictions are exact for linear effects. The sums are computed at the first use, after the given model is shown.
+        Predictions are exact for linear effects. Sums are computed at the first use, after the given model is shown.
         """
         return self.study.scorer(self.first) if self.study.model.linear else None
 

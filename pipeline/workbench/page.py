@@ -24,7 +24,7 @@ STILL = 0.25
 
 
 class Page(Tab):
-    """A browser tab with its controls; see `Tab` for the arguments, `Writable` for the last. """
+    """A browser tab with its controls; see `Tab` for the arguments, `Writable` for the last."""
 
     def __init__(
         self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.Writable
