@@ -57,7 +57,7 @@ USER_SECONDS = 8.0
 USER_MEMORY = 2048 * MIB
 """Bytes that it may take meanwhile, beyond what the program has."""
 
-SMALLEST, LARGEST = 1e-15, 1e15
+SMALLEST_SIZE, LARGEST_SIZE = 1e-15, 1e15
 """Size of a number that a person or a program gives, 0 apart, in SI units: beyond, squares and products overflow or
 vanish, and no robot has it."""
 LARGEST_COUNT = 1e20
@@ -88,7 +88,7 @@ def number(text: str) -> float:
 
 def is_sane(value: float) -> bool:
     """Whether a number is 0 or of a plausible size."""
-    return value == 0.0 or SMALLEST <= abs(value) <= LARGEST
+    return value == 0.0 or SMALLEST_SIZE <= abs(value) <= LARGEST_SIZE
 
 
 def shown(text: str, longest: int = 60) -> str:

@@ -3,7 +3,7 @@
 import math
 from xml.etree import ElementTree as ET
 
-from urdf.validate import MOVING, link_of
+from urdf.validate import MOVING_JOINT_TYPES, link_of
 
 LIGHT = 1 / 15
 """Largest share that fingers have of what the first joint of their chain moves. Over the 69 robots of the package
@@ -50,7 +50,7 @@ class _Tree:
 
     def __init__(self, root: ET.Element) -> None:
         self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
-        self.moving = [name for name, joint in self.joints.items() if joint.get("type") in MOVING]
+        self.moving = [name for name, joint in self.joints.items() if joint.get("type") in MOVING_JOINT_TYPES]
         self._carrier = {link_of(joint, "child"): name for name, joint in self.joints.items()}
         self._carried: dict[str, list[str]] = {}
         for name, joint in self.joints.items():

@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING, link_of
+from urdf.validate import MOVING_JOINT_TYPES, link_of
 
 SPEED_UP = 0.1  # s from rest to full speed
 JERK_TIME = 0.02  # s from none to full acceleration
@@ -18,7 +18,7 @@ SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-TRIED = 2000  # random postures among which a home is chosen
+RANDOM_POSTURES = 2000  # random postures among which a home is chosen
 GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
 
@@ -43,7 +43,7 @@ def infer(
     moving = {
         str(joint.get("name")): joint
         for joint in root.findall("joint")
-        if joint.get("type") in MOVING and joint.find("mimic") is None
+        if joint.get("type") in MOVING_JOINT_TYPES and joint.find("mimic") is None
     }
     chains = _chains(root)
     said: list[str] = []
@@ -99,7 +99,7 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
     best, best_score = (lower + upper) / 2, -1.0
-    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (TRIED, model.nq)):
+    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (RANDOM_POSTURES, model.nq)):
         jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, model.nv)  # Pinocchio removes the second axis for a single joint
         # The smallest singular value that counts: an arm with few joints has as many singular values as joints.
@@ -129,7 +129,7 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
 
 def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...]) -> str:
     """The last link that moves with the last joint and with no further one."""
-    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING}
+    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING_JOINT_TYPES}
     best: list[str] = []
     for chain, links in chains:
         if joints[-1] not in chain:

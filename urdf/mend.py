@@ -13,9 +13,9 @@ from urdf.find import locate_mesh
 from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
-from urdf.validate import LIMITS, MOVING
+from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
-TURN = 2 * math.pi
+FULL_TURN = 2 * math.pi
 
 
 def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
@@ -62,7 +62,7 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
     """
     sentences = []
     for joint in root.findall("joint"):
-        if joint.get("type") not in MOVING:
+        if joint.get("type") not in MOVING_JOINT_TYPES:
             continue
         limit = joint.find("limit")
         # Exporters write joints that turn without end as revolute ones whose limit holds effort and velocity only.
@@ -73,9 +73,9 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-TURN))
-            limit.set("upper", repr(TURN))
-        for key in LIMITS:
+            limit.set("lower", repr(-FULL_TURN))
+            limit.set("upper", repr(FULL_TURN))
+        for key in LIMIT_NAMES:
             limit.set(key, limit.get(key, "0"))
     return sentences
 
@@ -85,7 +85,7 @@ SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes sug
 LIGHTEST = 1e-3  # kg; lighter links only mark a place
 SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
 BALANCE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
-MOMENTS = ("ixx", "iyy", "izz")
+MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 Box = tuple[Array, Array]
@@ -133,14 +133,14 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
             continue
         name = str(link.get("name"))
         mass = float(mass_element.get("value", "0"))
-        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENTS, PRODUCTS))
+        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCTS))
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         judged = _judge(name, mass, moments, products, boxes)
         if judged is None:
             continue
         found.append(judged)
         if judged.moments is not None:
-            for key, value in zip(MOMENTS, judged.moments, strict=True):
+            for key, value in zip(MOMENT_NAMES, judged.moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
             for key in PRODUCTS:
                 inertia_element.set(key, "0")

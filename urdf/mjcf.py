@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.quiet import told
-from urdf.robot import ASSUMED, Array, UrdfError
+from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
 SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
@@ -65,7 +65,7 @@ def read_mjcf(path: Path) -> Mjcf:
     sentences.append(f"it has no speed limits; {SPEED['revolute']:g} rad/s and {SPEED['prismatic']:g} m/s were assumed")
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED}{sentence}" for sentence in sentences))
+    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED_PREFIX}{sentence}" for sentence in sentences))
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:

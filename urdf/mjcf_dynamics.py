@@ -14,9 +14,9 @@ from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
 
 STATES = 5
 """Random states at which the torques are held against MuJoCo's."""
-ALIKE = 1e-9
+TORQUE_TOLERANCE = 1e-9
 """Of the largest torque, at least 1 N m or N; the programs differ by 1e-14 where they mean the same."""
-DISABLED = mujoco.mjtDisableBit
+DISABLED_FLAGS = mujoco.mjtDisableBit
 OF_JOINT, OF_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 SHAPED = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 """What parts of a tendon are."""
@@ -44,12 +44,12 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
     for i in range(mjcf.model.neq):
         reader.check_equality(i)
     off = mjcf.model.opt.disableflags
-    zeroed = {"damping": off & DISABLED.mjDSBL_DAMPER, "friction": off & DISABLED.mjDSBL_FRICTIONLOSS}
+    zeroed = {"damping": off & DISABLED_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLED_FLAGS.mjDSBL_FRICTIONLOSS}
     joints = {
         joint: JointDynamics(**{key: 0.0 if zeroed.get(key) else value for key, value in values.items()})
         for joint, values in reader.values.items()
     }
-    springs = () if off & DISABLED.mjDSBL_SPRING else tuple(reader.springs)
+    springs = () if off & DISABLED_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
     return Dynamics(reader.gravity(), joints, springs)
 
 
@@ -65,7 +65,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
         UrdfError: the torques differ.
     """
     compiled, names = mjcf.model.__copy__(), list(model.names)[1:]
-    compiled.opt.disableflags |= DISABLED.mjDSBL_CONSTRAINT
+    compiled.opt.disableflags |= DISABLED_FLAGS.mjDSBL_CONSTRAINT
     compiled.opt.density = compiled.opt.viscosity = 0.0
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
@@ -81,7 +81,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
             own[names.index(spring.joint)] += spring.torque(q[names.index(spring.joint)])
         theirs = np.array(data.qfrc_inverse[compiled.jnt_dofadr[at]])
         apart = np.abs(own - theirs)
-        if not apart.max() <= ALIKE * max(1.0, float(np.abs(theirs).max())):
+        if not apart.max() <= TORQUE_TOLERANCE * max(1.0, float(np.abs(theirs).max())):
             raise UrdfError(
                 f"{mjcf.path}: on joint '{names[int(apart.argmax())]}' MuJoCo's torque differs by {apart.max():.2g} "
                 "from that of bodies, springs and damping; take out what else acts on it"
@@ -182,7 +182,7 @@ class _Reader:
             UrdfError: bodies have different shares.
         """
         m = self._m
-        gravity = np.zeros(3) if m.opt.disableflags & DISABLED.mjDSBL_GRAVITY else np.array(m.opt.gravity)
+        gravity = np.zeros(3) if m.opt.disableflags & DISABLED_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
         moved = [b for b in range(1, m.nbody) if m.body_mass[b] > 0.0 and self._apart(b, 0)]
         shares = m.body_gravcomp[moved]
         by_drives = m.jnt_actgravcomp[[j for j, name in enumerate(self._mjcf.joints) if name in self._arm]]

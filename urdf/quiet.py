@@ -11,7 +11,7 @@ from urdf.robot import UrdfError
 
 CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
 """What Python sees of a C++ exception, by its kind."""
-SHOWN = 200
+MAX_SHOWN_CHARACTERS = 200
 """Characters of it that fit into a line."""
 
 
@@ -41,7 +41,9 @@ def quiet() -> Iterator[Said]:
                 os.dup2(copy, descriptor)
                 os.close(copy)
             file.seek(0)
-            said.text = " ".join(file.read(100 * SHOWN).decode("utf-8", errors="replace").split())[:SHOWN]
+            said.text = " ".join(file.read(100 * MAX_SHOWN_CHARACTERS).decode("utf-8", errors="replace").split())[
+                :MAX_SHOWN_CHARACTERS
+            ]
 
 
 @contextmanager
@@ -62,5 +64,5 @@ def told(what: str, remedy: str) -> Iterator[None]:
     except CPP_ERRORS as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text
         text = text.partition("message:")[2] or text
-        reason = " ".join(text.partition("Hint")[0].split())[:SHOWN]
+        reason = " ".join(text.partition("Hint")[0].split())[:MAX_SHOWN_CHARACTERS]
         raise UrdfError(f"{what} ({reason}); {remedy}") from error

@@ -18,7 +18,7 @@ class DescriptionWarning(UserWarning):
     """A robot's torques are not those of its description as it was written: the message says of which links and why."""
 
 
-ASSUMED = "of an MJCF: "
+ASSUMED_PREFIX = "of an MJCF: "
 """How sentences begin that say what was assumed of an MJCF, or left out."""
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
-LARGEST = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+LARGEST_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
 """Largest limit that any arm has, in rad or m, s, N m or N: beyond it the file is wrong."""
 
 
@@ -66,7 +66,7 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name, largest in LARGEST.items():
+        for name, largest in LARGEST_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
             if values.shape != self.lower.shape or wrong.size:

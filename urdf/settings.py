@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from urdf.bounds import LONGEST_NAME
-from urdf.robot import LARGEST, Line, Spring, UrdfError, rotation_of
+from urdf.robot import LARGEST_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TableFileError, read_as, read_table
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
 
-FARTHEST = 100.0
+MAX_OFFSET_METRES = 100.0
 """m; a tool, frame or line that is farther from its robot is in another unit."""
-STRONGEST = 1e5
+MAX_SPRING_TORQUE = 1e5
 """N m; no spring of an arm gives more."""
 
 
@@ -143,10 +143,10 @@ def _check(settings: Settings) -> None:
         if len(values) != len(joints):
             raise UrdfError(f"{key} has {len(values)} numbers for {len(joints)} joints")
         for joint, value in zip(joints, values, strict=True):
-            if key in LARGEST and not 0.0 < value <= LARGEST[key]:
+            if key in LARGEST_LIMITS and not 0.0 < value <= LARGEST_LIMITS[key]:
                 raise UrdfError(
-                    f"[limits] {key} of '{joint}' is {value:g}; give a number above 0 and at most {LARGEST[key]:g}, "
-                    "in rad or m and s"
+                    f"[limits] {key} of '{joint}' is {value:g}; "
+                    f"give a number above 0 and at most {LARGEST_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
         if file is not None and not 0 < len(file.strip()) <= LONGEST_NAME:
@@ -159,14 +159,14 @@ def _check(settings: Settings) -> None:
         low, high = line.core
         if not line.range[0] <= low < high <= line.range[1]:
             raise UrdfError(f"[line] core: {low:g} to {high:g} m does not lie within range; give two numbers inside it")
-        if not 0.0 < line.core_speed <= LARGEST["velocity"]:
+        if not 0.0 < line.core_speed <= LARGEST_LIMITS["velocity"]:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
         line.line()
     for where, place in places.items():
-        if max(map(abs, place)) > FARTHEST:
+        if max(map(abs, place)) > MAX_OFFSET_METRES:
             raise UrdfError(f"{where}: {list(place)} m is too far away; write it in metres")
     for spring in settings.springs:
         if spring.joint not in joints:
             raise UrdfError(f"[[springs]]: the arm has no joint '{spring.joint}'; choose among {', '.join(joints)}")
-        if max(abs(spring.sine), abs(spring.cosine)) > STRONGEST:
-            raise UrdfError(f"[[springs]] {spring.joint}: stronger than {STRONGEST:g} N m; write it in N m")
+        if max(abs(spring.sine), abs(spring.cosine)) > MAX_SPRING_TORQUE:
+            raise UrdfError(f"[[springs]] {spring.joint}: stronger than {MAX_SPRING_TORQUE:g} N m; write it in N m")

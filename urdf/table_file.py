@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
+from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
 
 MOST_TOLD = 12
 """Problems of a file that its line lists."""
@@ -87,8 +87,8 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
             raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
             raise TableFileError(f"{where} is {value}: write a finite number")
-        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST:
-            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST:g}; write SI units")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST_SIZE:
+            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST_SIZE:g}; write SI units")
     return table
 
 

@@ -17,9 +17,9 @@ from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
-MOVING = ("revolute", "continuous", "prismatic")
-KINDS = (*MOVING, "fixed", "floating", "planar")
-TURN = 2.0 * math.pi + 1e-3
+MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
+JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
+MAX_TURN = 2.0 * math.pi + 1e-3
 """rad beyond which nobody writes an angle, give or take a rounding."""
 RESERVED = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
@@ -40,7 +40,7 @@ NUMBERS = {
     "calibration": {"rising": 1, "falling": 1},
 }
 """By element: its numbers, and how many each attribute holds."""
-LIMITS = tuple(NUMBERS["limit"])
+LIMIT_NAMES = tuple(NUMBERS["limit"])
 NEEDED = {
     "mass": ("value",),
     "inertia": tuple(NUMBERS["inertia"]),
@@ -79,7 +79,7 @@ def odd(root: ET.Element) -> tuple[str, ...]:
         if part.get("type") in ("planar", "floating"):
             said.append(f"{where} is {part.get('type')}, which no joint of an arm is: it is held where it stands")
         for origin in part.iter("origin"):
-            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > TURN:
+            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_TURN:
                 said.append(f'{where} is turned by rpy="{origin.get("rpy")}" in rad: if that is in degrees, correct it')
     return tuple(said)
 
@@ -118,10 +118,10 @@ def _check_numbers(element: ET.Element, where: str) -> None:
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
     kind = joint.get("type", "")
-    if kind not in KINDS:
-        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(KINDS)}")
+    if kind not in JOINT_TYPES:
+        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
     axis = joint.find("axis")
-    if axis is not None and kind in (*MOVING, "planar"):
+    if axis is not None and kind in (*MOVING_JOINT_TYPES, "planar"):
         length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
         if not length > 1e-9:
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
@@ -219,7 +219,7 @@ def check_tree(root: ET.Element, path: Path) -> None:
         raise UrdfError(
             f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
         )
-    if not any(joint.get("type") in MOVING for joint in joints):
+    if not any(joint.get("type") in MOVING_JOINT_TYPES for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
     for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
         twice = [name for name, count in Counter(names).items() if count > 1]
@@ -277,7 +277,9 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         if joint is None:
             raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
         limit = joint.find("limit")
-        values = {key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMITS}
+        values = {
+            key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMIT_NAMES
+        }
         for key in ("effort", "velocity"):
             if values.get(key, 0.0) < 0.0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")

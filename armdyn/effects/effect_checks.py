@@ -27,7 +27,7 @@ from armdyn.user_code import place_of
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
-LARGEST = 1e100
+LARGEST_VALUE = 1e100
 """Of what a quantity may be, bounds that are infinite apart: numbers beyond overflow in the equations."""
 
 
@@ -62,7 +62,7 @@ def check_applied(item: Effect, path: Path) -> None:
     Raises:
         InputError: the effect fails, changes something at its null values, or gives no finite value or derivative.
     """
-    stage = STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
+    stage = TRIAL_STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
     if stage is None:
         return
     given, inputs = stage.make()
@@ -159,7 +159,7 @@ def _is_number(value: object) -> bool:
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)
-        and (value == value and (abs(value) <= LARGEST or abs(value) == math.inf))
+        and (value == value and (abs(value) <= LARGEST_VALUE or abs(value) == math.inf))
     )
 
 
@@ -196,7 +196,7 @@ def _joint(*w: Expression) -> Joint:
 
 JOINT = [0.0] * 15, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
 """At rest and in motion."""
-STAGES = {
+TRIAL_STAGES = {
     "gripper": _stage(
         lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
         [0.0, 0.0, 0.0, 0.0, 0.0],

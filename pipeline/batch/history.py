@@ -12,7 +12,7 @@ from pipeline.batch.run import Row
 from pipeline.batch.spec import Spec
 
 EPOCH = datetime(1970, 1, 1)
-DAY = 86400.0
+DAY_SECONDS = 86400.0
 """s"""
 
 
@@ -84,8 +84,8 @@ def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
             first = event[0]
             if (
                 step.robot == first.robot
-                and step.last_before <= first.first_after + DAY
-                and first.last_before <= step.first_after + DAY
+                and step.last_before <= first.first_after + DAY_SECONDS
+                and first.last_before <= step.first_after + DAY_SECONDS
             ):
                 event.append(step)
                 break

@@ -31,7 +31,7 @@ FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Rarer ones cannot be told from the simulated batches; more often than that a mark means nothing."""
 PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
 """Where a time may be looked for, by its name in a SPEC."""
-MOST = 200_000
+MAX_BATCH_FILES = 200_000
 """Recordings; their rows are held in memory."""
 
 
@@ -144,8 +144,8 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
         where = f"[[recordings]] {number}"
         for item in _items(entry, where, folder, clock):
             items.setdefault((item.model, item.run), item)
-            if len(items) > MOST:
-                raise InputError(f"{where}: more than {MOST} recordings: split the batch")
+            if len(items) > MAX_BATCH_FILES:
+                raise InputError(f"{where}: more than {MAX_BATCH_FILES} recordings: split the batch")
     return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
@@ -200,5 +200,7 @@ def _look_through(start: Path) -> None:
     count = 0
     for _, folders, files in os.walk(start if start.is_dir() else start.parent):
         count += len(folders) + len(files)
-        if count > MOST:
-            raise InputError(f"'**' below {start}: more than {MOST} files lie there: name the folder of the recordings")
+        if count > MAX_BATCH_FILES:
+            raise InputError(
+                f"'**' below {start}: more than {MAX_BATCH_FILES} files lie there: name the folder of the recordings"
+            )

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from armdyn.errors import InputError
 from armdyn.recording.sidecar import read_sidecar
 
-EARLIEST, LATEST = 1990, 2100
+EARLIEST_YEAR, LATEST_YEAR = 1990, 2100
 """Years that a date in a name can have; other numbers of eight digits are none."""
 DATE = re.compile(
     r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
@@ -128,7 +128,7 @@ def _of_sidecar(path: Path) -> datetime | None:
 def _date(match: re.Match[str]) -> datetime | None:
     year, month, day = (int(match[key]) for key in ("year", "month", "day"))
     hour, minute, second = (int(match[key] or 0) for key in ("hour", "minute", "second"))
-    if not EARLIEST <= year <= LATEST:
+    if not EARLIEST_YEAR <= year <= LATEST_YEAR:
         return None
     try:
         found = datetime(year, month, day)

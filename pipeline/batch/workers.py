@@ -6,7 +6,7 @@ from multiprocessing import set_forkserver_preload
 from ik.workers import Lost, in_processes, on_cluster
 from pipeline.batch.work import Job, Outcome, lost_outcome, work
 
-START = "forkserver"
+START_METHOD = "forkserver"
 """How processes begin: with everything loaded, and free of the threads of this one."""
 LOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
 """What they share."""
@@ -28,9 +28,9 @@ def outcomes(
         TaskFailedError: the scheduler is gone.
     """
     if scheduler is None:
-        if START == "forkserver":
+        if START_METHOD == "forkserver":
             set_forkserver_preload(list(LOADED))
-        done = in_processes(work, jobs, workers, START, stopped)
+        done = in_processes(work, jobs, workers, START_METHOD, stopped)
     else:
         done = on_cluster(work, jobs, scheduler, "batch", stopped)
     for job, outcome in done:

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 PANEL = "Motions of an arm"
 
 
-SHORTEST, LONGEST = 2.0, 600.0
+MIN_MOTION_SECONDS, MAX_MOTION_SECONDS = 2.0, 600.0
 """s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
-SLOWEST, FASTEST = 20.0, 1000.0
+MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
 MOST_RANDOM = 1000
 
@@ -56,8 +56,10 @@ def excite(
         str | None, typer.Option(metavar="A,B", help="Two effects to tell apart, in place of --for; joints as there.")
     ] = None,
     effects_file: EffectsOption = None,
-    seconds: Annotated[float, typer.Option(min=SHORTEST, max=LONGEST, help="How long the motion takes [s].")] = 20.0,
-    rate: Annotated[float, typer.Option(min=SLOWEST, max=FASTEST, help="Samples per second.")] = 100.0,
+    seconds: Annotated[
+        float, typer.Option(min=MIN_MOTION_SECONDS, max=MAX_MOTION_SECONDS, help="How long the motion takes [s].")
+    ] = 20.0,
+    rate: Annotated[float, typer.Option(min=MIN_SAMPLE_RATE, max=MAX_SAMPLE_RATE, help="Samples per second.")] = 100.0,
     random: Annotated[
         int, typer.Option(min=1, max=MOST_RANDOM, help="Random motions to start from and to compare with.")
     ] = 100,

@@ -24,7 +24,7 @@ PANEL = "Experiments"
 
 
 EMULATED = "emulated"
-PATIENCE = 2.0
+SAMPLE_TIMEOUT = 2.0
 """Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
 
 group = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
@@ -78,7 +78,7 @@ def calibrate(
             status.update(f"{weight.text}: {count} of {samples} samples")
 
         with (
-            LoadCell(name, None, baud=baud, silent_after=PATIENCE) as cell,
+            LoadCell(name, None, baud=baud, silent_after=SAMPLE_TIMEOUT) as cell,
             console.status("waiting") as status,
         ):
             fit = guided(cell, listed, samples, source, ask, progress, time.sleep)

@@ -15,9 +15,9 @@ from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Dec
 from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample
 
-SMALLEST_STEP = 1e-6
+MIN_SAMPLE_SPACING = 1e-6
 """Least time between two samples [s]: a recording's times strictly increase."""
-WINDOW = 100
+RATE_SAMPLES = 100
 """Samples over which the rate is measured."""
 
 
@@ -29,23 +29,23 @@ class ReceptionTimes:
     """
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=WINDOW)
+        self._times: deque[float] = deque(maxlen=RATE_SAMPLES)
 
     @property
     def rate(self) -> float:
-        """Samples per second over the last `WINDOW` samples; 0 before the second one."""
+        """Samples per second over the last `RATE_SAMPLES` samples; 0 before the second one."""
         if len(self._times) < 2:
             return 0.0
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
     def stamp(self, now: float, count: int) -> list[float]:
         """Strictly increasing times of `count` samples that came in one piece, handed over at `now` [s]."""
-        step, earliest = SMALLEST_STEP, now - (count - 1) * SMALLEST_STEP
+        step, earliest = MIN_SAMPLE_SPACING, now - (count - 1) * MIN_SAMPLE_SPACING
         if self._times and count:
             step = (now - self._times[-1]) / count
             if len(self._times) > 1:
                 step = min(step, 1.0 / self.rate)
-            step = max(step, SMALLEST_STEP)
+            step = max(step, MIN_SAMPLE_SPACING)
             earliest = max(now - (count - 1) * step, self._times[-1] + step)
         stamps = [earliest + k * step for k in range(count)]
         self._times.extend(stamps)
@@ -64,7 +64,7 @@ SPIKE_NOISE = 10.0
 """... so many standard deviations of the noise."""
 PUSH = 0.1
 """A string cannot push: a force below minus this [N] is more than the zero of a cell moves in a day."""
-DRIFT = 0.1
+MAX_DRIFT_RATE = 0.1
 """Faster than this [N/s] no cell creeps or warms up."""
 
 
@@ -82,7 +82,7 @@ def count_limits(calibration: Calibration | None = None, silent_after: float = 0
     push, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
     return replace(
         limits,
-        drift=DRIFT / abs(calibration.scale),
+        drift=MAX_DRIFT_RATE / abs(calibration.scale),
         least=push if pull_raises else -math.inf,
         most=math.inf if pull_raises else push,
     )

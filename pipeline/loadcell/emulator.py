@@ -14,7 +14,7 @@ from armdyn.errors import InputError
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
 from pipeline.processes import Closing
 
-OFFSET, SCALE = 84213.0, 5.6e-6
+EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
 """Counts of the empty cell, and newtons per count: a 1 kg cell of 1 mV/V behind an HX711."""
 
 
@@ -72,14 +72,14 @@ class EmulatedCell(Closing):
         noise: standard deviation of one sample [counts].
     """
 
-    offset, noise = OFFSET, 40.0
+    offset, noise = EMULATED_OFFSET, 40.0
 
     def __init__(
         self,
         rng: np.random.Generator,
         force: Callable[[float], float] | float = 0.0,
         *,
-        scale: float = SCALE,
+        scale: float = EMULATED_SCALE,
         rate: float = 80.0,
     ) -> None:
         self._rng, self.scale, self.rate = rng, scale, rate

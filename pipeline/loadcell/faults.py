@@ -108,11 +108,11 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 RECENT = 100
 """Samples among which spikes are counted."""
-MANY, FEW = 2, 1
-"""With more spikes among them than `MANY` the cell cannot be relied on, until no more than `FEW` are left."""
+MANY_SPIKES, FEW_SPIKES = 2, 1
+"""With more of these spikes than `MANY_SPIKES` the cell is unreliable, until no more than `FEW_SPIKES` are left."""
 MOMENT = 10
 """Impossible forces in a row that are no longer a moment, such as a load that bounces."""
-BLOCK, STEADY = 0.5, 4
+BLOCK_SECONDS, STEADY = 0.5, 4
 """Length of a block [s] whose mean is compared with the next, and how many must go one way: a load that swings or is
 hung on goes back, or stops, within 2 s."""
 
@@ -138,13 +138,13 @@ class _Drift:
     """Compares means of blocks: a drift is a change in one direction over the last blocks, faster than the limit."""
 
     def __init__(self, limit: float) -> None:
-        self._least = limit * BLOCK
+        self._least = limit * BLOCK_SECONDS
         self._begin, self._sum, self._count = math.nan, 0.0, 0
         self._means: deque[float] = deque(maxlen=STEADY + 1)
         self.steady = False
 
     def add(self, time: float, value: float) -> None:
-        if not time < self._begin + BLOCK:
+        if not time < self._begin + BLOCK_SECONDS:
             if self._count:
                 self._means.append(self._sum / self._count)
                 steps = [after - before for before, after in pairwise(self._means)]
@@ -189,7 +189,11 @@ class FaultDetector:
         self._stuck.add(value)
         self._set(Fault.FROZEN, self._stuck.count >= limits.repeats, time)
         if limits.spike < math.inf:
-            self._set(Fault.SPIKES, self._count_spikes(value) > (FEW if Fault.SPIKES in self._active else MANY), time)
+            self._set(
+                Fault.SPIKES,
+                self._count_spikes(value) > (FEW_SPIKES if Fault.SPIKES in self._active else MANY_SPIKES),
+                time,
+            )
         if limits.drift < math.inf:
             self._drift.add(time, value)
             self._set(Fault.DRIFTING, self._drift.steady, time)

@@ -136,11 +136,11 @@ class Plateau:
 
 LARGEST_NOISE = 0.05
 """Share of the span of the weights."""
-UNSTEADY = 3.0
+UNSTEADY_NOISE_FACTOR = 3.0
 """Times the noise of the quietest plateau."""
 VISIBLE = 1e-3
 """Share of the span; less noise than this is no reason to refuse."""
-SMALLEST_STEP = 5.0
+MIN_WEIGHT_STEP_DEVIATIONS = 5.0
 """Standard deviations of one sample by which two neighbouring weights must differ."""
 LARGEST_RESIDUAL = 0.01
 """Share of the span; cells are linear to 0.05 %, so this is a wrong weight or a cell that touches something."""
@@ -232,13 +232,13 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
             "let the weight come to rest, shield the wires, or take heavier weights"
         )
     quietest = min(plateau.noise for plateau in plateaus)
-    if noisiest.noise > max(UNSTEADY * quietest, VISIBLE * span):
+    if noisiest.noise > max(UNSTEADY_NOISE_FACTOR * quietest, VISIBLE * span):
         raise TaskFailedError(
             f"{noisiest.weight.text}: the counts move {noisiest.noise / quietest:.0f} times more than at the quietest "
             "weight: let it come to rest before you go on"
         )
     for a, b in steps:
-        if abs(b.mean - a.mean) < SMALLEST_STEP * max(a.noise, b.noise):
+        if abs(b.mean - a.mean) < MIN_WEIGHT_STEP_DEVIATIONS * max(a.noise, b.noise):
             raise TaskFailedError(
                 f"{a.weight.text} and {b.weight.text} cannot be told apart in the noise: take weights farther apart"
             )

@@ -15,7 +15,7 @@ from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
-LATEST = 1.0
+LATEST_SECONDS = 1.0
 """Time over which the moving figures are taken [s]."""
 EVENTS = 1000
 
@@ -49,7 +49,7 @@ class Monitor:
             self._squares += before * (sample.force - self.mean)
             self.minimum, self.maximum = min(self.minimum, sample.force), max(self.maximum, sample.force)
             self._latest.append(sample)
-            while self._latest[0].time < sample.time - LATEST:
+            while self._latest[0].time < sample.time - LATEST_SECONDS:
                 self._latest.popleft()
 
     @property
@@ -59,7 +59,7 @@ class Monitor:
 
     @property
     def latest(self) -> tuple[float, float, float]:
-        """Latest force, mean and standard deviation over the last `LATEST` seconds [N]; nan where there are none."""
+        """Latest force, mean and standard deviation over the last `LATEST_SECONDS` [N]; nan without samples."""
         forces = [sample.force for sample in self._latest]
         if not forces:
             return math.nan, math.nan, math.nan

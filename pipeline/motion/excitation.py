@@ -22,7 +22,7 @@ from pipeline.motion.feasibility.clearance import CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
-FAR = 0.1
+AMPLE_CLEARANCE = 0.1
 """m; links that are so much further apart than asked for are far from touching."""
 ASKED_MORE = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
@@ -51,10 +51,10 @@ class FreePostures:
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond the required clearance, in units of `FAR`."""
+        """Distance between links beyond the required clearance, in units of `AMPLE_CLEARANCE`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / FAR
+        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / AMPLE_CLEARANCE
 
 
 REPAIRS = 4

@@ -20,10 +20,10 @@ FINISH_ACCELERATION = 8.0
 FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
 
-SLOWEST = 0.02
+MIN_SPEED_SHARE = 0.02
 """Share of the highest speed below which the search for a slower move ends [1]."""
 
-STEP = 5e-3
+MEETING_SPACING = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
 
 Pieces = list[tuple[float, Callable[[float], LineState]]]
@@ -109,7 +109,7 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces
     curve = RideCurve(limits)
     stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
     stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
-    skip = max(int(STEP / (curve.nodes[1] - curve.nodes[0])), 1)
+    skip = max(int(MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)
     places = stretch[::skip]
     if len(places) < 2:
         return []
@@ -151,7 +151,7 @@ def _slower(planner: LinePlanner, start: LineState, target: LineState, accelerat
     fits, fails = 0.0, planner.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < SLOWEST * planner.limits.fastest:
+        if speed < MIN_SPEED_SHARE * planner.limits.fastest:
             break
         motion = planner.to_state(start, target, speed=speed, acceleration=acceleration)
         if motion is not None and motion.respects(planner.limits):

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 PERIOD = 0.01
 """Control cycle: time between two commands, and step of the planner [s]."""
-FRESH = 0.05
+MAX_STATE_AGE_SECONDS = 0.05
 """Oldest joint state with which a command may be sent [s]."""
-GAP = 0.05
+STREAM_GAP_SECONDS = 0.05
 """Silence after which a stream of commands is a new one [s]."""
 SOONEST = 1e-6
 """Least time that is taken to lie between two commands [s]: a clock may show the same twice."""
-NEAR = 1e-6
+MAX_STREAM_START_OFFSET = 1e-6
 """How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
-TOLERANCE = 1e-3
+LIMIT_TOLERANCE_SHARE = 1e-3
 """Share by which a limit may be exceeded, for rounding and for tables between nodes."""
 TRACKING = 0.2
 """Farthest that a joint may be from its command [rad]: Baxter's own server stops there."""
@@ -103,7 +103,7 @@ class Gate:
         return self._most(RefusalReason.TRACKING, np.abs(q - measured), TRACKING, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
-        limits, more = self._limits, 1.0 + TOLERANCE
+        limits, more = self._limits, 1.0 + LIMIT_TOLERANCE_SHARE
         outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
@@ -147,7 +147,7 @@ class LineGate:
         """
         if not reference.is_finite:
             return Refusal(RefusalReason.NOT_A_NUMBER)
-        more = 1.0 + TOLERANCE
+        more = 1.0 + LIMIT_TOLERANCE_SHARE
         s, v, a = reference
         # Written in this form, the comparison also refuses for a limit that is nan.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
@@ -163,7 +163,7 @@ class LineGate:
 
     def _follows(self, reference: LineState, previous: LineState) -> bool:
         """Whether two references belong to one motion whose jerk is bounded."""
-        h, jerk = PERIOD, (1.0 + TOLERANCE) * self.limits.jerk
+        h, jerk = PERIOD, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
         s, v, a = (now - before for now, before in zip(reference, previous, strict=True))
         # Bounds on the change in one cycle of bounded jerk, from the Taylor series at its beginning.
         return (
@@ -198,7 +198,7 @@ class StreamGate(Gate):
 
     def begins(self, now: float) -> bool:
         """Whether a command at a time `now` [s] begins a new stream, from rest."""
-        return not self._last or (now - self._sent > GAP and self.at_rest)
+        return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
 
     def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
         """Refusal of a command; None where it may be sent, and the command then counts as sent.
@@ -223,7 +223,7 @@ class StreamGate(Gate):
         if state is None:
             return Refusal(RefusalReason.NO_STATE)
         age = now - state.time
-        if not age <= FRESH:
+        if not age <= MAX_STATE_AGE_SECONDS:
             return Refusal(RefusalReason.STALE, f"{1e3 * age:.0f} ms")
         return self._follows(q, state.q)
 
@@ -231,11 +231,11 @@ class StreamGate(Gate):
         """Refusal of a stream that does not begin at rest at the arm's position, or that goes on after a pause."""
         if not self.begins(now):
             late = now - self._sent
-            return None if late <= GAP else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
+            return None if late <= STREAM_GAP_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
         moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
-        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
+        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
         """Refusal where the differences of positions, or the feed-forward values, exceed a limit; None otherwise."""
@@ -246,8 +246,10 @@ class StreamGate(Gate):
         refusal = self._beyond(
             q, np.maximum(np.abs(velocities[-1]), np.abs(v)), np.maximum(np.abs(accelerations[-1]), np.abs(a))
         )
-        refusal = refusal or self._most(RefusalReason.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
-        early = spacings[-1] < (1.0 - TOLERANCE) * PERIOD
+        refusal = refusal or self._most(
+            RefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
+        )
+        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * PERIOD
         if refusal is None or not early:
             return refusal
         return replace(refusal, detail=f"{refusal.detail}, {1e3 * spacings[-1]:.3g} ms after the command before")

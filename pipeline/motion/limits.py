@@ -27,7 +27,7 @@ SPEEDS = np.linspace(-1.0, 1.0, 17)
 HEADROOM = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
 
-ROUNDING = 1e-10
+LIMIT_ROUNDING = 1e-10
 """What a planned motion may exceed a limit by [SI units]."""
 
 
@@ -115,9 +115,9 @@ class LineLimits:
         """Whether one state is within the limits, up to rounding; five times faster than `respected_by`."""
         s, v, a = state
         return (
-            self.s_min - ROUNDING <= s <= self.s_max + ROUNDING
-            and abs(v) <= self.lowest_speed(s, s) + ROUNDING
-            and abs(a) <= self.lowest_acceleration(s, s) + ROUNDING
+            self.s_min - LIMIT_ROUNDING <= s <= self.s_max + LIMIT_ROUNDING
+            and abs(v) <= self.lowest_speed(s, s) + LIMIT_ROUNDING
+            and abs(a) <= self.lowest_acceleration(s, s) + LIMIT_ROUNDING
         )
 
     def lowest_speed(self, lower: float, upper: float) -> float:

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.motion.limits import ROUNDING, LineLimits
+from pipeline.motion.limits import LIMIT_ROUNDING, LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
@@ -21,7 +21,7 @@ SAMPLING = 2.5e-3
 MISSED = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""
 
-MOST_SAMPLES = 4000
+MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 
 
@@ -105,9 +105,9 @@ class JerkProfile:
             return True
         # A function with a second derivative of at most 2 J rises by at most 2 J h^2 / 8 between samples.
         spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
-        count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
+        count = int(min(np.ceil(self.duration / spacing), MAX_PROFILE_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
-        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), ROUNDING)
+        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)
 
     def _passes(self, time: Array, nodes: Array) -> Array:
         """Times at which the motion passes nodes of the limits, with constant speed assumed between samples."""

@@ -18,7 +18,7 @@ from urdf.robot import Array
 EASY = 0.95
 """Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
 
-ROUNDS = 12
+MAX_LINEARISATIONS = 12
 """Largest number of rounds; each linearises the limits about the last solution."""
 
 SETTLED = 1e-4
@@ -79,7 +79,7 @@ def smooth_reference(
     # The headroom covers errors of the linearisation, and what happens between samples.
     program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
-    for k in range(ROUNDS):
+    for k in range(MAX_LINEARISATIONS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
         # Where the first motion misses the end, the quadratic program may have to leave the trust region.
         solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)

@@ -12,13 +12,13 @@ from pipeline.motion.profile import JerkProfile
 from pipeline.motion.ride import RideCurve
 from pipeline.motion.trajectory import LineState
 
-LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
+MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
 
 PURSUIT = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 
-FADING = 0.1
+ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
 
@@ -98,7 +98,7 @@ class LineSmoother:
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
             return self.stop()
-        for m in LOOK_AHEAD:
+        for m in MEETING_CYCLES:
             if m > len(targets):
                 break
             if self._meet(self._planner.draw_back(targets[m - 1]), m):
@@ -138,7 +138,7 @@ class LineSmoother:
         if self._joining is not None and self._begin(self._joining, self._planner, keep=True):
             return True
         direction = math.copysign(1.0, target.s - s)
-        for m in LOOK_AHEAD:
+        for m in MEETING_CYCLES:
             ahead = self._ride.after(s, m * self._dt, direction)
             if (target.s - ahead.s) * direction <= 0.0:
                 break
@@ -171,17 +171,19 @@ class LineSmoother:
             return ()
         s, v, a = reference
         targets = []
-        for k in range(LOOK_AHEAD[-1]):
+        for k in range(MEETING_CYCLES[-1]):
             t = k * self._dt
-            fade = 1.0 - math.exp(-t / FADING)
-            gained = a * FADING * fade
-            targets.append(LineState(s + v * t + FADING * (a * t - gained), v + gained, a * (1.0 - fade)))
+            fade = 1.0 - math.exp(-t / ACCELERATION_FADE_SECONDS)
+            gained = a * ACCELERATION_FADE_SECONDS * fade
+            targets.append(
+                LineState(s + v * t + ACCELERATION_FADE_SECONDS * (a * t - gained), v + gained, a * (1.0 - fade))
+            )
         return targets
 
 
 def _until_not_finite(reference: Sequence[LineState]) -> Sequence[LineState]:
     """States before the first that is not finite, at most as many as the look-ahead uses."""
-    targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
+    targets = [LineState(*target) for target in reference[: MEETING_CYCLES[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:
             return targets[:k]

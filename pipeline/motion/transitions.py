@@ -7,11 +7,11 @@ import urdf
 from pipeline.motion.gate import PERIOD
 from urdf.robot import Array
 
-SHARE = 0.5
+BRAKING_SHARE = 0.5
 """Of the joints' acceleration and jerk limits with which an arm brakes on its own."""
-FARTHEST = 0.02
+MAX_START_OFFSET = 0.02
 """How far from where the arm is a stream may begin [rad]: an arm at rest sags under its weight by less than that."""
-DURATION = 0.5
+BLEND_SECONDS = 0.5
 """Time in which the difference goes [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2, 10 rad/s^3."""
 
 
@@ -37,8 +37,8 @@ class Brake:
         given.current_position, given.current_velocity, given.current_acceleration = (x.tolist() for x in start)
         given.target_velocity = given.target_acceleration = [0.0] * n
         # A motion may have a larger acceleration than the share with which it is braked.
-        given.max_acceleration = np.maximum(SHARE * limits.acceleration, np.abs(a)).tolist()
-        given.max_jerk = (SHARE * limits.jerk).tolist()
+        given.max_acceleration = np.maximum(BRAKING_SHARE * limits.acceleration, np.abs(a)).tolist()
+        given.max_jerk = (BRAKING_SHARE * limits.jerk).tolist()
         given.max_velocity = limits.velocity.tolist()
         if Ruckig(n).calculate(given, self._way) in (Result.Working, Result.Finished):
             self.duration = float(self._way.duration)
@@ -73,18 +73,18 @@ class Blend:
 
     Args:
         here: present position of the arm (n,) [rad].
-        told: the first command (n,) [rad]. A larger offset than `FARTHEST` is not bridged, so that the gate refuses it.
+        told: the first command (n,) [rad]. An offset above `MAX_START_OFFSET` is not bridged; the gate refuses it.
     """
 
     def __init__(self, here: Array, told: Array) -> None:
-        self._offset = np.clip(here - told, -FARTHEST, FARTHEST)
+        self._offset = np.clip(here - told, -MAX_START_OFFSET, MAX_START_OFFSET)
         self._cycle = 0
 
     def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """The next command with its offset: positions, velocities, accelerations (n,) each [rad, rad/s, rad/s^2]."""
-        u = min(self._cycle * PERIOD / DURATION, 1.0)
+        u = min(self._cycle * PERIOD / BLEND_SECONDS, 1.0)
         self._cycle += 1
         if u == 1.0:
             return q, v, a
-        share, speed, acceleration = minimum_jerk(np.asarray(u), DURATION)
+        share, speed, acceleration = minimum_jerk(np.asarray(u), BLEND_SECONDS)
         return q + (1.0 - share) * self._offset, v - speed * self._offset, a - acceleration * self._offset

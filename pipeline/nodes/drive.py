@@ -14,7 +14,7 @@ from pipeline.robot.protocol import RobotInterface
 Reference = Callable[[float], Sequence[LineState]]
 """``now -> states at the ends of the coming cycles``."""
 
-LATEST = 0.031
+MAX_COMMAND_SILENCE = 0.031
 """A moving arm that has had no command for longer than this [s] has missed three cycles. The robot extrapolates the
 last one; after three cycles the next reference would pull it back, faster than its limits allow."""
 
@@ -99,7 +99,7 @@ class DriveNode:
     def _send(self, now: float) -> None:
         previous, moving = self._smoother.state, not self._smoother.at_rest
         late = 0.0 if self.sent_at is None else self._robot.time - self.sent_at
-        if moving and not 0.0 <= late <= LATEST:
+        if moving and not 0.0 <= late <= MAX_COMMAND_SILENCE:
             self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
             self.halt()
             return

@@ -134,7 +134,7 @@ class EstimatorNode:
 
 KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
-LOOK_AHEAD = 30
+REFERENCE_CYCLES = 30
 """Cycles of reference given to the smoother."""
 
 
@@ -216,4 +216,4 @@ class SacNode:
 
     def _reference(self, now: float) -> Sequence[LineState]:
         first = round((now - self._plan_start) / self.settings.dt)
-        return self._plan[first : first + LOOK_AHEAD] or [LineState(self._drive.state.s)]
+        return self._plan[first : first + REFERENCE_CYCLES] or [LineState(self._drive.state.s)]

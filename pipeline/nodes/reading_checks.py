@@ -12,13 +12,13 @@ import numpy as np
 import urdf
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 
-PATIENCE = 5.0
+MAX_BRIDGED_READINGS = 5.0
 """Bad readings in a row that are bridged: 0.05 s at 100 Hz, in which the fastest swing moves the gripper by 5 cm."""
 FORGIVEN = 0.1
 """Bad readings that each good one makes up for: one in ten may be bad for ever, more than that are a fault."""
 STALE = 0.05
 """A reading that was taken longer ago than this [s] says nothing about where the arm is now."""
-AHEAD = 0.02
+MAX_STAMP_LEAD_SECONDS = 0.02
 """A stamp may be ahead of the robot's clock by two cycles [s]: it is read before the clock."""
 QUICKEST = 2.0
 """No joint moves faster than this share of its velocity limit; in healthy trials 0.74 is the most."""
@@ -70,7 +70,7 @@ class ReadingCheck:
         """Note a bad reading at `now` [s]."""
         self.refused[why] += 1
         self._level += 1.0
-        if self.fault is None and (self._level > PATIENCE or not self._seen_good):
+        if self.fault is None and (self._level > MAX_BRIDGED_READINGS or not self._seen_good):
             self.fault = (
                 f"{self._source} at {now:.2f} s: the reading {why.value}, and {self.refused.total()} were refused in "
                 f"all: {self._check}"
@@ -139,8 +139,8 @@ class JointReadingCheck(ReadingCheck):
 class ForceReadingCheck(ReadingCheck):
     """Judges the samples of the load cell.
 
-    Samples that jump are held back. Where the force comes back within `PATIENCE` samples they were spikes; where it
-    stays, the string has gone slack, which is taken in, or the cell has failed.
+    Samples that jump are held back. Where the force returns within `MAX_BRIDGED_READINGS` samples, they were spikes;
+    where it stays, the string has gone slack, and the samples are used, or the cell has failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].
@@ -180,7 +180,7 @@ class ForceReadingCheck(ReadingCheck):
                 good.append(self._take(sample))
                 continue
             self._held.append(sample)
-            if len(self._held) <= PATIENCE:
+            if len(self._held) <= MAX_BRIDGED_READINGS:
                 continue
             if all(held.force <= self._taut for held in self._held[1:]):
                 good += self._take_held()
@@ -219,6 +219,6 @@ class ForceReadingCheck(ReadingCheck):
 
 
 def _stamp_problem(stamp: float, now: float) -> Refused | None:
-    if stamp > now + AHEAD:
+    if stamp > now + MAX_STAMP_LEAD_SECONDS:
         return Refused.AHEAD
     return Refused.STALE if now - stamp > STALE else None

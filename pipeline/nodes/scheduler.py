@@ -13,7 +13,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.processes import PromptThread
 from pipeline.robot.protocol import RobotInterface
 
-UNSTEADY = 1e-3
+CLOCK_TOLERANCE = 1e-3
 """Difference between two readings of a clock that a step of the simulation or of the operating system explains [s]."""
 
 
@@ -161,7 +161,7 @@ class Scheduler:
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:
         # Written in this form, the comparison also fails for a time that is nan.
-        if not -UNSTEADY <= late <= patience:
+        if not -CLOCK_TOLERANCE <= late <= patience:
             raise ClockError(
                 f"the loop stood still or its clock jumped at {self._seen:.2f} s: while {what} ({self.running} node) "
                 f"{1e3 * late:.0f} ms passed that should not have: check this computer's load and the robot's clock"

@@ -11,7 +11,7 @@ from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
-from pipeline.report.changes import MOST_ROWS, change_section, error_chart, time_section
+from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
 
 
 def batch_report(spec: Spec, done: Done, found: History) -> Document:
@@ -112,7 +112,7 @@ def _error_section(rows: Sequence[Row]) -> Section:
 def _robot_section(rows: Sequence[Row]) -> Section:
     """Section with a table that counts the recordings of each robot."""
     table = []
-    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MOST_ROWS]:
+    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_CHANGE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
         good = [row for row in mine if row.outcome.verdict]
         times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
@@ -129,7 +129,7 @@ def _robot_section(rows: Sequence[Row]) -> Section:
 
 def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
     """Section that lists the recordings that could not be used, each with advice."""
-    listed = bad[:MOST_ROWS]
+    listed = bad[:MAX_CHANGE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),
         Column("recording", [spec.name(row.item.run) for row in listed]),

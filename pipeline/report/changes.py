@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, columns_of
-from pipeline.batch.history import DAY, Event, History, between
+from pipeline.batch.history import DAY_SECONDS, Event, History, between
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
@@ -17,7 +17,7 @@ MOST_EVENTS = 12
 """That have a figure of their own; all are in the table."""
 MOST_PARAMETERS = 60
 """That have a figure over time."""
-MOST_ROWS = 200
+MAX_CHANGE_ROWS = 200
 """Of a table; all rows are in the Parquet file."""
 
 
@@ -30,8 +30,8 @@ def change_section(history: History) -> Section:
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
     charts = [_event_chart(event, history) for event in history.events[:MOST_EVENTS]]
-    steps = [(event, step) for event in history.events for step in event.steps][:MOST_ROWS]
-    drifts = test.drifts[:MOST_ROWS]
+    steps = [(event, step) for event in history.events for step in event.steps][:MAX_CHANGE_ROWS]
+    drifts = test.drifts[:MAX_CHANGE_ROWS]
     tables = [
         Table(
             [
@@ -48,7 +48,7 @@ def change_section(history: History) -> Section:
             [
                 Column("robot", [drift.robot for drift in drifts]),
                 Column("parameter", [_plain(drift.parameter) for drift in drifts]),
-                Column("drift", [DAY * drift.slope for drift in drifts], "+.3g"),
+                Column("drift", [DAY_SECONDS * drift.slope for drift in drifts], "+.3g"),
                 Column("unit", [f"{history.units[drift.parameter]} per day" for drift in drifts]),
                 Column("chance", [f"≤ {drift.chance:.2g}" for drift in drifts]),
             ],

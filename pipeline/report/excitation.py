@@ -14,9 +14,9 @@ from pipeline.report.theme import BLUE, GREY, ORANGE, number
 
 MOST_UNKNOWNS = 400
 """Rows of the table; the JSON has all."""
-MOST_SAMPLES = 2000
+MAX_MOTION_SAMPLES = 2000
 """Samples per line of a figure."""
-OTHERS = ("best random", "least condition number")
+OTHER_MOTIONS = ("best random", "least condition number")
 """Motions that a designed one is compared with."""
 
 
@@ -56,7 +56,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
 
 def excitation_page(found: Excitation) -> Document:
     """Report of a designed motion with figures, and with the shares of all limits that the motion uses."""
-    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MOST_SAMPLES))
+    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MAX_MOTION_SAMPLES))
     limits = found.goal.columns.arm.robot.limits
     figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
     if found.goal.rivals:
@@ -65,7 +65,7 @@ def excitation_page(found: Excitation) -> Document:
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(OTHERS, (found.random, found.conditioned), gains(found), strict=True)
+            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
             if other is not None
         ]
         figures = [*better, *figures]
@@ -89,7 +89,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     goal = found.goal
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
-        names = ("standard deviations from the rival", *OTHERS)
+        names = ("standard deviations from the rival", *OTHER_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
     rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
@@ -107,7 +107,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     return Table([
         Column("unknown", [p.name for p in unknowns]),
         Column("standard deviation", told),
-        *_columns(OTHERS, blank),
+        *_columns(OTHER_MOTIONS, blank),
     ])  # fmt: skip
 
 
@@ -142,7 +142,7 @@ def _expectation_chart(found: Excitation) -> Chart:
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
         values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
-    for name, colour, bars in zip(("this motion", *OTHERS), (BLUE, GREY, ORANGE), values.T, strict=True):
+    for name, colour, bars in zip(("this motion", *OTHER_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})
     title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"

@@ -14,9 +14,9 @@ from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
 from urdf.robot import Limits
 
-MOST_ROWS = 50
+MAX_VIOLATION_ROWS = 50
 """Violations that a table lists; the file given with --json has them all."""
-MOST_POINTS = 1500
+MAX_CURVE_POINTS = 1500
 """Samples per line of a figure."""
 
 
@@ -50,8 +50,8 @@ def _violation_section(report: FeasibilityReport) -> Section:
     """Section on broken limits: a row per stretch of time, with its worst instant."""
     if report.feasible:
         return Section("Violations", "No limit is broken.")
-    listed = report.violations[:MOST_ROWS]
-    more = f" The first {MOST_ROWS} are listed." if len(report.violations) > MOST_ROWS else ""
+    listed = report.violations[:MAX_VIOLATION_ROWS]
+    more = f" The first {MAX_VIOLATION_ROWS} are listed." if len(report.violations) > MAX_VIOLATION_ROWS else ""
     columns = [
         Column("limit", [_words(v.limit) for v in listed]),
         Column("of", [v.joint for v in listed]),
@@ -96,7 +96,7 @@ def used_section(report: FeasibilityReport) -> Section:
         if not bounded.is_two_sided:
             continue
         used, joint = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
-        chunk = -(-used.size // MOST_POINTS)  # only the peak of each curve is drawn
+        chunk = -(-used.size // MAX_CURVE_POINTS)  # only the peak of each curve is drawn
         peaks = np.array([i + int(np.argmax(used[i : i + chunk])) for i in range(0, used.size, chunk)])
         figure.add_scatter(
             x=bounded.time[peaks], y=100 * used[peaks], name=_words(bounded.limit), mode="lines",

@@ -11,9 +11,9 @@ from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS, thinned
 
-MOST_POINTS = 1500
+MAX_CHANNEL_POINTS = 1500
 """Samples of a line, the smallest and largest of what lies between them kept."""
-HEIGHT = 230
+CHANNEL_HEIGHT = 230
 """Of a channel's picture [px]."""
 
 
@@ -65,7 +65,7 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
     from plotly.subplots import make_subplots
 
     figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
-    time, value = thinned(channel, MOST_POINTS)
+    time, value = thinned(channel, MAX_CHANNEL_POINTS)
     figure.add_scatter(
         x=time, y=value, mode="lines", line={"width": 1}, marker={"color": BLUE}, name=name, row=1, col=1
     )
@@ -81,7 +81,7 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
     figure.update_xaxes(title_text="frequency [Hz]", type="log", row=1, col=2)
     figure.update_yaxes(title_text=f"{name} [{channel.unit}]", row=1, col=1)
     figure.update_yaxes(title_text=f"[{channel.unit}²/Hz]", type="log", row=1, col=2)
-    figure.update_layout(height=HEIGHT, showlegend=False, margin={"t": 16, "b": 44})
+    figure.update_layout(height=CHANNEL_HEIGHT, showlegend=False, margin={"t": 16, "b": 44})
     caption = " ".join(f"{check.severity.key}: {check.sentence}." for check in checks)
     return Chart(figure, caption)
 

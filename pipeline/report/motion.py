@@ -12,9 +12,9 @@ from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
 from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
 
-TITLE = "Motion"
-HEIGHT = 380
-SPLIT, GAP = 0.42, 0.06
+MOTION_TITLE = "Motion"
+MOTION_HEIGHT = 380
+SPLIT, MOTION_GAP = 0.42, 0.06
 """Shares of a picture's height: of the error below, and between it and the positions."""
 
 
@@ -36,15 +36,15 @@ def illustrated(sections: Sequence[Section], found: Sequence[RollOut]) -> list[S
     """Sections of a document, with figures added to the section on the motion."""
     charts = motion_charts(found)
     tabs = {chart.tab: short_name(chart.tab) for chart in charts}
-    return [replace(s, charts=charts, tabs=tabs) if s.title == TITLE and charts else s for s in sections]
+    return [replace(s, charts=charts, tabs=tabs) if s.title == MOTION_TITLE and charts else s for s in sections]
 
 
 def _picture(of: RollOut) -> dict[str, Any]:
     """Figure of positions above and their errors below over time; `go.Figure`, whose checks are slow, is avoided."""
-    layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
+    layout: dict[str, Any] = {"height": MOTION_HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
-    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + GAP, 1.0]}
-    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - GAP], "anchor": "x"}
+    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + MOTION_GAP, 1.0]}
+    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - MOTION_GAP], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
         *([_line(of, of.told, "told", told)] if of.told is not None else []),

@@ -25,7 +25,7 @@ MOST_VALUES = 200_000
 LEAST_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
-KINDS = {
+RUN_KINDS = {
     HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
 }  # fmt: skip
 """What a run was to the model whose prediction is shown."""
@@ -37,7 +37,7 @@ class Overlay:
 
     Attributes:
         run: name of the run.
-        kind: role of the run, one of `KINDS`.
+        kind: role of the run, one of `RUN_KINDS`.
         channel: name of the channel.
         unit: SI.
         time: (n,) s.
@@ -106,7 +106,7 @@ def overlays(
         places: stretches of time where the last model fails.
         bands: bands around the last model's predictions.
     """
-    others = KINDS[study.holdout_kinds[-1]]
+    others = RUN_KINDS[study.holdout_kinds[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])

@@ -15,15 +15,15 @@ BOX_NOTE = (
 )
 PAPER_STD = 0.0042
 """Standard deviation [m] of the paper's length estimates."""
-MOST = 0.5
+SUCCESS_SHARE = 0.5
 """Share of seeds beyond which a guess succeeds."""
 
 
 def table_report(table: TableOne) -> Document:
     """The report of Table I: success and learnt lengths by first guess."""
     estimates, total = table.estimates, len(table.rows)
-    as_paper = sum((row.without > MOST) == row.in_paper for row in table.rows)
-    learnt = sum(row.with_estimation > MOST for row in table.rows)
+    as_paper = sum((row.without > SUCCESS_SHARE) == row.in_paper for row in table.rows)
+    learnt = sum(row.with_estimation > SUCCESS_SHARE for row in table.rows)
     with_estimation, without = (
         percent(float(np.mean([getattr(row, name) for row in table.rows]))) for name in ("with_estimation", "without")
     )

@@ -19,7 +19,7 @@ from pipeline.robot.settings import PlantSettings
 from pipeline.robot.truth import History
 from urdf.find import locate_mesh
 
-FAINT = 0.25
+WALL_OPACITY = 0.25
 """Opacity of the box's walls in a picture."""
 
 
@@ -57,7 +57,7 @@ def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[
         add_box(spec, line, settings.box)
         for geom in spec.geoms:
             if geom.name in ("box_front", "box_back", "box_near"):
-                geom.rgba[3] = FAINT
+                geom.rgba[3] = WALL_OPACITY
     _furnish(spec, line, size)
     return spec.compile()
 
@@ -113,7 +113,7 @@ def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> Non
 
 Pixels = npt.NDArray[np.uint8]
 
-SHEET = (3, 2)
+SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
 
 TRAIL_EVERY = 4
@@ -157,7 +157,7 @@ def render_swing(
     if animated:
         moments = np.arange(history.time[0], history.time[-1] + 1e-9, 1.0 / frames_per_second)
     else:
-        moments = np.linspace(history.time[0], history.time[-1], SHEET[0] * SHEET[1])
+        moments = np.linspace(history.time[0], history.time[-1], SHEET_SHAPE[0] * SHEET_SHAPE[1])
     images = []
     for pixels in _frames(robot, settings, history, moments, size):
         images.append(Image.fromarray(pixels))
@@ -277,7 +277,7 @@ def _egl_context(width: int, height: int) -> "mujoco.egl.GLContext":
 def _sheet(images: list[Image.Image]) -> Image.Image:
     """One picture of all pictures, in reading order."""
     width, height = images[0].size
-    sheet = Image.new("RGB", (SHEET[0] * width, SHEET[1] * height))
+    sheet = Image.new("RGB", (SHEET_SHAPE[0] * width, SHEET_SHAPE[1] * height))
     for index, image in enumerate(images):
-        sheet.paste(image, (index % SHEET[0] * width, index // SHEET[0] * height))
+        sheet.paste(image, (index % SHEET_SHAPE[0] * width, index // SHEET_SHAPE[0] * height))
     return sheet

@@ -12,7 +12,7 @@ STATE_PERIOD = 0.02
 """Least time between two states of the robot that the bridge passes on [s]."""
 ASK_EVERY = 0.1
 """Requests are repeated, as in the robot's SDK, until the state follows [s]."""
-FIRST_STATE, RESET, ENABLE = 3.0, 3.0, 10.0
+POWER_STATE_TIMEOUT, RESET, ENABLE = 3.0, 3.0, 10.0
 """Longest time until the first state, and until the robot is reset and enabled [s]; homing may go on before that."""
 PRESSED, RELEASED = 1, 3
 """Of the red button, ``estop_button``; 0 is untouched, 2 unknown."""
@@ -96,8 +96,8 @@ class Power:
         Raises:
             InputError: the robot sends no state, its red button is pressed, or it does not react.
         """
-        if not self._wait(lambda _state: True, FIRST_STATE):
-            raise InputError(f"{self._name}/state: nothing arrived within {FIRST_STATE:g} s: is the robot on?")
+        if not self._wait(lambda _state: True, POWER_STATE_TIMEOUT):
+            raise InputError(f"{self._name}/state: nothing arrived within {POWER_STATE_TIMEOUT:g} s: is the robot on?")
         state = self._state
         assert state is not None, "a state was waited for"
         if state.estop_button == PRESSED:

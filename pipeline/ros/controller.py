@@ -19,7 +19,7 @@ from pipeline.ros.topics import MODES
 
 ENABLE_TAKES = 0.1
 """From the request to being enabled [s]."""
-DISABLED = AssemblyState(ready=False)
+DISABLED_STATE = AssemblyState(ready=False)
 
 Message = Mapping[str, Any]
 
@@ -59,7 +59,7 @@ class BaxterController:
 
     def __init__(self, q: Vector, names: tuple[str, ...], limits: urdf.Limits) -> None:
         self._names, self._limits = names, limits
-        self.state, self.log = DISABLED, CommandLog()
+        self.state, self.log = DISABLED_STATE, CommandLog()
         self.target = self._reference = q
         self._v = self._a = np.zeros_like(q)
         self._timeout, self._ratio, self._raw, self._changed = 0.2, 0.3, True, False
@@ -114,7 +114,7 @@ class BaxterController:
     def take_reset(self, _message: Message, _now: float) -> None:
         """Take a message of ``set_super_reset``: reset a stop."""
         if self.state.estop_button != PRESSED:
-            self.state = DISABLED
+            self.state = DISABLED_STATE
 
     def take_stop(self, _message: Message, _now: float) -> None:
         """Take a message of ``set_super_stop``: stop by software."""

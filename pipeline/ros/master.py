@@ -54,9 +54,9 @@ class MasterWatch:
 TOPIC = "/armdyn/ping"
 PINGS = 50
 """How many pings are sent."""
-EVERY = 0.01
+PING_PERIOD = 0.01
 """Time between two pings [s]: the bridge's delays depend on it."""
-PATIENCE = 3.0
+PING_TIMEOUT = 3.0
 """Longest time to the first answer and after the last ping [s]."""
 ENOUGH = 0.5
 """Share of the pings that come back through a bridge that works."""
@@ -83,17 +83,17 @@ def round_trip(bridge: Bridge) -> Spread:
 
     bridge.advertise(topic, "std_msgs/Float64")
     bridge.subscribe(topic, "std_msgs/Float64", take)
-    for _ in range(round(PATIENCE / 0.05)):  # wait until publisher and subscriber are connected
+    for _ in range(round(PING_TIMEOUT / 0.05)):  # wait until publisher and subscriber are connected
         bridge.publish(topic, {"data": -1.0})
         if heard.wait(0.05):
             break
     for number in range(PINGS):
         sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
-        time.sleep(EVERY)
-    end = time.monotonic() + PATIENCE
+        time.sleep(PING_PERIOD)
+    end = time.monotonic() + PING_TIMEOUT
     while len(took) < PINGS and time.monotonic() < end:
-        time.sleep(EVERY)
+        time.sleep(PING_PERIOD)
     spread = Spread.of(took.values())
     if spread is None or spread.count < ENOUGH * PINGS:
         raise InputError(

@@ -156,9 +156,9 @@ class JointStates:
         return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
 
 
-LATE = 5
+LATE_CYCLES = 5
 """A cycle may begin late now and then; only when so many in a row are late was one left out."""
-FAR = 3.0
+MAX_CAUGHT_UP_PERIODS = 3.0
 """Periods behind that are caught up at once."""
 
 
@@ -174,7 +174,7 @@ class EvenTimes:
     def __init__(self, period: float) -> None:
         self._period = period
         self._last: float | None = None
-        self._behind: deque[float] = deque(maxlen=LATE)
+        self._behind: deque[float] = deque(maxlen=LATE_CYCLES)
 
     def next(self, wanted: float) -> float:
         """Reading time of this cycle [s]: one period after the last one, unless that is far from `wanted` [s]."""
@@ -186,8 +186,8 @@ class EvenTimes:
             return self._last
         self._behind.append(behind)
         steps = 1
-        if behind >= FAR or (len(self._behind) == LATE and min(self._behind) > 0.9):
-            steps += int(behind if behind >= FAR else min(self._behind) + 0.1)
+        if behind >= MAX_CAUGHT_UP_PERIODS or (len(self._behind) == LATE_CYCLES and min(self._behind) > 0.9):
+            steps += int(behind if behind >= MAX_CAUGHT_UP_PERIODS else min(self._behind) + 0.1)
             self._behind.clear()
         self._last += steps * self._period
         return self._last

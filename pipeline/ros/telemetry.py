@@ -17,8 +17,10 @@ from pipeline.robot.protocol import ForceSample, Vector
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.topics import time_message
 
-ESTIMATE, REFERENCE, LOAD_FORCE, PHASE = (f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase"))
-EVERY = 0.04
+ESTIMATE, REFERENCE_TOPIC, LOAD_FORCE, PHASE = (
+    f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase")
+)
+MIN_PUBLISH_PERIOD = 0.04
 """Least time between two messages on a topic [s]; the recording has every sample."""
 LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
 
@@ -31,16 +33,18 @@ class Telemetry:
         self._next: dict[str, float] = {}
         self._phase = ""
         bridge.advertise(ESTIMATE, "std_msgs/Float64MultiArray", latch=True)
-        bridge.advertise(REFERENCE, "sensor_msgs/JointState")
+        bridge.advertise(REFERENCE_TOPIC, "sensor_msgs/JointState")
         bridge.advertise(LOAD_FORCE, "geometry_msgs/WrenchStamped")
         bridge.advertise(PHASE, "std_msgs/String", latch=True)
 
     def reference(self, q: Vector, v: Vector) -> None:
         """Publish the commanded joint positions and velocities (n,) [rad, rad/s]."""
-        if self._due(REFERENCE):
+        if self._due(REFERENCE_TOPIC):
             position, velocity = q.tolist(), v.tolist()
             header = {"stamp": time_message(time.time())}
-            self._say(REFERENCE, {"header": header, "name": self._names, "position": position, "velocity": velocity})
+            self._say(
+                REFERENCE_TOPIC, {"header": header, "name": self._names, "position": position, "velocity": velocity}
+            )
 
     def load_force(self, samples: Sequence[ForceSample]) -> None:
         """Publish the load cell's last force [N]."""
@@ -64,7 +68,7 @@ class Telemetry:
         now = time.monotonic()
         if now < self._next.get(topic, now):
             return False
-        self._next[topic] = now + EVERY
+        self._next[topic] = now + MIN_PUBLISH_PERIOD
         return True
 
     def _say(self, topic: str, message: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.emulator import OFFSET, SCALE, EmulatedPort
+from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort
 from pipeline.processes import Closing, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -25,7 +25,7 @@ from pipeline.ros.bridge import Bridge, BridgeError
 from pipeline.ros.controller import BaxterController
 from pipeline.ros.topics import RosTopics, time_message
 
-STEP = 0.002
+TWIN_STEP_SECONDS = 0.002
 """Time between two looks at what has arrived [s]."""
 STATE_EVERY = 0.01
 """Time between two joint states [s]."""
@@ -35,7 +35,7 @@ FAR_BEHIND = 0.5
 """A computer that is this late [s] cannot run the twin in real time; the time is left out, and said."""
 NEVER = 1e6
 """The plant itself never times out [s]: the twin does, as the robot would."""
-OTHERS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")), "torso_t0")
+OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")), "torso_t0")
 """Joints of Baxter that do not move here, among its joint states."""
 
 
@@ -83,14 +83,16 @@ class Twin(Closing):
         self.port = EmulatedPort()
         self.bridge = Bridge(uri)
         self.start = self.behind = 0.0
-        self._order = sorted((*OTHERS, *description.joint_names))
+        self._order = sorted((*OTHER_JOINTS, *description.joint_names))
         self._connect()
 
     @property
     def calibration(self) -> Calibration:
         """Calibration of the emulated load cell."""
-        noise = max(self.robot.settings.cell.noise, SCALE)
-        return Calibration(OFFSET, 0.0, SCALE, 0.0, noise, datetime.now().astimezone().replace(microsecond=0), "twin")
+        noise = max(self.robot.settings.cell.noise, EMULATED_SCALE)
+        return Calibration(
+            EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, datetime.now().astimezone().replace(microsecond=0), "twin"
+        )
 
     def summary(self) -> dict[str, Any]:
         """True values, the load's position, and the received commands, which only the twin knows."""
@@ -133,16 +135,16 @@ class Twin(Closing):
             now = time.monotonic()
             late = now - self.start - self.robot.time
             if late > FAR_BEHIND:
-                self.behind += late - STEP
-                self.start += late - STEP
+                self.behind += late - TWIN_STEP_SECONDS
+                self.start += late - TWIN_STEP_SECONDS
             self.live(now, now - self.start)
-            if self.robot.time >= next_state - STEP / 2:
+            if self.robot.time >= next_state - TWIN_STEP_SECONDS / 2:
                 next_state = max(next_state + STATE_EVERY, self.robot.time)
                 self.publish_joints()
-            if self.robot.time >= next_power - STEP / 2:
+            if self.robot.time >= next_power - TWIN_STEP_SECONDS / 2:
                 next_power = max(next_power + POWER_EVERY, self.robot.time)
                 self.publish_power()
-            time.sleep(max(0.0, self.start + self.robot.time + STEP - time.monotonic()))
+            time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 
     def live(self, now: float, until: float) -> None:
         """Handle the messages that arrived until now [s], and simulate the plant up to a time of its own clock [s]."""
@@ -156,12 +158,12 @@ class Twin(Closing):
             self.robot.command(*reference)
         self.robot.advance(span)
         for sample in self.robot.load_cell():
-            self.port.send(self.port.line(round(OFFSET + sample.force / SCALE)))
+            self.port.send(self.port.line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
 
     def publish_joints(self) -> None:
         """Publish the states of all joints of Baxter, in alphabetical order."""
         state = self.robot.joint_state()
-        rows = dict.fromkeys(OTHERS, (0.0, 0.0, 0.0))
+        rows = dict.fromkeys(OTHER_JOINTS, (0.0, 0.0, 0.0))
         rows |= {
             n: (float(q), float(v), float(t))
             for n, q, v, t in zip(self.robot.joint_names, state.q, state.v, state.tau, strict=True)

@@ -9,7 +9,7 @@ from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.robot.protocol import RobotInterface
 
-LONGEST = 3.0
+MAX_BRAKING_SECONDS = 3.0
 """Braking from the highest speed takes 0.3 s; after this time [s] the robot is told to brake on its own."""
 SETTLED_FOR = 0.3
 """How long the arm is watched at rest [s]: its servo is soft, and the end of the motion belongs to the recording."""
@@ -76,7 +76,7 @@ def _brake(
     try:
         sent = drive.sent_at
         due = sent is None or robot.time - sent >= drive.period / 2
-        for _ in range(round(LONGEST / drive.period)):
+        for _ in range(round(MAX_BRAKING_SECONDS / drive.period)):
             if drive.at_rest:
                 return
             if beat is not None:

@@ -27,7 +27,7 @@ from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState,
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
-from pipeline.nodes.drive import LATEST, DriveNode
+from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
@@ -41,11 +41,11 @@ from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
-CALM = 0.6
+CALM_SECONDS = 0.6
 """Time between settling and swing [s]."""
-LOOK = 1.5
+LANDING_SECONDS = 1.5
 """Time after the finish in which the load must come to rest in the box [s]."""
-FRESH = 0.1
+FIRST_READING_SECONDS = 0.1
 """Time before the first cycle on a real clock [s], in which the robot's latest readings arrive."""
 THINKING = 10.0
 """Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
@@ -148,8 +148,12 @@ class Experiment:
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if rig.real else None
-        self.scheduler = Scheduler(robot, nodes, lambda: THINKING if self.drive.standing else LATEST, each_round)
-        self.watchdog = Watchdog(self.drive.halt, lambda: not self.drive.standing, LATEST) if rig.real else None
+        self.scheduler = Scheduler(
+            robot, nodes, lambda: THINKING if self.drive.standing else MAX_COMMAND_SILENCE, each_round
+        )
+        self.watchdog = (
+            Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE) if rig.real else None
+        )
 
     def run(self) -> Ending:
         """Run the whole protocol; the arm is at rest when it returns, even after a second Ctrl-C."""
@@ -179,7 +183,7 @@ class Experiment:
         self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
-        self._robot.advance(FRESH)
+        self._robot.advance(FIRST_READING_SECONDS)
         self.measurement.discard()
         self.scheduler.begin()
 
@@ -208,7 +212,7 @@ class Experiment:
         self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
-        self._run(Phase.LOOK, 0.95, LOOK)
+        self._run(Phase.LOOK, 0.95, LANDING_SECONDS)
         return self._landed()
 
     def _learn(self) -> None:
@@ -230,7 +234,7 @@ class Experiment:
         self.task.settle(self.estimator.model, self._swing_state)
         longest = self.task.longest_planning + self.settings.task.settling + 2.0
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
-        self._run(Phase.CALM, 0.65, CALM)
+        self._run(Phase.CALM, 0.65, CALM_SECONDS)
 
     def _run(self, phase: Phase, share: float, longest: float, until: Callable[[], bool] | None = None) -> None:
         """Run the nodes for a phase: until a condition holds, and at most for the phase's duration."""

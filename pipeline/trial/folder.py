@@ -19,7 +19,7 @@ OF_THE_LAST = ("report.html", "swing.png", "swing.gif")
 """What is made from a recording: of an older one it must not stand beside a new one."""
 OF_A_TRIAL = (*OF_THE_LAST, "model.toml", "trial.*", "experiment_*")
 """Patterns of all that a trial writes."""
-MOST = 1000
+MAX_PARALLEL_TRIALS = 1000
 """Trials at once that write beside each other."""
 
 
@@ -80,7 +80,9 @@ def own_folder(
     Raises:
         InputError: another trial writes to the given folder, it cannot be written to, or would lose what was read.
     """
-    choices = [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MOST))]
+    choices = (
+        [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MAX_PARALLEL_TRIALS))]
+    )
     for folder in choices:
         with _refused(folder):
             folder.mkdir(parents=True, exist_ok=True)

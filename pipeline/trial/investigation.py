@@ -33,7 +33,7 @@ from pipeline.trial.settings import ProtocolSettings
 
 SECONDS = 8.0
 """Of a designed motion."""
-LIMITS = GripperLimits(swing=0.5)
+SWING_LIMITS = GripperLimits(swing=0.5)
 """A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
 by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
@@ -193,7 +193,7 @@ def investigate(
             stop = Stop.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
-            proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
+            proposal = designed_motion(rivals, SECONDS, SWING_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
@@ -253,10 +253,12 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
 
 def _promising(proposal: Proposal) -> bool:
     """Whether a motion may distinguish at least one pair of rivals."""
-    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(np.any(proposal.outlook.chi2_increase > WORTH))
+    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(
+        np.any(proposal.outlook.chi2_increase > MIN_EXPECTED_GAP)
+    )
 
 
-WORTH = 12.0
+MIN_EXPECTED_GAP = 12.0
 """Rise of chi2 from which a motion is worth making: twice the margin of a tie."""
 
 

@@ -20,7 +20,7 @@ JOINT_SPEED = 0.2
 """Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""
 LINE_SPEED = 0.1
 """Largest speed in the rehearsal [m/s]."""
-SHORTEST = 2.0
+MIN_MOVE_SECONDS = 2.0
 """Least time of one such motion [s]: the load shall not begin to swing."""
 LOOKED_AT = 0.02
 """Spacing of the postures that are looked at along the line [m]; the check looks between them, too."""
@@ -116,7 +116,7 @@ def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture
 
 def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
     """Sample times [s] of a minimum-jerk motion over a distance, and the elapsed share of its duration at each."""
-    duration = max(SHORTEST, FASTEST_SHARE * way / fastest)
+    duration = max(MIN_MOVE_SECONDS, FASTEST_SHARE * way / fastest)
     count = int(np.ceil(duration / PERIOD))
     number = np.arange(count + 1, dtype=float)
     return PERIOD * number, number / count

@@ -31,7 +31,7 @@ THERE = 5e-3
 """How far from the start posture a joint may be to count as there [rad]."""
 WEIGHT_ERROR = 0.2
 """Share of the load's weight by which the load cell may be off at rest: more means another load, or calibration."""
-CALM = 2.0
+CALM_NOISE_FACTOR = 2.0
 """Standard deviations of one sample that the force may vary by at rest, over `CALM_TIME`."""
 CALM_TIME, CALM_PATIENCE = 2.0, 60.0
 """How long the load must hang still, and how long that is waited for [s]."""
@@ -234,7 +234,7 @@ def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> No
         if not len(seen):
             break
         spread = float(np.std(seen))
-        if spread <= CALM * c.force_noise:
+        if spread <= CALM_NOISE_FACTOR * c.force_noise:
             return
     raise TaskFailedError(
         f"the load does not hang still: the force varies by {1e3 * spread:.0f} mN, its noise is "

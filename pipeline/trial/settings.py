@@ -15,7 +15,7 @@ from pipeline.motion.gate import PERIOD
 from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
-SHORTEST, LONGEST = 0.05, 2.0
+MIN_STRING_LENGTH, MAX_STRING_LENGTH = 0.05, 2.0
 """Lengths that are possible [m]: Baxter's line is 0.85 m long and 1.0 m above the floor."""
 
 NUISANCES: dict[str, tuple[str, float, float]] = {
@@ -134,8 +134,8 @@ class TrialSettings(ProtocolSettings):
 
 
 def _check_length(name: str, value: float) -> None:
-    if not (isfinite(value) and SHORTEST <= value <= LONGEST):
+    if not (isfinite(value) and MIN_STRING_LENGTH <= value <= MAX_STRING_LENGTH):
         raise InputError(
-            f"{name} {value:g} m: give a length between {SHORTEST:g} and {LONGEST:g} m, from the pivot to the load's "
-            "centre"
+            f"{name} {value:g} m: give a length between {MIN_STRING_LENGTH:g} and {MAX_STRING_LENGTH:g} m, "
+            "from the pivot to the load's centre"
         )

@@ -12,7 +12,7 @@ from armdyn.model import Model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from pipeline.box import Box
-from pipeline.view.scene import DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
+from pipeline.view.scene import BODY_DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
 from pipeline.view.shapes import Links
 from urdf import Line, Robot
 
@@ -92,7 +92,7 @@ def swing_scene(title: str, kind: str, swing: Swing) -> Scene:
     low, high = float(pivot[:, 0].min()) - 0.15, float(pivot[:, 0].max()) + 0.15
     rail = Body("rail", [block((high - low, 0.012, 0.012), STEEL)],
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
-    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), DARK)], moved(pivot)),
+    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
               Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
     return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 

@@ -23,7 +23,7 @@ from pipeline.report.page import packed, page_head
 
 MOST_FRAMES = 1200
 """Poses that a view holds; what lies between them is interpolated."""
-GREY, STEEL, DARK, LOAD, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
+BODY_GREY, STEEL, BODY_DARK, LOAD_COLOUR, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
 
 
 class Mesh(NamedTuple):
@@ -38,7 +38,7 @@ class Mesh(NamedTuple):
 
     vertices: FloatArray
     faces: np.ndarray
-    colour: str = GREY
+    colour: str = BODY_GREY
     opacity: float = 1.0
 
 
@@ -125,12 +125,12 @@ def moved(positions: FloatArray) -> FloatArray:
     return np.column_stack([positions, np.zeros((len(positions), 3)), np.ones(len(positions))])
 
 
-def ball(radius: float, colour: str = LOAD) -> Mesh:
+def ball(radius: float, colour: str = LOAD_COLOUR) -> Mesh:
     """Mesh of a ball about the origin."""
     return _of(trimesh.creation.icosphere(subdivisions=3, radius=radius), colour)
 
 
-def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = GREY) -> Mesh:
+def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = BODY_GREY) -> Mesh:
     """Mesh of a rod with round ends between two points (3,) [m]."""
     if np.linalg.norm(end - start) < 1e-6:
         sphere = ball(radius, colour)
@@ -159,7 +159,7 @@ def _floats(values: FloatArray) -> str:
 
 
 TEMPLATES = Path(__file__).parent / "templates"
-KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
+SCENE_KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
 
 
 def scene_script() -> str:
@@ -179,7 +179,7 @@ def view_page(scene: Scene, command: str = "") -> str:
     return Template((TEMPLATES / "view.html").read_text(encoding="utf-8")).substitute(
         head=page_head(scene.title, scene_style() + own),
         title=escape(scene.title),
-        subtitle=escape(f"{KINDS[scene.kind]}, {seconds}"),
+        subtitle=escape(f"{SCENE_KINDS[scene.kind]}, {seconds}"),
         note=escape(scene.note),
         footer=escape(f"armdyn {__version__}" + (f" · {command}" if command else "")),
         scene=scene_script(),

@@ -11,16 +11,16 @@ import trimesh
 import yourdfpy
 
 from armdyn.recording.channels import FloatArray
-from pipeline.view.scene import DARK, GREY, STEEL, Body, Mesh, capsule
+from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Body, Mesh, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import quiet
 
 MOST_TRIANGLES = 40_000
 """Of a whole arm: a page of about 1 MB, which a small computer turns smoothly."""
-STANDING = 0.3
+RESTING_TRIANGLE_SHARE = 0.3
 """Share of them for what does not move, such as a torso."""
-FINEST, COARSEST, COARSER = 0.003, 0.06, 1.4
+FINEST_CELL, COARSEST, COARSER = 0.003, 0.06, 1.4
 """Edge of the cells within which vertices of heavy meshes become one [m], and its growth from one try to the next."""
 LARGEST_FILE = 20e6
 """bytes; a mesh beyond it takes longer to read than a person waits for a view."""
@@ -67,7 +67,7 @@ def links_of(robot: Robot) -> Links:
     if not any(found[1:]):
         return Links(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
-    still = round(STANDING * MOST_TRIANGLES)
+    still = round(RESTING_TRIANGLE_SHARE * MOST_TRIANGLES)
     return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MOST_TRIANGLES - still)], note)
 
 
@@ -122,7 +122,7 @@ def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ..
 def _main_colour(part: trimesh.Trimesh) -> str:
     material = getattr(part.visual, "material", None)
     rgba = material.main_color if material is not None else getattr(part.visual, "main_color", None)
-    return GREY if rgba is None or not part.visual.defined else _hex(rgba)
+    return BODY_GREY if rgba is None or not part.visual.defined else _hex(rgba)
 
 
 def _hex(rgba: Sequence[float]) -> str:
@@ -131,7 +131,7 @@ def _hex(rgba: Sequence[float]) -> str:
 
 def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
     """Meshes simplified to at most a number of triangles together, with cells as fine as this allows."""
-    cell, made = FINEST, [list(of_joint) for of_joint in meshes]
+    cell, made = FINEST_CELL, [list(of_joint) for of_joint in meshes]
     while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < COARSEST:
         made = [[_clustered(mesh, cell) for mesh in of_joint] for of_joint in made]
         cell *= COARSER
@@ -163,7 +163,7 @@ def _rods(robot: Robot) -> list[list[Mesh]]:
     radius = float(np.clip(SLENDER * longest, THIN, THICK))
     found = []
     for j, of_joint in enumerate(ends):
-        colour = DARK if j == 0 else GREY if j % 2 else STEEL
+        colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL
         own = [capsule(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
         found.append(own or [capsule(origin, origin, radius, colour)])
     return found

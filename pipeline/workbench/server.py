@@ -28,9 +28,9 @@ from pipeline.workbench.page import TEMPLATES, Page
 HOST = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
-SWITCH = 1e-3
+SWITCH_SECONDS = 1e-3
 """s for which a refit may keep the page's thread waiting at a time."""
-DAY = {"Cache-Control": "max-age=86400"}
+DAY_CACHE = {"Cache-Control": "max-age=86400"}
 IN_ORDER, AT_MOST = 0.3, 0.7
 """s after a signal for which answers that are under way are waited for, and after which the program ends as it is: what
 reads an upload, in a thread, cannot be stopped."""
@@ -101,7 +101,7 @@ def serve(
         await client.connected()
         await own.begin()
 
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_SECONDS)
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
@@ -128,7 +128,7 @@ def _application() -> FastAPI:
         del version  # in the address so that the browser's cache does not return another version of armdyn
         if name not in texts:
             return Response(status_code=404)
-        return Response(texts[name], media_type="text/javascript", headers=DAY)
+        return Response(texts[name], media_type="text/javascript", headers=DAY_CACHE)
 
     application.get(ASSETS + "/{version}/{name}")(asset)
     ui.run_with(application, title="armdyn workbench", dark=None, tailwind=False, show_welcome_message=False,
