@@ -1,4 +1,4 @@
-"""Which robot: its URDF found, validated and mended, and what a URDF cannot say.
+"""Robots: find, validate and mend a URDF, and add the facts that a URDF cannot contain.
 
 Everything is loaded when it is first asked for (PEP 562): a command that reads no robot does not wait for Pinocchio.
 """

@@ -1,4 +1,4 @@
-"""Everything from outside has bounds: one table of limits, one parser of numbers. docs/safety.md shows the table.
+"""Bounds of all input: one table of limits, one parser of numbers. docs/safety.md shows the table.
 
 A limit is set where no honest file comes near and no machine is brought to its knees; what is met is said in one line.
 """
@@ -57,7 +57,7 @@ USER_SECONDS = 8.0
 USER_MEMORY = 2048 * MIB
 """Bytes that it may take meanwhile, beyond what the program has."""
 
-SMALLEST, LARGEST = 1e-15, 1e15
+SMALLEST_SIZE, LARGEST_SIZE = 1e-15, 1e15
 """Size of a number that a person or a program gives, 0 apart, in SI units: beyond, squares and products overflow or
 vanish, and no robot has it."""
 LARGEST_COUNT = 1e20
@@ -69,13 +69,13 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def number(text: str) -> float:
-    """The number that a text is: decimal digits, a point, an exponent.
+    """Parse a number from a text: decimal digits, a point, an exponent.
 
     Python reads more: ``1_000``, digits of other scripts, ``nan``, ``1e999`` as infinite. To a person these are
     mistakes.
 
     Raises:
-        ValueError: it is no finite number.
+        ValueError: the text is no finite number.
     """
     plain = text.strip(" \t")
     if len(plain) > LONGEST_CELL or _NUMBER.fullmatch(plain) is None:
@@ -87,11 +87,11 @@ def number(text: str) -> float:
 
 
 def is_sane(value: float) -> bool:
-    """Whether a number is 0 or of a size that something has."""
-    return value == 0.0 or SMALLEST <= abs(value) <= LARGEST
+    """Whether a number is 0 or of a plausible size."""
+    return value == 0.0 or SMALLEST_SIZE <= abs(value) <= LARGEST_SIZE
 
 
 def shown(text: str, longest: int = 60) -> str:
-    """As much of a text as a message shows, without what a terminal would act on."""
+    """A text shortened for a message, without control characters of a terminal."""
     cut = text if len(text) <= longest else f"{text[:longest]}..."
     return "".join(c if c.isprintable() else "?" for c in cut)

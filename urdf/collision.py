@@ -1,4 +1,4 @@
-"""Whether an arm touches itself or the rest of its robot."""
+"""Collisions of an arm with itself or with the rest of its robot."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -19,14 +19,14 @@ class Clearance(NamedTuple):
 
 
 def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
-    """Model of the arm, and the collision shapes of the whole robot on it.
+    """Pinocchio model of the arm, and the collision shapes of the whole robot attached to it.
 
     Raises:
         UrdfError: a mesh cannot be read.
     """
     with told(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
         full = pin.buildModelFromXML(robot.urdf_xml)
-        # Directories go in by name: pin 4.1 takes the third positional argument for something else.
+        # Directories are passed by name: in pin 4.1 the third positional argument has another meaning.
         shapes = pin.buildGeomFromUrdfString(
             full,
             robot.urdf_xml,
@@ -47,7 +47,7 @@ class CollisionModel:
     Pairs that its SRDF or its settings exclude are left out, and so are links joined by one joint.
 
     Args:
-        robot: the arm; the rest of its robot stands still at its neutral posture.
+        robot: the arm; the rest of the robot is fixed at its neutral posture.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -62,7 +62,7 @@ class CollisionModel:
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Links that are checked against each other."""
+        """Pairs of links that are checked against each other."""
         return tuple(self._links(index) for index in range(len(self._shapes.collisionPairs)))
 
     def touching(self, q: Array) -> tuple[str, str] | None:
@@ -78,10 +78,10 @@ class CollisionModel:
         return None
 
     def clearance(self, q: Array) -> Clearance:
-        """How close the arm comes to anything at a posture (n,).
+        """The closest pair of checked links at a posture (n,), and their distance.
 
-        Meshes are as far apart as their convex hulls, or farther: only pairs whose hulls are closer than the closest
-        meshes so far are measured themselves.
+        Meshes are at least as far apart as their convex hulls: a pair of meshes is measured only where the hulls are
+        closer than the closest meshes so far.
         """
         pin.computeDistances(self._model, self._data, self._hulls, self._hull_results, np.asarray(q))
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._results)
@@ -99,7 +99,7 @@ class CollisionModel:
         return Clearance(float(least), *self._links(closest))
 
     def _follow(self, srdf: Path) -> None:
-        """Leave out what an SRDF says.
+        """Leave out the pairs of links that an SRDF excludes.
 
         Raises:
             UrdfError: it cannot be read.
@@ -128,13 +128,13 @@ class CollisionModel:
 
 
 def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset[int]]:
-    """The same shapes with convex hulls for meshes, and the pairs for which that is not the same."""
+    """Copy of collision shapes with convex hulls for meshes, and the pairs whose distance this changes."""
     hulls = pin.GeometryModel(shapes)
     hollow = set()
     for number, shape in enumerate(hulls.geometryObjects):
         mesh = shape.geometry
         if hasattr(mesh, "buildConvexHull"):
-            if not mesh.buildConvexHull(True, "Qt"):  # it answers whether the mesh is convex itself
+            if not mesh.buildConvexHull(True, "Qt"):  # the call also returns whether the mesh is convex itself
                 hollow.add(number)
             shape.geometry = mesh.convex
     pairs = enumerate(hulls.collisionPairs)

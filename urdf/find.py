@@ -1,4 +1,4 @@
-"""Where robot descriptions and their meshes live on this machine."""
+"""Find robot descriptions and their meshes on this machine."""
 
 import os
 import sys
@@ -18,7 +18,7 @@ def distribution_file(distribution: str, tail: str) -> Path:
         tail: last parts of the file's path.
 
     Raises:
-        UrdfError: the package or the file is not there.
+        UrdfError: the package or the file is missing.
     """
     try:
         files = metadata.files(distribution) or []
@@ -31,13 +31,13 @@ def distribution_file(distribution: str, tail: str) -> Path:
 
 
 def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
-    """Directories that hold the packages which a URDF names in ``package://name/...``.
+    """Directories that contain the packages named in a URDF as ``package://name/...``.
 
     The directories above the URDF are tried first, nearest first, then ``$ROS_PACKAGE_PATH``.
 
     Args:
-        urdf_path: the URDF's file.
-        uris: names of the meshes in it.
+        urdf_path: file of the URDF.
+        uris: names of the meshes in the URDF.
     """
     names = {uri.removeprefix("package://").partition("/")[0] for uri in uris if uri.startswith("package://")}
     searched = [
@@ -54,7 +54,7 @@ def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
 
 
 def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Path | None:
-    """The file that a mesh's ``filename`` means, or None where there is no such file."""
+    """The file of a mesh's ``filename``; None where there is no such file."""
     scheme, found, rest = uri.partition("://")
     if found and scheme == "package":
         candidates = [directory / rest for directory in directories]
@@ -66,17 +66,17 @@ def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Pat
 
 
 def find_meshes(root: ET.Element, path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The package directories of a URDF, and the names of meshes that are not there."""
+    """The package directories of a URDF, and the names of missing meshes."""
     uris = dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh") if mesh.get("filename"))
     directories = package_dirs(path, uris)
     places = {uri: locate_mesh(uri, path, directories) for uri in uris}
     for mesh in filter(None, places.values()):
-        sys.audit("open", str(mesh), "rb", os.O_RDONLY)  # by Pinocchio, which tells nobody
+        sys.audit("open", str(mesh), "rb", os.O_RDONLY)  # Pinocchio opens these files without reporting it to Python
     return directories, tuple(uri for uri, mesh in places.items() if mesh is None)
 
 
 def make_absolute(root: ET.Element, path: Path) -> None:
-    """Write relative mesh names of a URDF in full, in place, so that its text can be read from anywhere."""
+    """Replace relative mesh names of a URDF by absolute ones, in place, so that its text can be read anywhere."""
     for mesh in root.iter("mesh"):
         uri = str(mesh.get("filename", ""))
         if uri and "://" not in uri:
@@ -84,7 +84,7 @@ def make_absolute(root: ET.Element, path: Path) -> None:
 
 
 def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
-    """Remove visual and collision shapes whose mesh is not there.
+    """Remove visual and collision shapes whose mesh is missing.
 
     Args:
         root: the URDF; changed in place.

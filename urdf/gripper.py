@@ -1,9 +1,9 @@
-"""Which joints of a robot hold things: told by what they move and how far, not by their names."""
+"""Find a robot's gripper joints by what they move and how far, not by their names."""
 
 import math
 from xml.etree import ElementTree as ET
 
-from urdf.validate import MOVING, link_of
+from urdf.validate import MOVING_JOINT_TYPES, link_of
 
 LIGHT = 1 / 15
 """Largest share that fingers have of what the first joint of their chain moves. Over the 69 robots of the package
@@ -16,7 +16,7 @@ OPENING = {"revolute": math.pi, "prismatic": 0.1}
 
 
 def gripper_joints(root: ET.Element) -> frozenset[str]:
-    """Joints of grippers and hands, with all beyond them.
+    """Names of joints of grippers and hands, with all joints behind them.
 
     They move little of the arm's mass, and either there are several on one palm, or one copies another, or it is a lone
     jaw: the last joint, which opens less than half a turn and is lighter than what carries it.
@@ -25,7 +25,7 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
         root: the URDF, one tree.
 
     Returns:
-        Their names; none where all joints would be a gripper's, as in the description of a hand alone.
+        Names of the joints; empty where all joints would be a gripper's, as in the description of a hand alone.
     """
     tree = _Tree(root)
     copies = [joint for joint in tree.joints.values() if joint.find("mimic") is not None]
@@ -44,13 +44,13 @@ class _Tree:
     """Masses along the joints of a URDF.
 
     Attributes:
-        joints: by name.
-        moving: names of those that move.
+        joints: joints by name.
+        moving: names of the joints that move.
     """
 
     def __init__(self, root: ET.Element) -> None:
         self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
-        self.moving = [name for name, joint in self.joints.items() if joint.get("type") in MOVING]
+        self.moving = [name for name, joint in self.joints.items() if joint.get("type") in MOVING_JOINT_TYPES]
         self._carrier = {link_of(joint, "child"): name for name, joint in self.joints.items()}
         self._carried: dict[str, list[str]] = {}
         for name, joint in self.joints.items():
@@ -61,7 +61,7 @@ class _Tree:
         }
 
     def is_light(self, name: str) -> bool:
-        """Whether a joint moves a small share of what the first of its chain moves."""
+        """Whether a joint moves only a small share of the mass that the first joint of its chain moves."""
         first = before = name
         while before:
             first = before if before in self.moving else first
@@ -69,7 +69,7 @@ class _Tree:
         return self._moved(name) < LIGHT * self._moved(first)
 
     def is_jaw(self, name: str) -> bool:
-        """Whether a joint opens and closes a lone jaw against what carries it."""
+        """Whether a joint opens and closes a single jaw against the link that carries it."""
         joint, limit = self.joints[name], self.joints[name].find("limit")
         if limit is None or joint.get("type") not in OPENING or self.beyond(name):
             return False
@@ -83,25 +83,25 @@ class _Tree:
         return next_ones + [further for each in next_ones for further in self.beyond(each)]
 
     def on(self, link: str, *, inner: bool = True) -> list[str]:
-        """Moving joints that hang on a link and on what is fixed to it; `inner`: also towards the base."""
+        """Moving joints on a link and on links fixed to it; with `inner`, also those towards the base."""
         links = self._rigid(link) if inner else self._fixed_to(link)
         return [name for each in links for name in self._carried.get(each, ()) if name in self.moving]
 
     def _rigid(self, link: str) -> list[str]:
-        """A link with all that is fixed to it, on either side."""
+        """A link with all links that are fixed to it, on either side."""
         while (carrier := self._carrier.get(link)) is not None and carrier not in self.moving:
             link = link_of(self.joints[carrier], "parent")
         return self._fixed_to(link)
 
     def _fixed_to(self, link: str) -> list[str]:
-        """A link with all that is fixed to it, away from the base."""
+        """A link with all links that are fixed to it, away from the base."""
         found = [link]
         for each in found:
             found += [link_of(self.joints[n], "child") for n in self._carried.get(each, ()) if n not in self.moving]
         return found
 
     def _moved(self, name: str) -> float:
-        """Mass of all that a joint moves, kg."""
+        """Mass [kg] of all links that a joint moves."""
         links = self._fixed_to(link_of(self.joints[name], "child"))
         behind = (n for link in links for n in self._carried.get(link, ()) if n in self.moving)
         return sum(self._own[link] for link in links) + sum(map(self._moved, behind))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from urdf.gripper import gripper_joints
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING, link_of
+from urdf.validate import MOVING_JOINT_TYPES, link_of
 
 SPEED_UP = 0.1  # s from rest to full speed
 JERK_TIME = 0.02  # s from none to full acceleration
@@ -18,7 +18,7 @@ SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
-TRIED = 2000  # random postures among which a home is chosen
+RANDOM_POSTURES = 2000  # random postures among which a home is chosen
 GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
 
@@ -26,14 +26,14 @@ GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 def infer(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
 ) -> tuple[Settings, tuple[str, ...]]:
-    """Choose an arm and its tool.
+    """Choose an arm and its tool in a URDF.
 
     The arm is the chain with most moving joints from the root, without those of a gripper; its tool is the last link
     that moves with it and carries no further joint.
 
     Args:
         root: the URDF, one tree.
-        path: its file.
+        path: file of the URDF.
         joints: the arm's joints from base to tool; None to choose.
         tool: the link that carries the tool; None to choose.
 
@@ -43,7 +43,7 @@ def infer(
     moving = {
         str(joint.get("name")): joint
         for joint in root.findall("joint")
-        if joint.get("type") in MOVING and joint.find("mimic") is None
+        if joint.get("type") in MOVING_JOINT_TYPES and joint.find("mimic") is None
     }
     chains = _chains(root)
     said: list[str] = []
@@ -75,7 +75,7 @@ def infer(
 
 
 def copied(root: ET.Element) -> dict[str, str]:
-    """By joints that follow another one, as fingers do: that one."""
+    """For each joint that follows another one, as fingers do, the name of the other joint."""
     return {
         str(joint.get("name")): str(mimic.get("joint"))
         for joint in root.findall("joint")
@@ -84,12 +84,12 @@ def copied(root: ET.Element) -> dict[str, str]:
 
 
 def is_gripper(name: str) -> bool:
-    """Whether a name is that of a part which holds things."""
+    """Whether a name is that of a part of a gripper."""
     return any(part in name.lower() for part in GRIPPERS)
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:
-    """A posture (n,) far from joint limits and from singularities, the best of many random ones.
+    """A home posture (n,) far from joint limits and singularities, the best of many random ones.
 
     Args:
         model: the arm alone.
@@ -99,10 +99,10 @@ def assumed_home(model: pin.Model, tool_frame: int) -> Array:
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)
     best, best_score = (lower + upper) / 2, -1.0
-    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (TRIED, model.nq)):
+    for q in rng.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower), (RANDOM_POSTURES, model.nq)):
         jacobian = pin.computeFrameJacobian(model, data, q, tool_frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        jacobian = jacobian.reshape(6, model.nv)  # Pinocchio drops the second axis of a single joint
-        # The smallest singular value that counts: an arm of few joints has only that many.
+        jacobian = jacobian.reshape(6, model.nv)  # Pinocchio removes the second axis for a single joint
+        # The smallest singular value that counts: an arm with few joints has as many singular values as joints.
         singular = float(np.linalg.svd(jacobian, compute_uv=False)[min(6, model.nv) - 1])
         margin = float(np.min(np.minimum(q - lower, upper - q) / (upper - lower)))
         if singular * margin > best_score:
@@ -128,15 +128,15 @@ def _chains(root: ET.Element) -> list[tuple[list[str], list[str]]]:
 
 
 def _tool(root: ET.Element, chains: list[tuple[list[str], list[str]]], joints: tuple[str, ...]) -> str:
-    """The last link that moves with the last of the joints and with no other."""
-    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING}
+    """The last link that moves with the last joint and with no further one."""
+    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING_JOINT_TYPES}
     best: list[str] = []
     for chain, links in chains:
         if joints[-1] not in chain:
             continue
         start = chain.index(joints[-1])
         end = next((i for i in range(start + 1, len(chain)) if chain[i] in moving), len(chain))
-        # links[i + 1] is what chain[i] carries.
+        # links[i + 1] is the link that chain[i] carries.
         if end - start > len(best):
             best = links[start + 1 : end + 1]
     if best:

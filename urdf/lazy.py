@@ -1,4 +1,4 @@
-"""Packages whose names are loaded when they are first asked for (PEP 562), so that importing them takes no time."""
+"""Lazy packages: their names are loaded at the first use (PEP 562), so that importing them takes no time."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -6,11 +6,11 @@ from typing import Any
 
 
 def lazy_names(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package.
+    """The ``__getattr__`` of a package whose names are loaded at the first use.
 
     Args:
-        package: its name.
-        files: by name: the module where it is defined; of a module that is public itself, its own name.
+        package: name of the package.
+        files: module that defines each name; for a module that is public itself, its own name.
     """
 
     def load(name: str) -> Any:

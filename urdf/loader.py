@@ -1,4 +1,4 @@
-"""From a name or a path to a robot that can be trusted."""
+"""Load a validated robot by its name or from a file."""
 
 import difflib
 import hashlib
@@ -43,11 +43,11 @@ def load(
     Args:
         name_or_path: a known robot's name, a URDF file, or a settings file (``.toml``) that names its URDF.
         joints: the arm's joints from base to tool; those of the settings, else the longest chain, if not given.
-        tool: the link that carries the tool; chosen likewise.
+        tool: the link that carries the tool; that of the settings, else the last moving link, if not given.
         meshes: whether every mesh must be there; without it, shapes whose mesh is missing are left out and listed.
 
     Returns:
-        The robot; what was found wrong and what was done about it is in its ``defects``.
+        The robot; its ``defects`` list what was wrong, and what was done about it.
 
     Raises:
         UrdfError: the description is unknown or cannot be used.
@@ -82,13 +82,13 @@ def load(
 
 @dataclass(frozen=True)
 class _Description:
-    """A file, checked.
+    """A checked robot description.
 
     Attributes:
         path: the file.
-        root: as a URDF.
-        notes: sentences that whoever makes a model must know.
-        changed: further ones.
+        root: the description as a URDF.
+        notes: sentences that a user who makes a model must know.
+        changed: further sentences, about changes.
         mjcf: what MuJoCo made of it, if it is an MJCF.
     """
 
@@ -99,7 +99,7 @@ class _Description:
     mjcf: "Mjcf | None" = None
 
     def dynamics(self, joints: tuple[str, ...]) -> Dynamics:
-        """What it says of an arm that a URDF has no place for."""
+        """Dynamics of an arm in the description that a URDF cannot contain."""
         if self.mjcf is None:
             return IN_A_URDF
         from urdf.mjcf_dynamics import arm_dynamics
@@ -107,7 +107,7 @@ class _Description:
         return arm_dynamics(self.mjcf, joints)
 
     def left_out(self, joints: tuple[str, ...]) -> list[str]:
-        """What it says of the joints of an arm and is not part of the arm."""
+        """Sentences on entries about an arm's joints that the arm's model does not include."""
         if self.mjcf is not None:
             return []
         said: dict[tuple[str, str], list[str]] = {
@@ -142,7 +142,7 @@ def _read(path: Path) -> _Description:
 
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
-    """Files of the URDF and the SRDF that settings name: in a package, or beside the settings."""
+    """Files of the URDF and the SRDF named by settings, in a package or beside the settings."""
 
     def find(key: str, name: str) -> Path:
         package = settings.urdf.distribution
@@ -178,7 +178,7 @@ def _narrowed(settings: Settings, joints: Sequence[str] | None, tool: str | None
 
 
 def _assemble(described: _Description, srdf: Path | None, settings: Settings, text: str, meshes: bool) -> Robot:
-    """The robot of a description, mended in place, and its settings, whose text is part of the fingerprint."""
+    """The robot of a description, which is mended in place, and of settings, whose text is part of the fingerprint."""
     joints, root, path = settings.arm.joints, described.root, described.path
     validate.check_limits(root, path, joints)
     defects = [*described.changed, *complete_limits(root, joints)]
@@ -250,7 +250,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
 
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
-    """Model of the arm alone, in the order of its joints from base to tool, and the joints that it carries held."""
+    """Model of the arm alone, with joints in order from base to tool and carried joints fixed."""
     with told(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
@@ -287,7 +287,7 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
 
 
 def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
-    """What the joints may do; None where their description does not say it."""
+    """Limits of the joints; None where their description lacks them."""
     if missing_limits(model):
         return None
     velocity = np.array(model.velocityLimit)
@@ -303,7 +303,7 @@ def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
 
 
 def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
-    """What was found wrong with the inertias of links that the arm moves, where it changes the torques."""
+    """Sentences on wrong inertias of links that the arm moves, where they change the torques."""
     moved = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint}
     replaced = [one.link for one in judged if one.link in moved and one.moments is not None]
     said = [one.sentence for one in judged if one.link in moved and not one.possible]
@@ -315,7 +315,7 @@ def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
 
 
 def _weightless(model: pin.Model) -> list[str]:
-    """A sentence per joint that moves nothing: its acceleration under a torque has no answer."""
+    """A sentence per joint that moves no mass, whose acceleration under a torque is undefined."""
     carried = [inertia.mass for inertia in model.inertias]
     for joint in range(model.njoints - 1, 0, -1):
         carried[model.parents[joint]] += carried[joint]

@@ -1,4 +1,4 @@
-"""What a URDF lacks, or says in a way that an arm cannot use, is added or rewritten; impossible inertias are mended."""
+"""Mend a URDF: add or rewrite entries that an arm needs, and replace impossible inertias."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -13,9 +13,9 @@ from urdf.find import locate_mesh
 from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
-from urdf.validate import LIMITS, MOVING
+from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
-TURN = 2 * math.pi
+FULL_TURN = 2 * math.pi
 
 
 def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
@@ -29,7 +29,7 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
 
 
 def tell_apart(root: ET.Element) -> list[str]:
-    """Rename links that are called as a joint is, in place: Pinocchio looks both up in one list.
+    """Rename links that have the name of a joint, in place, because Pinocchio keeps both in one list.
 
     Returns:
         A sentence per link.
@@ -49,20 +49,20 @@ def tell_apart(root: ET.Element) -> list[str]:
 
 
 def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give every joint a ``<limit>``, without which urdfdom reads none; zeros stand for a limit that is not given.
+    """Give every joint a ``<limit>``, without which urdfdom does not read it; zeros mean that a limit is not given.
 
     The arm's endless joints get one turn to either side, so that each has one coordinate and a margin.
 
     Args:
         root: the URDF; changed in place.
-        joints: of the arm.
+        joints: names of the arm's joints.
 
     Returns:
         A sentence per endless joint.
     """
     sentences = []
     for joint in root.findall("joint"):
-        if joint.get("type") not in MOVING:
+        if joint.get("type") not in MOVING_JOINT_TYPES:
             continue
         limit = joint.find("limit")
         # Exporters write joints that turn without end as revolute ones whose limit holds effort and velocity only.
@@ -73,9 +73,9 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-TURN))
-            limit.set("upper", repr(TURN))
-        for key in LIMITS:
+            limit.set("lower", repr(-FULL_TURN))
+            limit.set("upper", repr(FULL_TURN))
+        for key in LIMIT_NAMES:
             limit.set(key, limit.get(key, "0"))
     return sentences
 
@@ -85,7 +85,7 @@ SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes sug
 LIGHTEST = 1e-3  # kg; lighter links only mark a place
 SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
 BALANCE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
-MOMENTS = ("ixx", "iyy", "izz")
+MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 Box = tuple[Array, Array]
@@ -93,13 +93,13 @@ Box = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Judged:
-    """What is wrong with the inertia of a link.
+    """Judgement of the inertia of a link that has a defect.
 
     Attributes:
-        link: its name.
-        sentence: what, and what was done about it.
-        moments: of the shapes, (3,) [kg m^2], that it got; None where it was left as it is.
-        possible: whether some body has the inertia as it is now.
+        link: name of the link.
+        sentence: the defect, and what was done about it.
+        moments: moments of inertia (3,) [kg m^2] from the shapes that replace it; None where it was not changed.
+        possible: whether a body can have the present inertia.
     """
 
     link: str
@@ -109,7 +109,7 @@ class Judged:
 
 
 def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
-    """Hold every link's inertia against its mass and its collision shapes.
+    """Compare every link's inertia with its mass and its collision shapes, and mend impossible ones.
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
     0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
@@ -117,11 +117,11 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
     Args:
         root: the URDF; changed in place.
-        path: its file, to find meshes; without it meshes are not measured.
-        directories: where packages are looked up.
+        path: file of the URDF, to find meshes; without it meshes are not measured.
+        directories: directories that contain packages.
 
     Returns:
-        One per link with which something is wrong.
+        A judgement per link with a defect.
 
     Raises:
         UrdfError: a mesh cannot be read.
@@ -133,14 +133,14 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
             continue
         name = str(link.get("name"))
         mass = float(mass_element.get("value", "0"))
-        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENTS, PRODUCTS))
+        moments, products = ([float(inertia_element.get(key, "0")) for key in of] for of in (MOMENT_NAMES, PRODUCTS))
         boxes = list(_boxes(link, path, directories, mass, max(moments)))
         judged = _judge(name, mass, moments, products, boxes)
         if judged is None:
             continue
         found.append(judged)
         if judged.moments is not None:
-            for key, value in zip(MOMENTS, judged.moments, strict=True):
+            for key, value in zip(MOMENT_NAMES, judged.moments, strict=True):
                 inertia_element.set(key, repr(float(value)))
             for key in PRODUCTS:
                 inertia_element.set(key, "0")
@@ -148,7 +148,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
 
 def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
-    """What is wrong with an inertia."""
+    """Judge one link's inertia; None where nothing is wrong."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
     solid = _inertia_of_boxes(mass, boxes) if extent >= PLACEHOLDER and mass > 0 else None
     if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
@@ -174,7 +174,7 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
 
 
 def no_body(inertia: Array) -> str:
-    """Why no body has an inertia about its centre, (3, 3) upper triangle [kg m^2]; empty where one has it.
+    """Why no body can have an inertia about its centre, (3, 3) upper triangle [kg m^2]; empty where one can.
 
     A principal moment is a sum of squares over the body, and at most the sum of the two others.
     """

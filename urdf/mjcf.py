@@ -1,4 +1,4 @@
-"""A robot in MuJoCo's own XML, an MJCF: compiled by MuJoCo, and taken over from what MuJoCo made of it.
+"""Read a robot in MuJoCo's XML format, MJCF: MuJoCo compiles it, and the result is converted to a URDF.
 
 Defaults, includes, frames, orientations of every kind and the inertias of shapes are MuJoCo's work. Bodies and joints
 become a URDF here, from which everything else goes on; `urdf.mjcf_dynamics` has what a URDF cannot say.
@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.quiet import told
-from urdf.robot import ASSUMED, Array, UrdfError
+from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
 SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
@@ -29,15 +29,15 @@ OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARE
 
 @dataclass(frozen=True)
 class Mjcf:
-    """What MuJoCo made of a file.
+    """An MJCF file compiled by MuJoCo.
 
     Attributes:
         path: the file.
-        model: compiled, an ``MjModel``.
-        bodies: by index the name of each body.
-        joints: likewise of each joint; one without a name is called after its body.
+        model: compiled ``MjModel``.
+        bodies: name of each body by index.
+        joints: name of each joint by index; a joint without a name is named after its body.
         root: bodies, hinges and slides as a URDF.
-        sentences: what was assumed or left out.
+        sentences: sentences on what was assumed or left out.
     """
 
     path: Path
@@ -52,10 +52,10 @@ def read_mjcf(path: Path) -> Mjcf:
     """Let MuJoCo compile a file, and write its bodies and joints as a URDF.
 
     Raises:
-        UrdfError: MuJoCo refuses the file, told in its own words; or a number in it is none.
+        UrdfError: MuJoCo refuses the file, with its own words; or a number in the file is nan or infinite.
     """
     model, noticed = _compiled(path)
-    if any("NaN" in text for text in noticed):  # MuJoCo takes it as if nothing were written there
+    if any("NaN" in text for text in noticed):  # MuJoCo ignores this entry
         raise UrdfError(f"{path}: {_nan_in(path)} holds 'nan', which is no number; correct it")
     bodies = _names(model, mujoco.mjtObj.mjOBJ_BODY, model.nbody, lambda i: f"body_{i}")
     joints = _names(model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, lambda j: f"{bodies[model.jnt_bodyid[j]]}_joint")
@@ -65,11 +65,11 @@ def read_mjcf(path: Path) -> Mjcf:
     sentences.append(f"it has no speed limits; {SPEED['revolute']:g} rad/s and {SPEED['prismatic']:g} m/s were assumed")
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
-    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED}{sentence}" for sentence in sentences))
+    return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED_PREFIX}{sentence}" for sentence in sentences))
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:
-    """The compiled model, and what MuJoCo warns of."""
+    """The compiled model, and MuJoCo's warnings."""
     noticed: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: noticed.append(f"MuJoCo warns: {' '.join(str(text).split())}"))
@@ -83,7 +83,7 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
 
 
 def _tell_of_parts(path: Path) -> None:
-    """Tell Python of the files that MuJoCo opens beside this one, as it tells nobody itself."""
+    """Report to Python's audit the further files that MuJoCo opens, because MuJoCo does not report them."""
     root = ET.parse(path).getroot()
     folders = {value for part in root.iter("compiler") for key, value in part.attrib.items() if key.endswith("dir")}
     for file in {element.get("file", "") for element in root.iter()} - {""}:
@@ -92,7 +92,7 @@ def _tell_of_parts(path: Path) -> None:
 
 
 def _nan_in(path: Path) -> str:
-    """The element of a file that holds a number which is none."""
+    """The element of a file that contains nan."""
     for element in ET.parse(path).iter():
         for key, text in element.attrib.items():
             if "nan" in text.lower().split():
@@ -101,7 +101,7 @@ def _nan_in(path: Path) -> str:
 
 
 def _names(model: Any, kind: Any, count: int, otherwise: Callable[[int], str]) -> tuple[str, ...]:
-    """By index the names of bodies or joints, and one for each that has none."""
+    """Names of bodies or joints by index, with a new name for each that has none."""
     given = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
     taken, found = set(filter(None, given)), list[str]()
     for i, own in enumerate(given):
@@ -110,7 +110,7 @@ def _names(model: Any, kind: Any, count: int, otherwise: Callable[[int], str]) -
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """The name, longer where it is taken; taken from now on."""
+    """The name, made longer where it is in use; it counts as used from now on."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -118,7 +118,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _check_numbers(path: Path, model: Any, bodies: tuple[str, ...], joints: tuple[str, ...]) -> None:
-    """Refuse a number that is none: MuJoCo lets it pass.
+    """Refuse numbers that are not finite, which MuJoCo accepts.
 
     Raises:
         UrdfError: names the body, joint, tendon or actuator.
@@ -144,14 +144,14 @@ class _Tree:
 
     Attributes:
         root: of the URDF.
-        held: a sentence per joint that has no place in a URDF.
+        held: a sentence per joint that a URDF cannot contain, and that is fixed.
     """
 
     def __init__(self, name: str, model: Any, bodies: tuple[str, ...], joints: tuple[str, ...]) -> None:
         self.root, self.held = ET.Element("robot", name=name), list[str]()
         self._model, self._bodies, self._joints = model, bodies, joints
         self._taken, self._efforts = {*bodies, *joints}, _efforts(model)
-        self._shifts = np.zeros((model.nbody, 3))  # of a link's origin from its body's
+        self._shifts = np.zeros((model.nbody, 3))  # offset of a link's origin from its body's origin
         self._link(bodies[0])
         for body in range(1, model.nbody):
             self._add_body(body)
@@ -175,7 +175,7 @@ class _Tree:
         placement = _pose(m.body_pos[body] - self._shifts[parent], m.body_quat[body])
         inner, shift = self._bodies[parent], np.zeros(3)
         for j in single:
-            # MuJoCo turns a body by one of its joints after the other, each where those before have brought it.
+            # MuJoCo applies a body's joints one after the other, each in the frame that the earlier ones give.
             placement = placement * pin.SE3(np.eye(3), m.jnt_pos[j] - shift) * self._to_zero(j)
             link = name if j == single[-1] else _free(f"{name}_{self._joints[j]}", self._taken)
             self._link(link)
@@ -193,7 +193,7 @@ class _Tree:
             )
 
     def _to_zero(self, j: int) -> pin.SE3:
-        """From where the file has a joint, at its ``ref``, to where its position is 0."""
+        """Transform of a joint from its position in the file, ``ref``, to position 0."""
         back, axis = -float(self._model.qpos0[self._model.jnt_qposadr[j]]), np.array(self._model.jnt_axis[j])
         if self._model.jnt_type[j] == SLIDE:
             return pin.SE3(np.eye(3), back * axis)
@@ -212,7 +212,7 @@ class _Tree:
                 limit.set(key, repr(bound))
 
     def _couple(self) -> None:
-        """Joints that follow others, as the fingers of a gripper do."""
+        """Add ``<mimic>`` to joints that follow others, as the fingers of a gripper do."""
         m, elements = self._model, {joint.get("name"): joint for joint in self.root.findall("joint")}
         for i in np.flatnonzero(m.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)):
             if m.eq_active0[i] and m.eq_obj2id[i] >= 0:
@@ -231,7 +231,7 @@ class _Tree:
 
 
 def _efforts(model: Any) -> dict[int, float]:
-    """By joint the largest force of its own limit, or of the actuators that drive it, where they say one."""
+    """Effort limit by joint: its own, or that of the actuators that drive it, where there is one."""
     found: dict[int, float] = {}
     for i in range(model.nu):
         size = 0.0
@@ -247,6 +247,6 @@ def _efforts(model: Any) -> dict[int, float]:
 
 
 def _pose(position: Array, quaternion: Array) -> pin.SE3:
-    """A frame from a position (3,), m, and a quaternion (4,), the scalar first."""
+    """A frame from a position (3,) [m] and a quaternion (4,), the scalar first."""
     w, x, y, z = quaternion
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix(), np.array(position))

@@ -1,4 +1,4 @@
-"""What an MJCF says of an arm and a URDF has no place for: gravity, rotors, damping, dry friction, springs.
+"""Dynamics of an arm from an MJCF that a URDF cannot contain: gravity, rotors, damping, dry friction, springs.
 
 What else acts on the arm in MuJoCo is refused by name, and in the end the arm's torques are held against MuJoCo's.
 """
@@ -14,9 +14,9 @@ from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
 
 STATES = 5
 """Random states at which the torques are held against MuJoCo's."""
-ALIKE = 1e-9
+TORQUE_TOLERANCE = 1e-9
 """Of the largest torque, at least 1 N m or N; the programs differ by 1e-14 where they mean the same."""
-DISABLED = mujoco.mjtDisableBit
+DISABLED_FLAGS = mujoco.mjtDisableBit
 OF_JOINT, OF_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 SHAPED = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 """What parts of a tendon are."""
@@ -25,14 +25,14 @@ TIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
 
 def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
-    """What acts on an arm's joints beside its bodies, all other joints being held at 0.
+    """Torques on an arm's joints in addition to its rigid bodies, with all other joints fixed at 0.
 
     Args:
-        mjcf: the file.
-        arm: names of its joints.
+        mjcf: compiled file.
+        arm: names of the arm's joints.
 
     Raises:
-        UrdfError: names an element that acts on the arm and has no place in its model.
+        UrdfError: an element acts on the arm and cannot be in its model; the message names it.
     """
     reader = _Reader(mjcf, frozenset(arm))
     for i in range(mjcf.model.njnt):
@@ -44,28 +44,28 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
     for i in range(mjcf.model.neq):
         reader.check_equality(i)
     off = mjcf.model.opt.disableflags
-    zeroed = {"damping": off & DISABLED.mjDSBL_DAMPER, "friction": off & DISABLED.mjDSBL_FRICTIONLOSS}
+    zeroed = {"damping": off & DISABLED_FLAGS.mjDSBL_DAMPER, "friction": off & DISABLED_FLAGS.mjDSBL_FRICTIONLOSS}
     joints = {
         joint: JointDynamics(**{key: 0.0 if zeroed.get(key) else value for key, value in values.items()})
         for joint, values in reader.values.items()
     }
-    springs = () if off & DISABLED.mjDSBL_SPRING else tuple(reader.springs)
+    springs = () if off & DISABLED_FLAGS.mjDSBL_SPRING else tuple(reader.springs)
     return Dynamics(reader.gravity(), joints, springs)
 
 
 def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
-    """Hold the torques of an arm against MuJoCo's: gravity, inertia, springs and damping at random states.
+    """Compare an arm's torques with MuJoCo's at random states: gravity, inertia, springs and damping.
 
     Args:
         mjcf: the file.
         model: the arm, its rotors and gravity included.
-        dynamics: what acts on its joints beside.
+        dynamics: additional torques on its joints.
 
     Raises:
-        UrdfError: they differ.
+        UrdfError: the torques differ.
     """
     compiled, names = mjcf.model.__copy__(), list(model.names)[1:]
-    compiled.opt.disableflags |= DISABLED.mjDSBL_CONSTRAINT
+    compiled.opt.disableflags |= DISABLED_FLAGS.mjDSBL_CONSTRAINT
     compiled.opt.density = compiled.opt.viscosity = 0.0
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
@@ -81,7 +81,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
             own[names.index(spring.joint)] += spring.torque(q[names.index(spring.joint)])
         theirs = np.array(data.qfrc_inverse[compiled.jnt_dofadr[at]])
         apart = np.abs(own - theirs)
-        if not apart.max() <= ALIKE * max(1.0, float(np.abs(theirs).max())):
+        if not apart.max() <= TORQUE_TOLERANCE * max(1.0, float(np.abs(theirs).max())):
             raise UrdfError(
                 f"{mjcf.path}: on joint '{names[int(apart.argmax())]}' MuJoCo's torque differs by {apart.max():.2g} "
                 "from that of bodies, springs and damping; take out what else acts on it"
@@ -89,7 +89,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
 
 
 def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
-    """All joints with one coordinate at 0, which need not be where the file has them; others as there."""
+    """State of MuJoCo with all one-coordinate joints at 0, and other joints as in the file."""
     data = mujoco.MjData(model)
     single = np.isin(model.jnt_type, (HINGE, SLIDE))
     data.qpos[model.jnt_qposadr[single]] = 0.0
@@ -98,11 +98,11 @@ def _at_zero(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 class _Reader:
-    """Adds up what acts on the joints of an arm.
+    """Adds up the additional torques on an arm's joints.
 
     Attributes:
-        values: by joint damping, friction and armature.
-        springs: of the joints.
+        values: damping, friction and armature by joint.
+        springs: springs of the joints.
     """
 
     def __init__(self, mjcf: Mjcf, arm: frozenset[str]) -> None:
@@ -120,7 +120,7 @@ class _Reader:
         self._add_spring(name, m.jnt_stiffness[j], m.qpos_spring[m.jnt_qposadr[j]])
 
     def add_actuator(self, i: int) -> None:
-        """Count the inertia and the damping of a motor, seen through its gear."""
+        """Add the inertia and the damping of a motor, transformed by its gear ratio."""
         m = self._m
         if not (m.actuator_armature[i] or m.actuator_damping[i] or m.actuator_dampingpoly[i].any()):
             return
@@ -164,7 +164,7 @@ class _Reader:
         self._add_gravity_spring(joint, float(m.tendon_stiffness[i]), [int(m.wrap_objid[k]) for k in parts])
 
     def check_equality(self, i: int) -> None:
-        """Refuse what holds a part of the arm to something that moves otherwise."""
+        """Refuse an equality constraint between a part of the arm and a part that moves differently."""
         m = self._m
         if not m.eq_active0[i] or m.eq_type[i] not in TIES:
             return
@@ -176,17 +176,17 @@ class _Reader:
             raise self._no_place(what, "it closes a loop through the arm")
 
     def gravity(self) -> Array:
-        """Gravity (3,), m/s^2, less the share that ``gravcomp`` takes off all that the arm moves.
+        """Gravity (3,) [m/s^2], reduced by the share that ``gravcomp`` compensates on all bodies of the arm.
 
         Raises:
-            UrdfError: it takes off another share here than there.
+            UrdfError: bodies have different shares.
         """
         m = self._m
-        gravity = np.zeros(3) if m.opt.disableflags & DISABLED.mjDSBL_GRAVITY else np.array(m.opt.gravity)
+        gravity = np.zeros(3) if m.opt.disableflags & DISABLED_FLAGS.mjDSBL_GRAVITY else np.array(m.opt.gravity)
         moved = [b for b in range(1, m.nbody) if m.body_mass[b] > 0.0 and self._apart(b, 0)]
         shares = m.body_gravcomp[moved]
         by_drives = m.jnt_actgravcomp[[j for j, name in enumerate(self._mjcf.joints) if name in self._arm]]
-        # What the drives give to hold the arm is a part of their torque.
+        # The torque that compensates gravity is a part of the drives' torque.
         if not gravity.any() or not shares.any() or by_drives.all():
             return gravity
         odd = np.flatnonzero(shares != shares[0])
@@ -207,7 +207,7 @@ class _Reader:
             self.springs.append(spring)
 
     def _add_gravity_spring(self, joint: str, stiffness: float, sites: Sequence[int]) -> None:
-        """A spring between two sites of which a hinge turns one.
+        """Add a spring between two sites, one of which a hinge turns.
 
         With a and b from its axis n to the fixed and the turned end, both at q = 0, E = k/2 |a - R(q) b|^2, and the
         drive holds dE/dq = k (a.b - (a.n)(b.n)) sin q - k a.(n x b) cos q.

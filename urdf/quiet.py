@@ -1,4 +1,4 @@
-"""Libraries written in C++ print where nobody asked them to: what they say is kept for our own one line."""
+"""Capture the printed messages of C++ libraries, for our own message of one line."""
 
 import os
 import sys
@@ -11,20 +11,20 @@ from urdf.robot import UrdfError
 
 CPP_ERRORS = (ValueError, RuntimeError, LookupError, ArithmeticError)
 """What Python sees of a C++ exception, by its kind."""
-SHOWN = 200
+MAX_SHOWN_CHARACTERS = 200
 """Characters of it that fit into a line."""
 
 
 @dataclass
 class Said:
-    """What was printed, in one line; complete when the block has ended."""
+    """Captured output in one line; complete when the block has ended."""
 
     text: str = ""
 
 
 @contextmanager
 def quiet() -> Iterator[Said]:
-    """Keep what the block prints on the process's own standard output and error, and give it in one line."""
+    """Capture all that the process prints on standard output and error in the block, as one line."""
     said, kept = Said(), []
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
@@ -41,16 +41,18 @@ def quiet() -> Iterator[Said]:
                 os.dup2(copy, descriptor)
                 os.close(copy)
             file.seek(0)
-            said.text = " ".join(file.read(100 * SHOWN).decode("utf-8", errors="replace").split())[:SHOWN]
+            said.text = " ".join(file.read(100 * MAX_SHOWN_CHARACTERS).decode("utf-8", errors="replace").split())[
+                :MAX_SHOWN_CHARACTERS
+            ]
 
 
 @contextmanager
 def told(what: str, remedy: str) -> Iterator[None]:
-    """Let a library work in the block without printing, and tell what it says where it refuses something.
+    """Run a library in the block without printing; its messages become part of the error where it fails.
 
     Args:
-        what: is wrong then.
-        remedy: what to do.
+        what: sentence on what is wrong in that case.
+        remedy: sentence on what to do.
 
     Raises:
         UrdfError: `what`, the library's own words without where in its source it noticed, and the remedy.
@@ -62,5 +64,5 @@ def told(what: str, remedy: str) -> Iterator[None]:
     except CPP_ERRORS as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text
         text = text.partition("message:")[2] or text
-        reason = " ".join(text.partition("Hint")[0].split())[:SHOWN]
+        reason = " ".join(text.partition("Hint")[0].split())[:MAX_SHOWN_CHARACTERS]
         raise UrdfError(f"{what} ({reason}); {remedy}") from error

@@ -1,4 +1,4 @@
-"""A robot: kinematic model, limits, tool, line."""
+"""The class of a robot: kinematic model, limits, tool, line."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,31 +18,31 @@ class DescriptionWarning(UserWarning):
     """A robot's torques are not those of its description as it was written: the message says of which links and why."""
 
 
-ASSUMED = "of an MJCF: "
+ASSUMED_PREFIX = "of an MJCF: "
 """How sentences begin that say what was assumed of an MJCF, or left out."""
 
 Array = NDArray[np.float64]
 
 
 def read_only(values: ArrayLike) -> Array:
-    """A copy that nobody can change."""
+    """A read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
-    """Orientation (3, 3) of roll, pitch and yaw [rad]; rounded, so that right angles are exact."""
+    """Rotation matrix (3, 3) from roll, pitch and yaw [rad], rounded so that right angles are exact."""
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
 
 
-LARGEST = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
+LARGEST_LIMITS = {"velocity": 1e3, "acceleration": 1e5, "jerk": 1e8, "effort": 1e6}
 """Largest limit that any arm has, in rad or m, s, N m or N: beyond it the file is wrong."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What each joint may do; every array has shape (n,).
+    """Limits of the joints; every array has shape (n,).
 
     Attributes:
         lower: lowest position [rad or m].
@@ -53,7 +53,7 @@ class Limits:
         effort: largest torque or force [N m or N].
 
     Raises:
-        UrdfError: a limit that would guard nothing: not a number, infinite, not above 0, or a range that is empty.
+        UrdfError: a limit is useless: nan, infinite, not above 0, or an empty range.
     """
 
     lower: Array
@@ -66,7 +66,7 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name, largest in LARGEST.items():
+        for name, largest in LARGEST_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
             if values.shape != self.lower.shape or wrong.size:
@@ -92,13 +92,13 @@ class Line:
     """The straight path of the tool point, in the robot's base frame: ``origin + s direction``.
 
     Attributes:
-        origin: where s = 0, (3,) [m].
+        origin: point with s = 0, (3,) [m].
         direction: unit vector of growing s, (3,).
         rotation: orientation of the tool frame all along the line, (3, 3).
         s_min: first line coordinate [m].
         s_max: last line coordinate [m].
-        core: the stretch on which speed matters most [m].
-        core_speed: speed asked of the core [m/s].
+        core: stretch on which speed matters most [m].
+        core_speed: required speed on the core [m/s].
     """
 
     origin: Array
@@ -118,7 +118,7 @@ class Line:
             raise UrdfError(f"line: direction {self.direction.tolist()} is not a unit vector; divide it by its length")
 
     def position(self, s: ArrayLike) -> Array:
-        """Targets of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
+        """Positions of the tool point [m]: (3,) for a scalar, (k, 3) for k line coordinates [m]."""
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
 
     @property
@@ -141,11 +141,11 @@ class Line:
         return np.repeat(np.concatenate((self.direction, np.zeros(3)))[:, None], len(s), axis=1)
 
     def twist_rate(self, s: Array) -> Array:
-        """Derivative of the twist by s, (6, k) [1/m, rad/m^2]: none."""
+        """Derivative of the twist with respect to s, (6, k) [1/m, rad/m^2]: zero."""
         return np.zeros((6, len(s)))
 
     def describe(self) -> dict[str, Any]:
-        """The numbers of the line, from which `ik.pathfile.path_of` makes it again."""
+        """The line as a dictionary of numbers, from which `ik.pathfile.path_of` restores it."""
         return {
             "kind": "line",
             "origin": self.origin.tolist(),
@@ -159,7 +159,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Spring:
-    """What springs add to the torque of a joint's motor, which a URDF cannot say.
+    """Springs on a joint, which change its motor's torque and which a URDF cannot contain.
 
     The motor gives gravity, inertia and ``sine sin(q) + cosine cos(q) + stiffness (q - rest)``; a spring that carries
     the arm has the sign against gravity's.
@@ -168,7 +168,7 @@ class Spring:
         joint: name of the joint.
         sine: factor of sin(q) [N m].
         cosine: factor of cos(q) [N m].
-        enabled: whether the robot's description or settings count it in.
+        enabled: whether the robot's description or settings include the spring.
         source: where the values come from.
         stiffness: of a spring in the joint [N m/rad or N/m].
         rest: position at which that does not pull [rad or m].
@@ -183,19 +183,19 @@ class Spring:
     rest: float = 0.0
 
     def torque(self, q: ArrayLike) -> Array:
-        """What the motor gives on top [N m or N] at a joint position q [rad or m], of the same shape as q."""
+        """Torque [N m or N] that the motor adds for the spring at joint positions q [rad or m], of the shape of q."""
         at = np.asarray(q, dtype=np.float64)
         return self.sine * np.sin(at) + self.cosine * np.cos(at) + self.stiffness * (at - self.rest)
 
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """What a joint's drive feels beside its links: ``armature a + damping v + friction sign(v)``.
+    """Torque on a joint's drive in addition to its links: ``armature a + damping v + friction sign(v)``.
 
     Attributes:
         damping: torque per speed [N m s/rad or N s/m].
         friction: size of the dry friction [N m or N].
-        armature: inertia of the rotor, seen through the gears [kg m^2 or kg].
+        armature: inertia of the rotor at the joint, behind the gears [kg m^2 or kg].
     """
 
     damping: float
@@ -205,12 +205,12 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What a description says of an arm and a URDF has no place for, or which in a URDF means nothing.
+    """Dynamics of an arm in a description that a URDF cannot contain, or which in a URDF has no meaning.
 
     Attributes:
-        gravity: in the frame of the base, (3,) [m/s^2].
-        joints: by joint.
-        springs: of the joints.
+        gravity: gravity in the frame of the base, (3,) [m/s^2].
+        joints: dynamics of each joint by name.
+        springs: springs of the joints.
     """
 
     gravity: Array
@@ -227,7 +227,7 @@ have some, 19 hold zeros only, 14 one pair of values for all joints, and most ot
 
 
 def missing_limits(model: pin.Model) -> list[str]:
-    """A sentence per joint of a model that has no limit of position, velocity or effort, which are infinite then."""
+    """A sentence per joint without a limit of position, velocity or effort, which is infinite in the model."""
     kinds = {
         "position": np.isinf(model.lowerPositionLimit), "velocity": np.isinf(model.velocityLimit),
         "effort": np.isinf(model.effortLimit),
@@ -242,8 +242,8 @@ class Robot:
 
     Attributes:
         name: short name, such as ``"baxter"``.
-        urdf_path: the file that was read.
-        package_dirs: directories in which ``package://`` names are looked up.
+        urdf_path: file that was read.
+        package_dirs: directories in which ``package://`` names are searched.
         urdf_xml: the URDF after mending, as text.
         srdf_path: the file that lists pairs of links which need no collision check, if there is one.
         joint_names: the arm's joints from base to tool.
@@ -254,12 +254,12 @@ class Robot:
         given_limits: limits of the arm's joints, if its description gives all of them.
         home: a posture that picks the arm's branch, (n,) [rad or m].
         springs: known extra joint torques.
-        joint_dynamics: by joint, where the description says it of a real model and not as a URDF does.
+        joint_dynamics: additional dynamics by joint, from a description (MJCF) in which they have a meaning.
         collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
         limits_source: where acceleration and jerk limits come from.
         defects: a sentence per choice that was made, and per defect that was found with what was done about it.
         notes: those of them that whoever makes a model must know, such as what an MJCF does not say.
-        warnings: what makes the torques others than those of the file, or those of no body: known to every command.
+        warnings: sentences on torques that differ from the file's, or that no body can have; every command shows them.
         fingerprint: sha256 over the mended URDF and the settings.
         given_line: the line of the settings, if they have one.
     """
@@ -291,7 +291,7 @@ class Robot:
 
     @property
     def limits(self) -> Limits:
-        """Limits of the arm's joints, for whoever moves it.
+        """Limits of the arm's joints, for programs that move the arm.
 
         Raises:
             UrdfError: the description lacks one.
@@ -307,7 +307,7 @@ class Robot:
         """The line on which the tool moves.
 
         Raises:
-            UrdfError: the settings give none.
+            UrdfError: the settings contain no line.
         """
         if self.given_line is None:
             raise UrdfError(f"robot '{self.name}' has no line yet: find one with 'armdyn ik build --search'")
@@ -319,11 +319,11 @@ class Robot:
         return int(self.model.getFrameId(self.tool_frame))
 
     def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
-        """What the motors give on top because of springs [N m], at postures q, (..., n), of the same shape.
+        """Torque [N m] that the motors add for springs at postures q (..., n), of the same shape.
 
         Args:
             q: joint positions [rad].
-            springs: which; all that are known when not given.
+            springs: springs to include; by default all that are known.
 
         Raises:
             UrdfError: a spring is on a joint that the arm does not have.
@@ -341,7 +341,7 @@ class Robot:
 
         Args:
             q: the posture [rad or m].
-            data: of the model, where a caller that asks often keeps it; made here if not given.
+            data: Pinocchio data of the model, which frequent callers may reuse; created if not given.
         """
         data = data or self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""The readable file per robot: what a URDF cannot say."""
+"""The settings file of a robot: facts that a URDF cannot contain."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from urdf.bounds import LONGEST_NAME
-from urdf.robot import LARGEST, Line, Spring, UrdfError, rotation_of
+from urdf.robot import LARGEST_LIMITS, Line, Spring, UrdfError, rotation_of
 from urdf.table_file import TableFileError, read_as, read_table
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
 
-FARTHEST = 100.0
+MAX_OFFSET_METRES = 100.0
 """m; a tool, frame or line that is farther from its robot is in another unit."""
-STRONGEST = 1e5
+MAX_SPRING_TORQUE = 1e5
 """N m; no spring of an arm gives more."""
 
 
@@ -73,10 +73,10 @@ class LineTable:
     core_speed: float
 
     def line(self) -> Line:
-        """The same with a rotation matrix.
+        """The line with a rotation matrix.
 
         Raises:
-            UrdfError: it is no line.
+            UrdfError: the entries are no line.
         """
         origin, direction = np.array(self.origin), np.array(self.direction)
         rotation = rotation_of(*self.tool_rpy)
@@ -85,7 +85,7 @@ class LineTable:
 
 @dataclass(frozen=True)
 class Collision:
-    """The SRDF, found as the URDF is, and further pairs of links that need no collision check."""
+    """The SRDF, found in the same places as the URDF, and further pairs of links that need no collision check."""
 
     srdf: str | None = None
     exclude: tuple[tuple[str, str], ...] = ()
@@ -93,7 +93,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a robot's TOML file says; see ``robots/baxter.toml`` for an example with comments."""
+    """Contents of a robot's TOML file; see ``robots/baxter.toml`` for an example with comments."""
 
     name: str
     urdf: UrdfFile
@@ -128,7 +128,7 @@ def read_settings(path: Path) -> tuple[str, Settings]:
 
 
 def _check(settings: Settings) -> None:
-    """Refuse numbers that no arm has: they guard it.
+    """Refuse numbers that no arm can have, since these numbers protect it.
 
     Raises:
         UrdfError: names the entry.
@@ -143,10 +143,10 @@ def _check(settings: Settings) -> None:
         if len(values) != len(joints):
             raise UrdfError(f"{key} has {len(values)} numbers for {len(joints)} joints")
         for joint, value in zip(joints, values, strict=True):
-            if key in LARGEST and not 0.0 < value <= LARGEST[key]:
+            if key in LARGEST_LIMITS and not 0.0 < value <= LARGEST_LIMITS[key]:
                 raise UrdfError(
-                    f"[limits] {key} of '{joint}' is {value:g}; give a number above 0 and at most {LARGEST[key]:g}, "
-                    "in rad or m and s"
+                    f"[limits] {key} of '{joint}' is {value:g}; "
+                    f"give a number above 0 and at most {LARGEST_LIMITS[key]:g}, in rad or m and s"
                 )
     for table, file in (("[urdf] file", settings.urdf.file), ("[collision] srdf", settings.collision.srdf)):
         if file is not None and not 0 < len(file.strip()) <= LONGEST_NAME:
@@ -159,14 +159,14 @@ def _check(settings: Settings) -> None:
         low, high = line.core
         if not line.range[0] <= low < high <= line.range[1]:
             raise UrdfError(f"[line] core: {low:g} to {high:g} m does not lie within range; give two numbers inside it")
-        if not 0.0 < line.core_speed <= LARGEST["velocity"]:
+        if not 0.0 < line.core_speed <= LARGEST_LIMITS["velocity"]:
             raise UrdfError(f"[line] core_speed is {line.core_speed:g} m/s; give a number above 0")
         line.line()
     for where, place in places.items():
-        if max(map(abs, place)) > FARTHEST:
+        if max(map(abs, place)) > MAX_OFFSET_METRES:
             raise UrdfError(f"{where}: {list(place)} m is too far away; write it in metres")
     for spring in settings.springs:
         if spring.joint not in joints:
             raise UrdfError(f"[[springs]]: the arm has no joint '{spring.joint}'; choose among {', '.join(joints)}")
-        if max(abs(spring.sine), abs(spring.cosine)) > STRONGEST:
-            raise UrdfError(f"[[springs]] {spring.joint}: stronger than {STRONGEST:g} N m; write it in N m")
+        if max(abs(spring.sine), abs(spring.cosine)) > MAX_SPRING_TORQUE:
+            raise UrdfError(f"[[springs]] {spring.joint}: stronger than {MAX_SPRING_TORQUE:g} N m; write it in N m")

@@ -1,4 +1,4 @@
-"""TOML files that people write: read once, with bounds, and held against what a dataclass declares."""
+"""TOML files that people write: they are read with bounds, and checked against a dataclass's declarations."""
 
 import difflib
 import math
@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from urdf.bounds import DEEPEST_TABLE, LARGEST, LARGEST_INTEGER, LARGEST_TEXT, shown
+from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
 
 MOST_TOLD = 12
 """Problems of a file that its line lists."""
@@ -31,7 +31,7 @@ class TableFileError(ValueError):
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """Problems in one line, the first `MOST_TOLD` of them: more would be no line that anybody reads."""
+    """The first `MOST_TOLD` problems in one line; a longer line would not be read."""
     if len(problems) == 1:
         return problems[0]
     told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MOST_TOLD], start=1))
@@ -43,12 +43,12 @@ def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]
     """Text and content of a TOML file.
 
     Args:
-        path: of the file.
-        finite: refuse `nan` and `inf` anywhere.
+        path: path of the file.
+        finite: whether `nan` and `inf` are refused everywhere.
 
     Raises:
-        FileNotFoundError: there is none.
-        TableFileError: it cannot be read, is too large, or is not TOML.
+        FileNotFoundError: the file is missing.
+        TableFileError: the file cannot be read, is too large, or is not TOML.
     """
     try:
         with path.open("rb") as file:
@@ -57,7 +57,7 @@ def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]
         raise
     except IsADirectoryError as error:
         raise TableFileError("is a directory: give a file in it") from error
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+    except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
         raise TableFileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if len(data) > LARGEST_TEXT:
         raise TableFileError(f"is larger than {LARGEST_TEXT / 2**20:g} MiB: give a file that a person can read")
@@ -73,13 +73,13 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
     """Content of a TOML text.
 
     Raises:
-        TableFileError: it is not TOML, is nested too deeply, or holds a number that is none.
+        TableFileError: the text is not TOML, is nested too deeply, or contains a number that is not finite.
     """
     try:
         table = tomllib.loads(text.replace("\r\n", "\n"), parse_float=_float)
     except RecursionError as error:
         raise TableFileError(_DEEP) from error
-    except ValueError as error:  # also a number of 5000 digits
+    except ValueError as error:  # raised for a number of 5000 digits too
         raise TableFileError(f"is not TOML: {_first_line(error)}: correct it") from error
     _check_spelling(text)
     for where, value in _leaves(table, ""):
@@ -87,8 +87,8 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
             raise TableFileError(f"{where}: a number of {len(str(abs(value)))} digits: write it shorter, such as 1e20")
         if finite and isinstance(value, float) and not math.isfinite(value):
             raise TableFileError(f"{where} is {value}: write a finite number")
-        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST:
-            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST:g}; write SI units")
+        if isinstance(value, float) and math.isfinite(value) and abs(value) > LARGEST_SIZE:
+            raise TableFileError(f"{where} is {value:g}: nothing is larger than {LARGEST_SIZE:g}; write SI units")
     return table
 
 
@@ -120,21 +120,21 @@ MOST_NAMES = 60
 
 
 def hint(name: str, valid: Sequence[str]) -> str:
-    """What to write in place of an unknown name: the valid one that is most like it, or one of all."""
+    """Advice for an unknown name: the most similar valid name, or a list of all."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     listed = ", ".join(valid[:MOST_NAMES]) + (", ..." if len(valid) > MOST_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
 
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse a key that nobody reads.
+    """Refuse an unknown key of a table.
 
     Args:
-        table: its keys.
-        known: keys that are read.
+        table: table with keys.
+        known: known keys.
 
     Raises:
-        TableFileError: names the key and the nearest one.
+        TableFileError: a key is unknown; the message names it and the most similar known one.
     """
     valid = tuple(known)
     for key in table:
@@ -153,7 +153,7 @@ _KINDS: dict[Any, tuple[Any, str]] = {
 
 @dataclass(frozen=True)
 class Check:
-    """What a value must be besides of its type, in `Annotated[float, Check(...)]`.
+    """Condition on a value besides its type, in `Annotated[float, Check(...)]`.
 
     Attributes:
         fits: whether a value of the type can be used.
@@ -165,19 +165,19 @@ class Check:
 
 
 def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> Declared:
-    """What a table says, as a dataclass: its fields are the keys, their types what a value must be.
+    """Convert a table to a dataclass, whose fields are the keys, with the types that the values must have.
 
     Types are `str`, `float`, `bool`, `datetime`, enums (a text of their values), dataclasses (tables), tuples (lists;
     of one length where it is declared), `dict` (tables of any keys), `Any`, each of them or None, a list or one of it,
     and any of them `Annotated` with a `Check`. A key without a default must be there.
 
     Args:
-        kind: the dataclass; the field of a key that Python keeps for itself ends in ``_``, as in ``from_``.
-        table: what tomllib made of the file, or of a table in it.
-        where: the table is, such as ``"[limits]"``; empty for the file itself.
+        kind: the dataclass; the field of a key that is a Python keyword ends in ``_``, as in ``from_``.
+        table: output of tomllib for the file, or for a table in it.
+        where: place of the table, such as ``"[limits]"``; empty for the file itself.
 
     Raises:
-        TableFileError: entries are missing, unknown or of the wrong kind; all of them are told.
+        TableFileError: entries are missing, unknown or of the wrong kind; the message lists all of them.
     """
     declared = {field.name.rstrip("_"): field for field in fields(cast(Any, kind))}
     types, values, problems = get_type_hints(kind, include_extras=True), {}, list[str]()
@@ -196,7 +196,7 @@ def read_as(kind: type[Declared], table: Mapping[str, Any], where: str = "") -> 
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
-    """A value of a declared type."""
+    """Convert a value to its declared type, or refuse it."""
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
         return value

@@ -1,6 +1,6 @@
-"""Whether a URDF describes one robot that can be used; a sentence per defect.
+"""Checks that a URDF describes one usable robot; they give a sentence per defect.
 
-What it may hold at all, names and numbers that can be used, is looked at before any library sees it: urdfdom, which
+Names and numbers are checked before any library reads them: urdfdom, which
 Pinocchio reads with, prints what it does not understand and goes on without it, so that a link whose inertia has a
 typing mistake would weigh nothing.
 """
@@ -17,9 +17,9 @@ from urdf.robot import UrdfError
 
 LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
-MOVING = ("revolute", "continuous", "prismatic")
-KINDS = (*MOVING, "fixed", "floating", "planar")
-TURN = 2.0 * math.pi + 1e-3
+MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
+JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
+MAX_TURN = 2.0 * math.pi + 1e-3
 """rad beyond which nobody writes an angle, give or take a rounding."""
 RESERVED = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
@@ -40,7 +40,7 @@ NUMBERS = {
     "calibration": {"rising": 1, "falling": 1},
 }
 """By element: its numbers, and how many each attribute holds."""
-LIMITS = tuple(NUMBERS["limit"])
+LIMIT_NAMES = tuple(NUMBERS["limit"])
 NEEDED = {
     "mass": ("value",),
     "inertia": tuple(NUMBERS["inertia"]),
@@ -57,7 +57,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
     """Check every name and number of a URDF.
 
     Raises:
-        UrdfError: names the link or joint, and what it says that cannot be used.
+        UrdfError: a name or number cannot be used; the message names the link or joint.
     """
     joints = {joint.get("name") for joint in root.findall("joint")}
     for part in (*root.findall("link"), *root.findall("joint")):
@@ -72,14 +72,14 @@ def check_plain(root: ET.Element, path: Path) -> None:
 
 
 def odd(root: ET.Element) -> tuple[str, ...]:
-    """Sentences on what is allowed and hardly meant: angles beyond a turn, joints that no arm has."""
+    """Sentences on entries that are allowed but probably mistakes: angles beyond a turn, joints that no arm has."""
     said = []
     for part in (*root.findall("joint"), *root.findall("link")):
         where = f"{part.tag} '{part.get('name')}'"
         if part.get("type") in ("planar", "floating"):
             said.append(f"{where} is {part.get('type')}, which no joint of an arm is: it is held where it stands")
         for origin in part.iter("origin"):
-            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > TURN:
+            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_TURN:
                 said.append(f'{where} is turned by rpy="{origin.get("rpy")}" in rad: if that is in degrees, correct it')
     return tuple(said)
 
@@ -118,10 +118,10 @@ def _check_numbers(element: ET.Element, where: str) -> None:
 
 def _check_joint(joint: ET.Element, where: str, joints: set[str | None]) -> None:
     kind = joint.get("type", "")
-    if kind not in KINDS:
-        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(KINDS)}")
+    if kind not in JOINT_TYPES:
+        raise UrdfError(f"{where} is of type '{shown(kind)}'; choose one of {', '.join(JOINT_TYPES)}")
     axis = joint.find("axis")
-    if axis is not None and kind in (*MOVING, "planar"):
+    if axis is not None and kind in (*MOVING_JOINT_TYPES, "planar"):
         length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
         if not length > 1e-9:
             raise UrdfError(f"{where}: its axis has no direction; give one, such as 0 0 1")
@@ -153,19 +153,19 @@ def parse(path: Path) -> ET.Element:
     """Read a URDF file, or an MJCF.
 
     Raises:
-        UrdfError: there is no such file, it is not XML, or it is neither a URDF nor an MJCF.
+        UrdfError: the file is missing, is not XML, or is neither a URDF nor an MJCF.
     """
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_XML + 1)
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+    except (OSError, ValueError) as error:  # a file name with a null character raises ValueError
         why = getattr(error, "strerror", None) or error
         raise UrdfError(f"{path}: cannot be read ({why}); give the path of a URDF file") from error
     if len(data) > LARGEST_XML:
         raise UrdfError(f"{path}: is larger than {LARGEST_XML / 2**20:g} MiB; give a URDF file")
     try:
         root = ET.fromstring(data)
-    except (ET.ParseError, ValueError, LookupError) as error:  # also an encoding that nobody knows
+    except (ET.ParseError, ValueError, LookupError) as error:  # raised for an unknown encoding too
         if b"<xacro:" in data:
             raise _is_xacro(path, "<xacro: ...>") from error
         raise UrdfError(f"{path}: not an XML file ({error}); correct it") from error
@@ -175,16 +175,16 @@ def parse(path: Path) -> ET.Element:
     level = [root]
     for _ in range(DEEPEST_XML):
         level = [child for element in level for child in element]
-    if level:  # elements in one another without end, which no program can write again
+    if level:  # elements are nested too deeply for any program to write again
         raise UrdfError(f"{path}: its elements are nested more than {DEEPEST_XML} deep; give a URDF file")
     return root
 
 
 def _refuse_xacro(root: ET.Element, path: Path) -> None:
-    """Refuse macros, which a reader of URDFs leaves out without a word; that their namespace is declared means nothing.
+    """Refuse xacro macros, which readers of URDFs ignore silently; a declared namespace alone is allowed.
 
     Raises:
-        UrdfError: names the first, and says how to expand it.
+        UrdfError: there is a macro; the message names the first one, and says how to expand it.
     """
     for element in root.iter():
         space, _, tag = str(element.tag).rpartition("}")
@@ -219,7 +219,7 @@ def check_tree(root: ET.Element, path: Path) -> None:
         raise UrdfError(
             f"{path}: it has {len(links)} links and {len(joints)} joints; give a robot of {MOST_LINKS} at most"
         )
-    if not any(joint.get("type") in MOVING for joint in joints):
+    if not any(joint.get("type") in MOVING_JOINT_TYPES for joint in joints):
         raise UrdfError(f"{path}: it has no moving joint; give a URDF with revolute or prismatic joints")
     for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
         twice = [name for name, count in Counter(names).items() if count > 1]
@@ -253,10 +253,10 @@ def link_of(joint: ET.Element, end: str) -> str:
 
 
 def check_schema(path: Path) -> list[str]:
-    """What yourdfpy finds wrong with the file: a sentence per defect, none of which stops the robot from being used."""
-    import yourdfpy  # half a second, most of it for meshes that are not needed here
+    """Defects that yourdfpy finds in the file, a sentence each; none of them prevents the use of the robot."""
+    import yourdfpy  # the import takes half a second, mostly for meshes, which are not needed here
 
-    # Whatever it stumbles over, it is an opinion: what is needed of the file has been checked by ourselves.
+    # An error of yourdfpy is an opinion only: all needed parts of the file have been checked before.
     try:
         robot = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=False)
         robot.validate()
@@ -266,7 +266,7 @@ def check_schema(path: Path) -> list[str]:
 
 
 def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
-    """Check what the joints of the arm say of how far, how fast and how strongly they move; they need not say it.
+    """Check the arm's joint limits of position, speed and effort; limits may be absent.
 
     Raises:
         UrdfError: an unknown joint, or a limit that contradicts itself.
@@ -277,7 +277,9 @@ def check_limits(root: ET.Element, path: Path, joints: tuple[str, ...]) -> None:
         if joint is None:
             raise UrdfError(f"{path}: there is no joint '{name}'; choose among {', '.join(map(str, by_name))}")
         limit = joint.find("limit")
-        values = {key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMITS}
+        values = {
+            key: float(text) for key, text in ({} if limit is None else limit.attrib).items() if key in LIMIT_NAMES
+        }
         for key in ("effort", "velocity"):
             if values.get(key, 0.0) < 0.0:
                 raise UrdfError(f"{path}: joint '{name}' has {key} limit {values[key]:g}; it must be positive")

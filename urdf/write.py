@@ -1,4 +1,4 @@
-"""Elements of a URDF as armdyn writes them; numbers to the last digit."""
+"""Write elements of a URDF, with all digits of numbers."""
 
 from xml.etree import ElementTree as ET
 
@@ -11,12 +11,12 @@ NOWHERE = (0.0, 0.0, 0.0)
 
 
 def numbers_text(vector: ArrayLike) -> str:
-    """Numbers as an attribute."""
+    """Numbers as the text of an XML attribute."""
     return " ".join(repr(float(x)) for x in np.ravel(vector))
 
 
 def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.Element:
-    """An ``<inertial>`` of a mass, kg, with its centre (3,), m, and the inertia (3, 3) about that, kg m^2."""
+    """An ``<inertial>`` of a mass [kg], with its centre (3,) [m] and the inertia (3, 3) about it [kg m^2]."""
     moments = np.asarray(inertia)
     element = ET.Element("inertial")
     ET.SubElement(element, "origin", xyz=numbers_text(centre), rpy="0 0 0")
@@ -28,7 +28,7 @@ def inertial_element(mass: float, centre: ArrayLike, inertia: ArrayLike) -> ET.E
 def add_joint(
     root: ET.Element, name: str, kind: str, parent: str, child: str, xyz: ArrayLike = NOWHERE, rpy: ArrayLike = NOWHERE
 ) -> ET.Element:
-    """Add a ``<joint>`` between two links, at xyz, m, and roll, pitch, yaw, rad, in the frame of the parent."""
+    """Add a ``<joint>`` between two links, at xyz [m] and roll, pitch, yaw [rad] in the frame of the parent."""
     joint = ET.SubElement(root, "joint", name=name, type=kind)
     ET.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
     ET.SubElement(joint, "parent", link=parent)

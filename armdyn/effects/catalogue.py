@@ -1,4 +1,4 @@
-"""Effects by name."""
+"""The catalogue of effects by name, and look-ups in it."""
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
@@ -30,7 +30,7 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
         extra: a user's own effects.
 
     Raises:
-        UnknownNameError: there is none; the message names the closest.
+        UnknownNameError: no effect has this name; the message names the most similar one.
     """
     name, _, joints = name.partition(":")
     known = {**CATALOGUE, **{item.name: item for item in extra}}
@@ -41,12 +41,12 @@ def find(name: str, extra: Iterable[Effect] = ()) -> Effect:
 
 
 def find_several(names: str, extra: Iterable[Effect] = ()) -> tuple[Effect, ...]:
-    """The effects of a text such as ``"rotor_inertia+joint_spring:elbow,wrist"``; see `find`."""
+    """Effects from a text such as ``"rotor_inertia+joint_spring:elbow,wrist"``; see `find`."""
     known = tuple(extra)
     return tuple(find(name.strip(), known) for name in names.split("+"))
 
 
 def natural_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Effects in the order in which they act on a model: as the catalogue lists them, then by name."""
+    """Effects in the order in which they act on a model: the catalogue's order, then by name."""
     place = {name: i for i, name in enumerate(CATALOGUE)}
     return tuple(sorted(effects, key=lambda e: (place.get(e.name, len(place)), e.name)))

@@ -1,4 +1,4 @@
-"""What a physical effect is, and how one is defined in ten lines."""
+"""The class of a physical effect, and the decorator that defines one in ten lines."""
 
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -16,7 +16,7 @@ the same kind, or the last one only; or the base that carries them all, of which
 Physics = TypeVar("Physics")
 
 
-@dataclass(frozen=True, eq=False)  # an effect is itself only: two functions cannot be compared
+@dataclass(frozen=True, eq=False)  # effects are compared by identity, since two functions cannot be compared
 class Effect:
     """One piece of physics that can be added to a model by name.
 
@@ -46,31 +46,31 @@ class Effect:
     columns: Mapping[str, RecordedColumn] = field(default_factory=dict)
 
     def shows_in(self, channels: Collection[str]) -> bool:
-        """Whether recordings of these channels can show it: an angle shows no load cell's lag."""
+        """Whether recordings of these channels can show the effect: an angle cannot show a load cell's lag."""
         return not self.asked_for(channels)
 
     def asked_for(self, channels: Collection[str]) -> tuple[str, ...]:
-        """Channels of which recordings of `channels` lack one to show it; empty where they can show it."""
+        """Channels of which one is missing in `channels` to show the effect; empty where they can show it."""
         lacking = [asked_for(channels, (column.name,)) for column in self.columns.values()]
         lacking.append(asked_for(channels, self.needs))
         own = [asked_for(channels, q.needs, q.beside) for q in self.quantities.values()]
-        if all(own):  # one of them is enough
+        if all(own):  # one of these channels is enough
             lacking.append(tuple(dict.fromkeys(name for names in own for name in names)))
         return next((names for names in lacking if names), ())
 
     @cached_property
     def kind(self) -> type:
-        """Class of the stage that its function takes, as that says; any where it does not say."""
+        """Class of the stage from the annotation of the effect's function; any class without an annotation."""
         said = next(iter(inspect.signature(self.function).parameters.values())).annotation
         return said if isinstance(said, type) and said is not inspect.Parameter.empty else object
 
     @property
     def label(self) -> str:
-        """``"<name>"``, or ``"<name>:<joint>,<joint>"`` where it acts on these joints only."""
+        """Label ``"<name>"``, or ``"<name>:<joint>,<joint>"`` where the effect acts on these joints only."""
         return f"{self.name}:{','.join(self.joints)}" if self.joints else self.name
 
     def on(self, *joints: str) -> "Effect":
-        """The same effect on these joints only, on all within its reach where none is given."""
+        """A copy of the effect that acts on these joints only, or on all within its reach where none is given."""
         if joints not in self._elsewhere:
             made = replace(self, joints=joints)
             made.__dict__["_elsewhere"] = self._elsewhere
@@ -79,7 +79,7 @@ class Effect:
 
     @cached_property
     def _elsewhere(self) -> dict[tuple[str, ...], "Effect"]:
-        """Itself by its joints: made once each, because what is derived of an effect is kept by what it *is*."""
+        """Cache of copies by joints: each copy is made once, as derived results are stored by the effect's identity."""
         return {self.joints: self}
 
     def apply(
@@ -88,7 +88,7 @@ class Effect:
         parameters: Mapping[str, Any],
         recorded: Mapping[RecordedColumn, Any] = MappingProxyType({}),
     ) -> Physics:
-        """The stage with this effect.
+        """Apply the effect to a stage, and return the changed stage.
 
         Args:
             stage: symbolic physics of the stage `acts_on`.
@@ -96,7 +96,7 @@ class Effect:
             recorded: expressions of further recorded quantities; one that is not among them has its usual value.
 
         Raises:
-            InputError: the effect's function fails, or returns something else than a stage.
+            InputError: the effect's function fails, or does not return a stage.
         """
         values = {short: parameters[f"{self.name}.{short}"] for short in self.quantities}
         values |= {argument: recorded.get(column, column.usual) for argument, column in self.columns.items()}
@@ -113,12 +113,12 @@ class Effect:
         return changed
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters with their full names, at their null values."""
+        """The effect's parameters with their full names, at their null values."""
         return tuple(q.parameter(self.name, short) for short, q in self.quantities.items())
 
 
 def columns_of(effects: Iterable[Effect]) -> tuple[RecordedColumn, ...]:
-    """Further recorded quantities that effects read, each once."""
+    """Further recorded quantities that some effects read, each once."""
     return tuple(dict.fromkeys(column for effect in effects for column in effect.columns.values()))
 
 
@@ -145,7 +145,7 @@ def effect(
     channels.
 
     Raises:
-        InputError: an argument declares neither.
+        InputError: an argument declares neither a quantity nor a column.
     """
 
     def make(function: Callable[..., Physics]) -> Effect:

@@ -1,4 +1,4 @@
-"""A user's effect tried out when it is read: a mistake that would end a fit later is reported at once, in one sentence.
+"""Checks of a user's effect when it is read: a mistake that would end a fit later is reported in one sentence.
 
 It is checked as declared (name, units, sizes), then applied to every stage of the catalogue's physics, at rest and in
 motion, at its null and at its typical values.
@@ -27,7 +27,7 @@ from armdyn.user_code import place_of
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 
-LARGEST = 1e100
+LARGEST_VALUE = 1e100
 """Of what a quantity may be, bounds that are infinite apart: numbers beyond overflow in the equations."""
 
 
@@ -35,7 +35,7 @@ def check_declared(effects: Sequence[Effect], path: Path) -> None:
     """Refuse effects of a file whose names, units or sizes cannot be used.
 
     Raises:
-        InputError: names the file, its line, what is wrong and what to do.
+        InputError: a declaration is wrong; the message names the file, its line, the mistake and a remedy.
     """
     seen: dict[str, Effect] = {}
     for item in effects:
@@ -60,9 +60,9 @@ def check_applied(item: Effect, path: Path) -> None:
     """Apply an effect to its stage, where that is one of the catalogue's, and evaluate it.
 
     Raises:
-        InputError: it fails, changes something at its null values, or gives no finite value or derivative.
+        InputError: the effect fails, changes something at its null values, or gives no finite value or derivative.
     """
-    stage = STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
+    stage = TRIAL_STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
     if stage is None:
         return
     given, inputs = stage.make()
@@ -73,7 +73,7 @@ def check_applied(item: Effect, path: Path) -> None:
         changed = item.function(given, **arguments)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever a user's function may raise, the remedy is in their file
+    except BaseException as error:  # a user's function may raise any error; the remedy is in their file
         raise _fault(item, path, _why(error), error) from error
     if not isinstance(changed, type(given)):
         kind = type(changed).__name__
@@ -100,14 +100,14 @@ def check_applied(item: Effect, path: Path) -> None:
                 raise _fault(item, path, f"it is not finite at its {at} values {where}: {hint}")
             if at == "null" and np.any(change != 0.0):
                 raise _fault(item, path, "it changes something at its null values: make it vanish there")
-            # At rest a force may well have a corner, but how it depends on its parameters must be known there.
+            # At rest a force may have a corner in the motion, but its dependence on the parameters must be smooth.
             if not np.isfinite(by_theta).all() or (where == MOVING and not np.isfinite(by_inputs).all()):
                 hint = "its derivative is infinite: move the null value, or add a small number below the root"
                 raise _fault(item, path, f"it has no finite derivative at its {at} values {where}: {hint}")
 
 
 def _wrong_with(q: Quantity) -> str | None:
-    """What is wrong with how a parameter is declared; None where nothing is."""
+    """Sentence on what is wrong with a parameter's declaration; None where nothing is."""
     for what in ("typical", "null", "lower", "upper"):
         value = getattr(q, what)
         if not _is_number(value):
@@ -140,7 +140,7 @@ def _wrong_with(q: Quantity) -> str | None:
 
 
 def _wrong_with_column(column: RecordedColumn) -> str | None:
-    """What is wrong with how a further recorded quantity is declared; None where nothing is."""
+    """Sentence on what is wrong with a recorded quantity's declaration; None where nothing is."""
     if not (isinstance(column.name, str) and is_auxiliary(column.name)):
         return f"its column is {column.name!r:.60}: write a name such as 'extra.temperature'"
     if not _is_number(column.usual) or not math.isfinite(column.usual):
@@ -155,21 +155,21 @@ def _wrong_with_column(column: RecordedColumn) -> str | None:
 
 
 def _is_number(value: object) -> bool:
-    """Whether it is one that is not too large for a float."""
+    """Whether a value is a number that is not too large for a float."""
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)
-        and (value == value and (abs(value) <= LARGEST or abs(value) == math.inf))
+        and (value == value and (abs(value) <= LARGEST_VALUE or abs(value) == math.inf))
     )
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """A stage of the catalogue's physics, and where it is tried.
+    """A stage of the catalogue's physics, and the points at which effects are tried.
 
     Attributes:
-        make: the stage and the symbols that it is made of (n,).
-        points: (n,) values of these, by what they are called.
+        make: makes the stage, with the symbols (n,) that it depends on.
+        points: (n,) values of the symbols, by the points' names.
     """
 
     make: Callable[[], tuple[Any, Expression]]
@@ -196,7 +196,7 @@ def _joint(*w: Expression) -> Joint:
 
 JOINT = [0.0] * 15, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
 """At rest and in motion."""
-STAGES = {
+TRIAL_STAGES = {
     "gripper": _stage(
         lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
         [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -222,7 +222,7 @@ STAGES = {
 
 
 def _expressions(stage: Any) -> list[Expression]:
-    """What a stage is made of, as columns, without the states that effects bring."""
+    """Expressions of a stage as columns, without the states that effects add."""
     found: list[Expression] = []
     for each in fields(stage):
         value = getattr(stage, each.name)

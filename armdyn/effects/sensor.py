@@ -1,4 +1,4 @@
-"""Effects that act on what is measured, in the order in which they act: mechanics of the cell, then its electronics."""
+"""Effects on measurements, in the order in which they act: mechanics of the load cell, then its electronics."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ CLOCKS = ("gripper_x", "load_force", "swing_angle", "swing_rate")
 
 
 def _late(channel: str, typical: float, most: float, summary: str) -> Any:
-    """A time, s, by which the sensor of a channel is late: alone it shows the same free swing, begun a little later."""
+    """Parameter for the delay [s] of a channel's sensor; one sensor alone cannot show it in a free swing."""
     others = tuple(name for name in CLOCKS if name != channel)
     return quantity("s", typical=typical, lower=0.0, upper=most, summary=summary, needs=(channel,), beside=others)
 

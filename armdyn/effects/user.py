@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 
 def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGES) -> tuple[Effect, ...]:
-    """The effects that a file defines, in their order there.
+    """Load the effects that a file defines, in their order in the file.
 
     The file is run as Python: it may do whatever a Python program may.
 
     Args:
-        path: of the file; None for none.
-        stages: what effects may act on; anything where it is None.
+        path: path of the file; None for no file.
+        stages: stages on which effects may act; None for any.
 
     Raises:
-        InputError: it cannot be read or run, defines no effect, or one with a name of the catalogue or on no stage.
+        InputError: the file cannot be read or run, defines no effect, or one with a catalogue's name or no stage.
     """
     if path is None:
         return ()
@@ -46,25 +46,25 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
 
 
 def _apply(effects: Sequence[Effect], path: Path, *, strictly: bool) -> None:
-    """Apply effects once; where another base may mean something else by a stage, that they end is all that is asked."""
+    """Apply effects once as a test; where another base may define a stage differently, they only have to end."""
     for item in effects:
         with nullcontext() if strictly else suppress(InputError):
             check_applied(item, path)
 
 
 def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
-    """Effects that a model can have: of the catalogue, of its base, and of the user's file.
+    """Effects that a model can have, from the catalogue, its base, and the user's file.
 
     Args:
-        model: whose stages count.
+        model: model whose stages are used.
         own: effects of a file, read with `stages` = None.
-        path: of that file, for the message.
+        path: path of that file, for the message.
 
     Raises:
         InputError: an effect of the file acts on a stage that no model has.
     """
     _check_stages(own, (*STAGES, *model.stages), path)
-    if path is not None and model.base in ("pendulum", "arm"):  # another base may call something else a load
+    if path is not None and model.base in ("pendulum", "arm"):  # another base may define a load differently
         file, acting = Path(path), [item for item in own if item.acts_on in model.stages]
         rehearse(file, lambda: _apply(acting, file, strictly=True))
     return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
@@ -79,10 +79,10 @@ def _check_stages(effects: Iterable[Effect], stages: Iterable[str], path: str | 
 
 
 def effects_of(path: Path, defined: Mapping[str, object]) -> tuple[Effect, ...]:
-    """The effects among what a file defines, without those that it imports from the catalogue.
+    """The effects in a file's namespace, without those that it imports from the catalogue.
 
     Raises:
-        InputError: one has a name of the catalogue or of another, or cannot be used as it is declared.
+        InputError: an effect has the name of another one, or its declaration cannot be used.
     """
     catalogue = list(CATALOGUE.values())
     own = tuple(dict.fromkeys(e for e in defined.values() if isinstance(e, Effect) and e not in catalogue))

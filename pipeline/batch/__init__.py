@@ -1,1 +1,1 @@
-"""Many robots, many days: compare or repair for every recording that a SPEC names, and what changed when."""
+"""Batches: compare or repair for every recording that a SPEC names, and detect changes over time."""

@@ -1,4 +1,4 @@
-"""Parameters over time: a series per robot and parameter, and what changed on which day."""
+"""Parameters over time: a series per robot and parameter, and the changes with their days."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ from pipeline.batch.run import Row
 from pipeline.batch.spec import Spec
 
 EPOCH = datetime(1970, 1, 1)
-DAY = 86400.0
+DAY_SECONDS = 86400.0
 """s"""
 
 
 @dataclass(frozen=True)
 class Event:
-    """A robot changed: one or several of its parameters did at the same time.
+    """A change of a robot: one or several of its parameters changed at the same time.
 
     Attributes:
-        robot: whose.
-        last_before: time of the last recording before, s since 1970.
-        first_after: of the first one after.
-        steps: of its parameters, the clearest first.
+        robot: name of the robot.
+        last_before: time of the last recording before the change, s since 1970.
+        first_after: time of the first recording after it, s since 1970.
+        steps: changes of its parameters, the clearest first.
     """
 
     robot: str
@@ -35,14 +35,14 @@ class Event:
 
 @dataclass(frozen=True)
 class History:
-    """What a batch says of time.
+    """A batch's parameters over time, and their changes.
 
     Attributes:
-        series: by robot and parameter, in time; fitted values only.
-        rows: by robot and parameter, the rows of a series, in its order.
-        units: by parameter.
-        found: what changed.
-        events: by time.
+        series: fitted values over time, by robot and parameter.
+        rows: rows of each series in its order, by robot and parameter.
+        units: unit of each parameter.
+        found: changes that were detected.
+        events: events in the order of time.
     """
 
     series: dict[Name, Series]
@@ -53,7 +53,7 @@ class History:
 
 
 def history(spec: Spec, rows: Sequence[Row]) -> History:
-    """The history of a batch."""
+    """Parameters over time, and their changes, from the rows of a batch."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
     points: dict[Name, list[tuple[float, float, float, Row]]] = {}
     units: dict[str, str] = {}
@@ -77,15 +77,15 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
 
 
 def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
-    """Steps of one robot whose days touch are one event, on the day of the clearest of them."""
+    """Events of one robot: steps whose days overlap are one event, on the day of the clearest step."""
     events: list[list[Step]] = []
     for step in steps:
         for event in events:
             first = event[0]
             if (
                 step.robot == first.robot
-                and step.last_before <= first.first_after + DAY
-                and first.last_before <= step.first_after + DAY
+                and step.last_before <= first.first_after + DAY_SECONDS
+                and first.last_before <= step.first_after + DAY_SECONDS
             ):
                 event.append(step)
                 break
@@ -101,7 +101,7 @@ def moment(seconds: float) -> datetime:
 
 
 def between(event: Event | Step) -> str:
-    """Such as ``between 2026-05-03 and 2026-05-04``, with the time of day where both are on one day."""
+    """Text such as ``between 2026-05-03 and 2026-05-04``, with times where both are on one day."""
     first, last = moment(event.last_before), moment(event.first_after)
     if first.date() == last.date():
         return f"on {first:%Y-%m-%d} between {first:%H:%M} and {last:%H:%M}"

@@ -1,4 +1,4 @@
-"""Does what a SPEC asks for, and only what was not done before; what came of it stands in a journal, then in Parquet.
+"""Run the jobs of a SPEC that were not done before; outcomes go to a journal, then to a Parquet file.
 
 The journal has a line for each outcome, written as they come: whatever ends a batch, what was finished is kept. It is
 only ever added to, by one process at a time. A last line that was cut off by a crash is cut away; of two outcomes of
@@ -29,7 +29,7 @@ class Journal(Closing):
     """The outcomes of one folder, which this process alone writes to; use it in a ``with`` block.
 
     Attributes:
-        outcomes: by key of their job.
+        outcomes: outcomes by the key of their job.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -49,11 +49,11 @@ class Journal(Closing):
             ) from error
         for line in data[:whole].splitlines():
             outcome = Outcome.of(line) if len(line) <= LARGEST_LINE else None
-            if outcome is not None:  # else a disk's mistake, or another version's: the job is done again
+            if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 
     def add(self, outcome: Outcome) -> None:
-        """Keep an outcome.
+        """Add an outcome to the journal.
 
         Raises:
             InputError: the disk is full.
@@ -69,14 +69,14 @@ class Journal(Closing):
         self.outcomes[outcome.key] = outcome
 
     def close(self) -> None:
-        """Nothing more comes; what a full disk did not take was told when it was added."""
+        """Close the journal; a full disk was reported when an outcome was added."""
         with suppress(OSError):
             self._file.close()
 
 
 @dataclass(frozen=True)
 class Row:
-    """One recording: what the SPEC says of it, and what came out."""
+    """One recording of a batch: its entry in the SPEC, and its outcome."""
 
     item: Item
     outcome: Outcome
@@ -84,12 +84,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Done:
-    """What a batch has.
+    """Results of a batch.
 
     Attributes:
-        rows: of everything that is finished, in the order of the SPEC.
-        left: recordings that are not.
-        worked: recordings that were done this time.
+        rows: rows of all finished recordings, in the order of the SPEC.
+        left: number of recordings that are not finished.
+        worked: number of recordings that were done this time.
     """
 
     rows: tuple[Row, ...]
@@ -106,15 +106,15 @@ def run_batch(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda _: None,
 ) -> Done:
-    """Do what is not done yet, and keep every outcome as soon as it is there.
+    """Do the jobs of a SPEC that are not done yet, and store every outcome at once.
 
     Args:
-        spec: what to do.
-        folder: where outcomes are kept; this process alone writes to it.
-        workers: processes of this machine; as many as it has cores where it is not given.
-        scheduler: of a dask cluster that does the work instead.
-        stopped: asked often; where it says so, what is finished is returned.
-        say: told how far it is.
+        spec: models and recordings.
+        folder: folder of the outcomes; only this process writes to it.
+        workers: number of processes on this machine; by default the number of cores.
+        scheduler: address of a dask cluster that does the work instead.
+        stopped: called often; where it returns True, the finished part is returned.
+        say: called to report the progress.
 
     Raises:
         InputError: a model cannot be used, or the folder cannot be written to, or there is no scheduler.
@@ -155,7 +155,7 @@ ROWS = "batch.parquet"
 
 
 def check_parquet() -> None:
-    """Refuse early where nothing can write the file.
+    """Refuse early where no library can write a Parquet file.
 
     Raises:
         InputError: pyarrow is missing.
@@ -165,7 +165,7 @@ def check_parquet() -> None:
 
 
 def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
-    """Write the rows in one step.
+    """Write the rows of a batch to a Parquet file, in one step.
 
     Raises:
         InputError: the file cannot be written.
@@ -200,7 +200,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
 
 
 def _numbers(outcome: Outcome) -> dict[str, float | None]:
-    """Errors by channel and values by parameter, by the names of their columns."""
+    """Numbers of a row by column: errors of channels, and values of parameters."""
     return {
         f"{column}.{name} [{entry['unit']}]": entry[key]
         for entries, keys in (
@@ -213,6 +213,6 @@ def _numbers(outcome: Outcome) -> dict[str, float | None]:
 
 
 def _order(name: str) -> tuple[int, str, str]:
-    """Errors first; a standard deviation beside its value."""
+    """Sorting key of a column: errors come first, and a standard deviation beside its value."""
     kind, _, rest = name.partition(".")
     return (0 if kind in ("rmse", "noise") else 1, rest, "" if kind in ("rmse", "value") else kind)

@@ -31,7 +31,7 @@ FALSE_ALARM_RANGE = (1e-3, 0.2)
 """Rarer ones cannot be told from the simulated batches; more often than that a mark means nothing."""
 PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
 """Where a time may be looked for, by its name in a SPEC."""
-MOST = 200_000
+MAX_BATCH_FILES = 200_000
 """Recordings; their rows are held in memory."""
 
 
@@ -41,7 +41,7 @@ _LOW, _HIGH = FALSE_ALARM_RANGE
 
 @dataclass(frozen=True)
 class _Recordings:
-    """A table ``[[recordings]]``: a model and recordings of it."""
+    """A table ``[[recordings]]``: a model and its recordings."""
 
     model: _Text
     runs: Annotated[_Text | tuple[_Text, ...], Check(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
@@ -59,7 +59,7 @@ class _Time:
 
 @dataclass(frozen=True)
 class _Changes:
-    """The table ``[changes]``: how rare a mark is where nothing changes."""
+    """The table ``[changes]``: the probability of a false alarm."""
 
     false_alarms: Annotated[
         float, Check(lambda rate: _LOW <= rate <= _HIGH, f"give a probability from {_LOW:g} to {_HIGH:g}")
@@ -68,7 +68,7 @@ class _Changes:
 
 @dataclass(frozen=True)
 class _Entries:
-    """What a SPEC says."""
+    """Entries of a SPEC file."""
 
     task: str = "compare"
     trust_data: bool = False
@@ -80,13 +80,13 @@ class _Entries:
 
 @dataclass(frozen=True)
 class Item:
-    """One model and one recording.
+    """One model and one recording of a batch.
 
     Attributes:
-        robot: whose, for a person.
-        model: its file.
-        run: the recording's file.
-        when: it was made.
+        robot: name of the robot, for a person.
+        model: file of the model.
+        run: file of the recording.
+        when: time of the recording.
     """
 
     robot: str
@@ -97,11 +97,11 @@ class Item:
 
 @dataclass(frozen=True)
 class Spec:
-    """What to do.
+    """Contents of a SPEC: a task, models and recordings.
 
     Attributes:
-        folder: of the SPEC; paths in it begin there.
-        task: of `TASKS`.
+        folder: folder of the SPEC; its paths are relative to this folder.
+        task: one of `TASKS`.
         effects: file with effects of the user's own.
         items: in the order of the SPEC, recordings of one entry by name.
         false_alarms: probability of a marked change in a batch where nothing changes.
@@ -116,7 +116,7 @@ class Spec:
     trust: bool = False
 
     def name(self, path: Path) -> str:
-        """A path as seen from the SPEC."""
+        """Path relative to the SPEC's folder."""
         return seen_from(path, self.folder)
 
 
@@ -124,7 +124,7 @@ def read_spec(path: Path) -> Spec:
     """Read a SPEC, and find the files that it names.
 
     Raises:
-        InputError: names the file, the field, what is wrong and what to do.
+        InputError: the SPEC cannot be used; the message names the file, the field and a remedy.
     """
     table = read_toml(path, ": see docs/batch.md for one", finite=True)
     with at(path):
@@ -144,8 +144,8 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
         where = f"[[recordings]] {number}"
         for item in _items(entry, where, folder, clock):
             items.setdefault((item.model, item.run), item)
-            if len(items) > MOST:
-                raise InputError(f"{where}: more than {MOST} recordings: split the batch")
+            if len(items) > MAX_BATCH_FILES:
+                raise InputError(f"{where}: more than {MAX_BATCH_FILES} recordings: split the batch")
     return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
@@ -170,7 +170,7 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterat
 
 
 def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
-    """Names of robots, empty where the pattern has none, and their model files."""
+    """Model files with the names of their robots, which are empty where the pattern has no ``{robot}``."""
     found = [path for path in _matching(pattern.replace(ROBOT, "*"), folder) if path.is_file()]
     if not found:
         raise InputError(f"{where}: model: '{pattern}' matches no file: correct it")
@@ -183,7 +183,7 @@ def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:
 
 
 def _matching(pattern: str, folder: Path) -> list[Path]:
-    """Files of a pattern, sorted; a name without wildcards is taken as it is, whether or not the file is there."""
+    """Sorted files that match a pattern; a name without wildcards is returned even where the file is missing."""
     if not glob.has_magic(pattern):
         return [folder / pattern]
     if "**" in pattern:
@@ -192,13 +192,15 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
 
 
 def _look_through(start: Path) -> None:
-    """Refuse a pattern below whose beginning there is more than a batch has: it would search the disk for hours.
+    """Refuse a pattern whose folder contains too many files, because the search would take hours.
 
     Raises:
-        InputError: says how many files there are.
+        InputError: there are too many files.
     """
     count = 0
     for _, folders, files in os.walk(start if start.is_dir() else start.parent):
         count += len(folders) + len(files)
-        if count > MOST:
-            raise InputError(f"'**' below {start}: more than {MOST} files lie there: name the folder of the recordings")
+        if count > MAX_BATCH_FILES:
+            raise InputError(
+                f"'**' below {start}: more than {MAX_BATCH_FILES} files lie there: name the folder of the recordings"
+            )

@@ -1,4 +1,4 @@
-"""When a recording was made: written in the SPEC or in its sidecar, or a date in its name; never guessed silently."""
+"""Times of recordings, from the SPEC, a sidecar, or a date in the name; they are never guessed silently."""
 
 import re
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from armdyn.errors import InputError
 from armdyn.recording.sidecar import read_sidecar
 
-EARLIEST, LATEST = 1990, 2100
+EARLIEST_YEAR, LATEST_YEAR = 1990, 2100
 """Years that a date in a name can have; other numbers of eight digits are none."""
 DATE = re.compile(
     r"(?<!\d)(?P<year>\d{4})(?P<between>[-_.]?)(?P<month>\d{2})(?P=between)(?P<day>\d{2})"
@@ -20,7 +20,7 @@ DATE = re.compile(
 
 
 class TimeFrom(Enum):
-    """Where a time was found; the value is what a person reads."""
+    """Source of a recording's time; the value is a text for a person."""
 
     SPEC = "the SPEC"
     SIDECAR = "the sidecar"
@@ -29,12 +29,12 @@ class TimeFrom(Enum):
 
     @property
     def key(self) -> str:
-        """Name in files."""
+        """Name of the source in files."""
         return self.name.lower()
 
 
 def is_form(form: str) -> bool:
-    """Whether `datetime.strptime` takes it: it knows its letters, and each stands once."""
+    """Whether a text is a form for `datetime.strptime`: its letters are known, and each occurs once."""
     try:
         datetime.strptime(datetime(2001, 2, 3, tzinfo=UTC).strftime(form), form)
     except (ValueError, re.error, OverflowError):
@@ -44,12 +44,12 @@ def is_form(form: str) -> bool:
 
 @dataclass(frozen=True)
 class When:
-    """When a recording was made.
+    """Time of a recording, with its source.
 
     Attributes:
-        time: UTC; None where it is not known.
-        source: where that was found.
-        problem: why it is not known; empty where it is.
+        time: time in UTC; None where it is not known.
+        source: where the time was found.
+        problem: why the time is not known; empty where it is known.
     """
 
     time: datetime | None
@@ -59,10 +59,10 @@ class When:
 
 @dataclass(frozen=True)
 class Clock:
-    """How times are found.
+    """Rules for finding the times of recordings.
 
     Attributes:
-        only: the one place to look at; None for the first of SPEC, sidecar and name that has one.
+        only: the only source to use; None for the first of SPEC, sidecar and name that has a time.
         form: of the date in a name, as `datetime.strptime` takes it, for the whole stem; empty for year, month, day.
     """
 
@@ -70,11 +70,11 @@ class Clock:
     form: str = ""
 
     def of(self, path: Path, folder: Path, given: Mapping[str, datetime]) -> When:
-        """When a recording was made.
+        """Time of a recording by these rules.
 
         Args:
-            path: of the recording.
-            folder: of the SPEC: names of folders from there on may hold the date, where the file's own does not.
+            path: file of the recording.
+            folder: folder of the SPEC; names of folders below it may hold the date, where the file's name does not.
             given: times by name of a file or path from `folder`, as the SPEC has them.
         """
         name = seen_from(path, folder)
@@ -110,7 +110,7 @@ class Clock:
 
 
 def seen_from(path: Path, folder: Path) -> str:
-    """A path as seen from the SPEC's folder, if it lies there."""
+    """Path relative to the SPEC's folder, if the file is inside."""
     return (path.relative_to(folder) if path.is_relative_to(folder) else path).as_posix()
 
 
@@ -128,7 +128,7 @@ def _of_sidecar(path: Path) -> datetime | None:
 def _date(match: re.Match[str]) -> datetime | None:
     year, month, day = (int(match[key]) for key in ("year", "month", "day"))
     hour, minute, second = (int(match[key] or 0) for key in ("hour", "minute", "second"))
-    if not EARLIEST <= year <= LATEST:
+    if not EARLIEST_YEAR <= year <= LATEST_YEAR:
         return None
     try:
         found = datetime(year, month, day)
@@ -136,5 +136,5 @@ def _date(match: re.Match[str]) -> datetime | None:
         return None
     try:
         return found.replace(hour=hour, minute=minute, second=second)
-    except ValueError:  # a number of its own that follows the day
+    except ValueError:  # another number that follows the day
         return found

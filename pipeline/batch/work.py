@@ -1,4 +1,4 @@
-"""One model against one recording: what a worker does, on this machine or another."""
+"""One job of a batch: compare or repair one model with one recording, on this machine or another."""
 
 import dataclasses
 import gc
@@ -28,14 +28,14 @@ _one_at_a_time = threading.Lock()
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """What a worker is sent.
+    """A job for a worker.
 
     Attributes:
-        key: of what is in all its files, so that it is done once and again when one of them changes.
+        key: digest of all its files, so that the job is done again only when one of them changes.
         task: ``"compare"`` or ``"repair"``.
-        model: file.
-        model_key: of the model's content.
-        run: the recording's file.
+        model: file of the model.
+        model_key: digest of the model's content.
+        run: file of the recording.
         effects: file with effects of the user's own.
         trust: whether to go on where the recording is not what it says it is.
     """
@@ -51,23 +51,23 @@ class Job:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What came out, without what the SPEC says of the recording; all of it can be written as JSON.
+    """Outcome of a job, without the SPEC's entry; all fields can be written as JSON.
 
     Attributes:
-        key: of the job.
-        verdict: of a comparison or a repair; empty where the recording could not be used.
-        sentence: for a person.
-        problem: why it could not be used; empty where it could.
-        passing: whether the problem may be gone next time, as a worker that was killed.
-        explained: share of the misfit that a repair takes away; None of a comparison.
-        effects: of the model, after a repair.
+        key: key of the job.
+        verdict: verdict of a comparison or a repair; empty where the recording could not be used.
+        sentence: summary for a person.
+        problem: why the recording could not be used; empty where it could.
+        passing: whether the problem may be gone next time, such as a killed worker.
+        explained: share of the misfit that a repair removes; None for a comparison.
+        effects: effects of the model, after a repair.
         chi2_per_sample: 1 where only noise is left.
         intervals_hold: whether the standard deviations can be trusted as intervals.
         channels: rms error, noise and unit by channel.
         parameters: value, standard deviation, unit and whether it was fitted, by name; those of the model, not those of
             a single run such as how it began.
-        duration: of the recording, s.
-        seconds: that the work took, s.
+        duration: duration of the recording [s].
+        seconds: computing time [s].
     """
 
     key: str
@@ -86,13 +86,13 @@ class Outcome:
 
     @property
     def line(self) -> str:
-        """It as a line of JSON that says by itself whether it is whole."""
+        """The outcome as a line of JSON with a checksum."""
         text = json.dumps(dataclasses.asdict(self), allow_nan=False)
         return json.dumps({"digest": digest([text]), **json.loads(text)})
 
     @classmethod
     def of(cls, line: bytes) -> "Outcome | None":
-        """What a line says; None where it is spoiled, or of another version."""
+        """The outcome in a line; None where the line is damaged, or of another version."""
         try:
             entry = json.loads(line)
             if entry.pop("digest") == digest([json.dumps(entry)]):
@@ -105,7 +105,7 @@ class Outcome:
 def work(job: Job) -> Outcome:
     """Do a job; whatever is wrong with the recording becomes part of the outcome."""
     with _one_at_a_time, warnings.catch_warnings(), keeping_inputs():
-        warnings.simplefilter("ignore", DescriptionWarning)  # whoever asks for the batch has been told
+        warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
         began = time.perf_counter()
         try:
             found = _found(job)
@@ -116,9 +116,9 @@ def work(job: Job) -> Outcome:
             found = {"problem": str(error)}
         except MemoryError:
             found = {"problem": "the memory of this machine is too small for it", "passing": True}
-        except Exception as error:  # one bad file never ends a batch
+        except Exception as error:  # a bad file must never end a batch
             found = {"problem": sentence_of(error, "not foreseen"), "passing": True}
-        gc.collect()  # what was worked out of a recording refers to it; the next one needs the memory
+        gc.collect()  # results refer to their recording; its memory is needed for the next one
         return Outcome(job.key, seconds=time.perf_counter() - began, **found)
 
 
@@ -169,7 +169,7 @@ def _numbers(found: "Comparison") -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _known(path: Path, key: str, effects: Path | None) -> "ModelWithCatalogue":
-    """Model and effects to choose from, read once per content: the key is part of the question."""
+    """Model and effects to choose from, cached by the key of their content."""
     del key
     from armdyn.checked_study import ModelWithCatalogue
 
@@ -177,7 +177,7 @@ def _known(path: Path, key: str, effects: Path | None) -> "ModelWithCatalogue":
 
 
 def key_of_model(path: Path, effects: Path | None) -> str:
-    """What a model is, by the content of every file that it is read from.
+    """Digest of a model, from the content of every file that it is read from.
 
     Raises:
         InputError: one of them cannot be used.
@@ -193,14 +193,14 @@ def key_of_model(path: Path, effects: Path | None) -> str:
 
 
 def key_of(task: str, model_key: str, name: str, run: Path) -> str:
-    """What a job is: by the version of armdyn, the model, and name and content of recording and sidecar."""
+    """Digest of a job, from armdyn's version, the model, and names and contents of recording and sidecar."""
     from armdyn import __version__
 
     return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml"))])
 
 
 def contents(path: Path) -> str:
-    """Digest of a file; empty where it cannot be read, which whoever reads it will say."""
+    """Digest of a file; empty where it cannot be read, which its reader will report."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -28,7 +28,7 @@ def add(
     with inputs.begin(report, json_file, output, over_model=True, adding=effect) as (given, say):
         wanted = find_several(effect, given.known.catalogue)
         for each in wanted:
-            given.study.model.with_effect(each)  # refuses an effect that does not fit before anything is fitted
+            given.study.model.with_effect(each)  # an unsuitable effect is refused before the fit
         say("fitting")
         found = given.add(wanted)
     conclude_repair(inputs, given, found, output or inputs.model, report, json_file, named_only=named_only)

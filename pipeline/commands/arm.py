@@ -54,7 +54,7 @@ def _units(robot: "Robot") -> list[tuple[str, str]]:
 
 
 def _document(robot: "Robot", posture: "ArmPosture") -> Document:
-    """What the arm is like at a posture; the regressor is in the JSON."""
+    """Document of the arm's dynamics at a posture; the regressor is in the JSON only."""
     positions, torques = zip(*_units(robot), strict=True)
     joints = Table(
         [
@@ -112,7 +112,7 @@ def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
 
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
-    """JSON ``armdyn.arm/1``; infinite values, which JSON has not, become null."""
+    """JSON ``armdyn.arm/1`` of the arm's dynamics; infinite values, which JSON lacks, become null."""
     from armdyn.arm.posture import PER_LINK
     from pipeline.fields import fields
 

@@ -70,7 +70,7 @@ def check(
         obstacles = box_and_table(line, Box()) if line is not None and (near if box is None else box) else ()
         settings = CheckSettings(load_mass=mass, springs=springs, obstacles=obstacles)
         if not (near or isinstance(motion, LineTrajectory)):
-            settings = replace(settings, singular_value=0.0)  # joints that are led one by one race for no tool
+            settings = replace(settings, singular_value=0.0)  # joint motions may pass singularities
         at = (
             (None if start is None else exactly(len(arm.joint_names), start, "--start", arm.joint_names))
             if ros is None
@@ -97,7 +97,7 @@ ON_LINE = 0.05
 
 
 def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", arm: "urdf.Robot") -> bool:
-    """Whether a motion begins on the robot's line, where its task's box and table stand."""
+    """Whether a motion begins on the robot's line, where the box and table of its task are."""
     import numpy as np
 
     from pipeline.motion.trajectory import LineTrajectory
@@ -110,7 +110,7 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
 
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":
-    """Where the arm behind a rosbridge is; nothing is sent to it."""
+    """Present joint positions of the arm behind a rosbridge; no command is sent."""
     from pipeline.ros.states import where_is
     from pipeline.ros.topics import read_topics, settings_file
 

@@ -1,4 +1,4 @@
-"""`armdyn compare`: a model held against recordings."""
+"""`armdyn compare`: a model compared with recordings."""
 
 from dataclasses import replace
 

@@ -48,7 +48,7 @@ def _page(document: Document, found: "Discovery") -> Document:
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
-    """Adding what was found, and the recording or the experiment that would say more."""
+    """Next steps after a discovery: add the found effect, and make the recording or experiment that would say more."""
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.judged else []
     if not found.findings:
@@ -67,7 +67,7 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
 
 
 def _told_apart(inputs: Inputs, found: "Discovery", file: Path) -> list[NextStep]:
-    """The experiment that tells a law of a pendulum from the effect of the catalogue that does as well."""
+    """The experiment that distinguishes a pendulum's found law from an equally good effect of the catalogue."""
     rival = next((one for one in found.new if one.known_as and one.joint is None), None)
     if rival is None:
         return []

@@ -1,4 +1,4 @@
-"""`armdyn excite`: the motion of an arm to record, so that chosen effects are determined or told apart."""
+"""`armdyn excite`: design a motion of an arm that determines or distinguishes chosen effects."""
 
 import shlex
 from dataclasses import replace
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 PANEL = "Motions of an arm"
 
 
-SHORTEST, LONGEST = 2.0, 600.0
+MIN_MOTION_SECONDS, MAX_MOTION_SECONDS = 2.0, 600.0
 """s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
-SLOWEST, FASTEST = 20.0, 1000.0
+MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
 MOST_RANDOM = 1000
 
@@ -56,8 +56,10 @@ def excite(
         str | None, typer.Option(metavar="A,B", help="Two effects to tell apart, in place of --for; joints as there.")
     ] = None,
     effects_file: EffectsOption = None,
-    seconds: Annotated[float, typer.Option(min=SHORTEST, max=LONGEST, help="How long the motion takes [s].")] = 20.0,
-    rate: Annotated[float, typer.Option(min=SLOWEST, max=FASTEST, help="Samples per second.")] = 100.0,
+    seconds: Annotated[
+        float, typer.Option(min=MIN_MOTION_SECONDS, max=MAX_MOTION_SECONDS, help="How long the motion takes [s].")
+    ] = 20.0,
+    rate: Annotated[float, typer.Option(min=MIN_SAMPLE_RATE, max=MAX_SAMPLE_RATE, help="Samples per second.")] = 100.0,
     random: Annotated[
         int, typer.Option(min=1, max=MOST_RANDOM, help="Random motions to start from and to compare with.")
     ] = 100,
@@ -88,7 +90,7 @@ def excite(
         goal = _goal(model, wanted, rivals, effects_file, rate)
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
-    # `check` takes an arm as its description has it.
+    # `check` reads the arm from its description again.
     known = shlex.join(["--robot", choice.robot] if choice.robot else ["--urdf", str(choice.urdf_file)])
     again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
     notes = missing_meshes(found.goal.columns.arm.robot)
@@ -118,10 +120,10 @@ def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_fil
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":
-    """The effects of a list such as ``"payload,rotor_inertia:elbow,wrist"``: a joint belongs to the effect before it.
+    """Effects from a list such as ``"payload,rotor_inertia:elbow,wrist"``; joints belong to the effect before them.
 
     Raises:
-        InputError: it names no effect, one twice, or one that this arm cannot have.
+        InputError: the list names no effect, an effect twice, or one that this arm cannot have.
         UnknownNameError: no effect and no joint has a name.
     """
     from armdyn.effects.catalogue import find
@@ -139,5 +141,5 @@ def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]
     if twice:
         raise InputError(f"{option}: names {twice[0]} twice; write its joints in one list, {twice[0]}:JOINT,JOINT")
     for effect in found:
-        model.with_effect(effect)  # refuses one that this arm cannot have
+        model.with_effect(effect)  # an effect that this arm cannot have is refused
     return found

@@ -187,7 +187,7 @@ def _demand(extent: str, core: str, direction: str, tool_rpy: str | None) -> "De
 
 
 def table_json(table: "PathTable") -> dict[str, Any]:
-    """The table in the form of the contract; tool poses are the targets of the tool point."""
+    """JSON ``armdyn.ik/1`` of an IK table; tool poses are the targets of the tool point."""
     import numpy as np
     from scipy.spatial.transform import Rotation
 
@@ -213,7 +213,7 @@ def table_json(table: "PathTable") -> dict[str, Any]:
 
 
 def as_settings(found: "Found") -> str:
-    """What was found, as entries of a robot's settings file."""
+    """A found line as entries of a robot's settings file."""
     import pinocchio as pin
 
     line = found.line
@@ -243,7 +243,7 @@ def as_settings(found: "Found") -> str:
 
 
 def found_json(found: "Found") -> dict[str, Any]:
-    """A line that was found, and what it is worth."""
+    """JSON of a found line and of its quality."""
     from pipeline.fields import fields
 
     numbers = fields(found, "home core_speed whole_speed joint_margin clearance torque")

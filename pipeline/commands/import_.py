@@ -148,7 +148,7 @@ def _propose(
     force: bool,
     json_file: Path | None,
 ) -> None:
-    """Write a mapping that a person reads before it is used."""
+    """Write a proposed mapping, which a person reads before it is used."""
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
 
@@ -193,7 +193,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
 
 
 def _words(choice: RobotChoice) -> list[str]:
-    """The options that name the robot again; a place for its file where none was named."""
+    """Text of the options that name the robot; a placeholder for its file where none was named."""
     if choice.robot is not None:
         return ["--robot", choice.robot]
     return ["--urdf", str(choice.urdf_file) if choice.urdf_file is not None else "ROBOT.urdf"]

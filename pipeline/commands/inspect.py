@@ -74,10 +74,10 @@ def inspect(
 
 
 def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
-    """Corrected copies of recordings with a mistake that can be undone, each with its map for `import`.
+    """Write corrected copies of recordings with a mistake that can be undone, each with its map for `import`.
 
     Raises:
-        InputError: a file is there already or cannot be written.
+        InputError: a file exists already or cannot be written.
     """
     from armdyn import atomic
     from armdyn.run import write_run_csv

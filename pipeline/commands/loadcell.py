@@ -24,7 +24,7 @@ PANEL = "Experiments"
 
 
 EMULATED = "emulated"
-PATIENCE = 2.0
+SAMPLE_TIMEOUT = 2.0
 """Time without a sample that ends a calibration [s]; slow boards shall be calibrated too."""
 
 group = typer.Typer(help="The load cell: an HX711 over a serial line.", no_args_is_help=True)
@@ -72,13 +72,13 @@ def calibrate(
             else:
                 console.print(f"{what} (emulated)")
                 emulated.hang(weight.force)
-                time.sleep(0.2)  # until the earlier samples have arrived
+                time.sleep(0.2)  # wait until the earlier samples have arrived
 
         def progress(weight: "Weight", count: int) -> None:
             status.update(f"{weight.text}: {count} of {samples} samples")
 
         with (
-            LoadCell(name, None, baud=baud, silent_after=PATIENCE) as cell,
+            LoadCell(name, None, baud=baud, silent_after=SAMPLE_TIMEOUT) as cell,
             console.status("waiting") as status,
         ):
             fit = guided(cell, listed, samples, source, ask, progress, time.sleep)
@@ -123,7 +123,7 @@ def monitor(
 
 
 def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monitor", "LoadCellStatus", float]:
-    """Show the cell until `seconds` after its first sample, Ctrl-C, or its disconnection; gives the start time too."""
+    """Show the cell until `seconds` after its first sample, Ctrl-C, or a disconnection; returns the start time too."""
     import time
 
     from rich.live import Live
@@ -139,7 +139,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
         console.print("Ctrl-C ends")
     ends: list[int] = []
     with Live(console=console, refresh_per_second=10) as live:
-        # Ctrl-C is the usual way to end it: it is no interruption.
+        # Ctrl-C is the usual way to end the display, and not an interruption.
         with noted_signals(ends.append):
             while status.connected and not ends:
                 time.sleep(0.05)
@@ -160,7 +160,7 @@ def _watch(cell: Any, console: "Console", seconds: float | None) -> tuple["Monit
 
 @contextmanager
 def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
-    """Name of the port to open, and the emulated cell behind it where there is one."""
+    """Name of the port to open, and the emulated cell behind the port; None for a real cell."""
     if port != EMULATED:
         yield port, None
         return

@@ -22,7 +22,7 @@ PANEL = "Models"
 
 
 class _Bases(typer.core.TyperGroup):
-    """The group of bases, in which ``--base FILE.py`` stands for one of the user's own."""
+    """The group of bases, in which ``--base FILE.py`` means a base from the user's file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own = any(arg.partition("=")[0] == "--base" for arg in args)
@@ -107,10 +107,10 @@ def arm(
 
 
 def _known(settings: list[str] | None) -> dict[str, str]:
-    """What ``--set`` says, by parameter.
+    """Parameters' values from ``--set``, by name.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: a value cannot be read.
     """
     known: dict[str, str] = {}
     for setting in settings or ():
@@ -124,7 +124,7 @@ def _known(settings: list[str] | None) -> dict[str, str]:
 
 
 def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None:
-    """Write a new model, and say what is in it; `notes` stand below."""
+    """Write a new model, and print its contents, with `notes` below."""
     from armdyn.model_file import write_model_file
 
     check_outputs(target.model, target.json_file)
@@ -149,10 +149,10 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
 
 
 def _check_replaced(target: Target) -> None:
-    """A new model may take the place of a model in which nothing was found yet, not of a recording.
+    """Check that a new model replaces only a model without found effects, and never a recording.
 
     Raises:
-        InputError: the file is there and is no model file, or is one that was repaired or cannot be read.
+        InputError: the file exists and is no model file, or is a model that was repaired or cannot be read.
     """
     import tomllib
 

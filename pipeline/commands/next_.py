@@ -1,4 +1,4 @@
-"""`armdyn next`: which experiment tells apart what the runs so far do not."""
+"""`armdyn next`: plan the experiment that distinguishes effects which the present runs cannot."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +43,7 @@ def next_(
     from pipeline.report.next_experiment import next_document, next_report
 
     limits = rig_limits(travel, speed, acceleration, swing)
-    motion_series(seconds)  # refuses a duration that no motion can have, before anything is fitted
+    motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(report, json_file, output) as (given, say):
         verdict, sentence, found = undecided(given.study, names_in(rivals), say)
         made, offer = None, None

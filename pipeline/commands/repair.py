@@ -1,4 +1,4 @@
-"""`armdyn repair`: the effects that a model lacks, added one after the other."""
+"""`armdyn repair`: add the effects that a model lacks, one after the other."""
 
 from pipeline.console.inputs import Inputs
 from pipeline.console.options import JsonOption, NamedOnlyOption, OutputOption, ReportOption

@@ -124,7 +124,7 @@ def trial(
 
 
 def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str, *, picture: bool) -> None:
-    """One trial in a folder that nobody else writes to, and what there is to say about it."""
+    """Run one trial in a folder that no other process writes to, and print its result."""
     from pipeline.trial import simulate
 
     with spinner() as progress:
@@ -160,7 +160,7 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
 
 
 def _render(done: "SimulatedTrial", out: Path, show: Say) -> tuple[Path, ...]:
-    """Draw the swing; the files that were written."""
+    """Draw the swing; returns the files that were written."""
     from pipeline.robot.picture import render_swing
 
     history = done.swing_history()
@@ -168,7 +168,7 @@ def _render(done: "SimulatedTrial", out: Path, show: Say) -> tuple[Path, ...]:
         return ()
     files = (out / "swing.png", out / "swing.gif")
     for file in files:
-        show(f"{file.name}: the robot's shapes", 0.0)  # reading them takes as long as several pictures
+        show(f"{file.name}: the robot's shapes", 0.0)  # loading the meshes takes as long as drawing several pictures
 
         def drawn(count: int, total: int, name: str = file.name) -> None:
             show(f"{name}: {count} of {total} drawn", count / total)

@@ -1,4 +1,4 @@
-"""`armdyn view`: what moved, in three dimensions, as one offline page."""
+"""`armdyn view`: a motion in three dimensions, as one offline page."""
 
 import sys
 from pathlib import Path

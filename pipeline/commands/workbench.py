@@ -1,4 +1,4 @@
-"""`armdyn workbench`: the page on which effects are ticked and the error falls."""
+"""`armdyn workbench`: a local web page on which a user ticks effects and sees the error fall."""
 
 import sys
 from pathlib import Path
@@ -69,7 +69,7 @@ def workbench(
             import webbrowser
             from threading import Thread
 
-            Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some do not return until they end
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some browsers block until they end
 
     def closed() -> None:
         if json_file != Path("-"):

@@ -1,1 +1,1 @@
-"""The terminal's side of every command: its options, what it reads, what it prints, how it ends."""
+"""The terminal side of every command: options, input files, printed output and exit status."""

@@ -1,4 +1,4 @@
-"""Collects the commands, and turns what they raise into one line and an exit status."""
+"""Collect the commands; print their errors as one line and return an exit status."""
 
 import os
 import sys
@@ -21,16 +21,16 @@ from pipeline.console.groups import with_groups
 from pipeline.console.noticed import noticed, noticing
 from pipeline.console.streams import report_unforeseen, tolerant_streams
 from pipeline.interrupts import Interrupt, Interrupts
-from urdf.bounds import LARGEST, is_sane, shown
+from urdf.bounds import LARGEST_SIZE, is_sane, shown
 
 
 def command_files() -> dict[str, str]:
-    """The file of every command in `pipeline.commands`, without the underscore that tells `import_` from `import`."""
+    """File of every command in `pipeline.commands`, by name; names such as `import_` lose their underscore."""
     return {module.name.removesuffix("_"): module.name for module in iter_modules(commands.__path__)}
 
 
 def application(files: Iterable[str]) -> typer.Typer:
-    """The command line with the commands of these files; no other is loaded.
+    """The command line with the commands of some files; no other command is loaded.
 
     A file holds a function of its own name, or `group`, several commands behind that name, and `PANEL`, the heading
     under which `armdyn --help` lists it.
@@ -39,7 +39,7 @@ def application(files: Iterable[str]) -> typer.Typer:
         name="armdyn",
         help="Learn what a robot arm handles, use it, and find out where the model is wrong.",
         no_args_is_help=True,
-        rich_markup_mode="markdown",  # a unit in brackets is text
+        rich_markup_mode="markdown",  # a unit in square brackets is text, not a style
         pretty_exceptions_enable=False,
     )
     app.callback()(_common)
@@ -100,7 +100,7 @@ def _run_command(interrupts: Interrupts) -> int:
 
 
 def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that refuses options whose numbers are none: ``nan``, ``1e300``, and ``1_000``, which Python reads."""
+    """A command that refuses unusable numbers in its options: ``nan``, ``1e300``, and ``1_000``, which Python reads."""
 
     @wraps(command)
     def checked(*arguments: Any, **options: Any) -> Any:
@@ -111,7 +111,7 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
                 if isinstance(each, int | float) and not (is_sane(each) and _is_written_plainly(each)):
                     option = f"--{name.replace('_', '-')}"
                     raise InputError(
-                        f"{option} {each:g}: give a number between {-LARGEST:g} and {LARGEST:g}, such as 1000"
+                        f"{option} {each:g}: give a number between {-LARGEST_SIZE:g} and {LARGEST_SIZE:g}, such as 1000"
                     )
         return command(*arguments, **options)
 
@@ -119,7 +119,7 @@ def _checked(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _check_leads_somewhere(path: Path) -> None:
-    """Refuse links in a circle, and names that no file has, before anybody resolves them."""
+    """Refuse symbolic links in a circle and impossible file names, before a path is resolved."""
     try:
         path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -136,9 +136,9 @@ def _is_written_plainly(value: float) -> bool:
 
 
 def _say_why(error: BaseException, interrupts: Interrupts) -> int:
-    """One line on what was raised; the exit status that belongs to it."""
+    """Print one line about an exception, and return its exit status."""
     if interrupts.received is not None and not isinstance(error, Interrupt):
-        error = Interrupt(interrupts.received)  # libraries turn it into errors of their own
+        error = Interrupt(interrupts.received)  # libraries turn an interruption into errors of their own
     if isinstance(error, Interrupt):
         return _say(str(error), 128 + error.number)
     if isinstance(error, KeyboardInterrupt | typer.Abort):
@@ -149,13 +149,13 @@ def _say_why(error: BaseException, interrupts: Interrupts) -> int:
         return _say(str(error), 1)
     if isinstance(error, ArmdynError) or _is_urdf_error(error):
         return _say(str(error), 2)
-    if isinstance(error, OSError) and error.filename is not None:  # a name too long, a disk that is full or gone
+    if isinstance(error, OSError) and error.filename is not None:  # a file name is too long, a disk is full or gone
         return _say(f"{shown(str(error.filename))}: {error.strerror}: choose another file or place", 2)
     return _say(report_unforeseen(error), 3)
 
 
 def _is_urdf_error(error: BaseException) -> bool:
-    """Whether `urdf` raised it; it is not loaded for that, which takes half a second."""
+    """Whether `urdf` raised an error; `urdf` is not loaded for this question, since that takes half a second."""
     module = sys.modules.get("urdf.robot")
     return module is not None and isinstance(error, module.UrdfError)
 

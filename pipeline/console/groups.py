@@ -1,4 +1,4 @@
-"""Options that several commands share are declared once: a parameter that is a dataclass is an option per field."""
+"""Declare shared options once: a command's parameter that is a dataclass becomes one option per field."""
 
 import inspect
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from typer.models import ArgumentInfo
 
 
 def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command whose parameters that are dataclasses are replaced by the fields of these, as Typer reads them.
+    """A command for Typer, in which each parameter that is a dataclass is replaced by that class's fields.
 
     ``def compare(inputs: Inputs, json_file: JsonOption = None)`` gets the arguments and options that `Inputs` declares,
     and is called with an `Inputs` made of them. An argument that takes all further words comes last.
@@ -34,7 +34,7 @@ def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
 
     called.__name__, called.__doc__ = command.__name__, command.__doc__
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
-    # What `inspect.signature`, by which Typer reads a command, takes in place of the function's own.
+    # Typer reads a command by `inspect.signature`, which takes this signature in place of the function's own.
     vars(called)["__signature__"] = inspect.Signature(sorted(flat, key=_takes_the_rest))
     return called
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a command that holds a model against recordings reads: its arguments and options."""
+    """Arguments and options of a command that compares a model with recordings."""
 
     model: ModelArgument
     runs: RunsArgument
@@ -38,11 +38,11 @@ class Inputs:
 
     @property
     def recordings(self) -> list[Path]:
-        """Every recording."""
+        """All recordings of a command: training, held-out and exam runs."""
         return [*self.runs, *(self.held_out or ()), *(self.exam or ())]
 
     def command(self, name: str, *options: str) -> str:
-        """Another command on the same files."""
+        """Text of another command on the same files, for advice."""
         words = ["armdyn", name, str(self.model), *map(str, self.runs)]
         for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
             words += [word for path in paths or () for word in (option, str(path))]
@@ -61,19 +61,19 @@ class Inputs:
         adding: str = "",
         choosing: bool = True,
     ) -> "Iterator[tuple[CheckedStudy, Say]]":
-        """Look at the outputs, read everything, and go on with what is said meanwhile; a wrong recording ends it.
+        """Check the outputs, read all inputs, then run the block with a progress display; a wrong recording ends all.
 
         Args:
-            report: file to write.
-            json_file: likewise.
-            output: likewise.
+            report: HTML file to write.
+            json_file: JSON file to write.
+            output: model file to write.
             over_model: whether the output may be the model's own file.
-            adding: see `read`.
-            choosing: see `read`.
+            adding: effects that the model is about to get.
+            choosing: whether effects are chosen from the catalogue.
 
         Raises:
             InputError: an output cannot be written or would replace an input, or an input cannot be used.
-            typer.Exit: a recording is not what it says it is; that was told, and no effect is named.
+            typer.Exit: a recording is not what it says it is; this was printed, and no effect is named.
         """
         over = over_model and (output is None or output.resolve() == self.model.resolve())
         kept = [] if over and output is not None else [self.model]
@@ -83,18 +83,18 @@ class Inputs:
             may_replace(self.model)
         with stopped_if_wrong(json_file), spinner() as say:
             given = self.read(adding, choosing=choosing)
-            check_outputs(output, report, json_file)  # what the inputs named is known now
+            check_outputs(output, report, json_file)  # the names in the inputs are known now
             yield given, say
 
     def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
-        """Read everything that a study needs, and ask whether the recordings are what they say they are.
+        """Read the model and the recordings of a study, and check the recordings for mistakes.
 
         Args:
             adding: effects that the model is about to get.
             choosing: whether effects are chosen from the catalogue; a study without it is faster.
 
         Raises:
-            InputError: something cannot be used.
+            InputError: the model or a recording cannot be used.
             WrongRecordingError: a recording is not what it says it is, and is not trusted.
         """
         from armdyn.checked_study import CheckedStudy, ModelWithCatalogue
@@ -107,7 +107,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class UnexaminedInputs(Inputs):
-    """The same for a command that never says how large an error is, and has no use for ``--exam``."""
+    """Arguments and options, without ``--exam``, of a command that reads recordings but prints no error of a model."""
 
     exam: list[Path] | None = field(default=None, init=False)
 
@@ -130,7 +130,7 @@ def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
 
 
 def checked(given: "CheckedStudy") -> dict[str, Any]:
-    """What every answer says of its recordings."""
+    """JSON entries about the recordings, which every answer has."""
     from pipeline.answers import checks_answer
 
     return {"recording_checks": checks_answer(given.inspection.checks)}

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, and what their texts mean."""
+"""Arguments and options that several commands have, and functions that parse their texts."""
 
 import math
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ ToolOption = Annotated[str | None, typer.Option(help="The link that carries the 
 
 @dataclass(frozen=True)
 class ArmChoice:
-    """Which arm, and which part of it."""
+    """Options that choose an arm and a chain of its joints."""
 
     robot: Annotated[
         str, typer.Option(help="Name of a known robot, or a settings file of one's own (.toml) that names its URDF.")
@@ -72,7 +72,7 @@ class ArmChoice:
     ] = True
 
     def load(self) -> "Robot":
-        """The robot.
+        """Load the chosen arm.
 
         Raises:
             InputError: its description is unknown or cannot be used.
@@ -89,7 +89,7 @@ class ArmChoice:
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """A robot by its name or by its URDF, or none.
+    """Options that choose a robot by its name or by its URDF; both may be absent.
 
     Raises:
         InputError: both are given.
@@ -106,7 +106,7 @@ class RobotChoice:
         return self.robot is not None or self.urdf_file is not None
 
     def needed(self) -> None:
-        """Refuse to go on without a robot.
+        """Refuse to continue without a robot.
 
         Raises:
             InputError: none is given.
@@ -119,7 +119,7 @@ ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot an
 
 
 def quantity(text: str, unit: str, option: str) -> "Known":
-    """A value of an option with its unit, such as ``"80 g +/- 0.4 g"``, in `unit`.
+    """Value of an option with a unit, such as ``"80 g +/- 0.4 g"``, converted to `unit`.
 
     Raises:
         InputError: it cannot be read.
@@ -131,18 +131,18 @@ def quantity(text: str, unit: str, option: str) -> "Known":
 
 
 def names_in(text: str | None) -> list[str] | None:
-    """Names separated by commas; None where there is no text."""
+    """Names from a text that separates them by commas; None where there is no text."""
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
 def missing_meshes(robot: "Robot") -> list[str]:
-    """Which shapes an arm was loaded without, in one line; nothing where it has all of them."""
+    """One line about the shapes whose files an arm lacks; empty where it has all of them."""
     missing = [defect for defect in robot.defects if defect.startswith("mesh ")]
     return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
 
 
 def numbers(text: str, option: str) -> list[float]:
-    """Numbers separated by commas.
+    """Numbers from a text that separates them by commas.
 
     Raises:
         InputError: one of them is not a number.
@@ -162,7 +162,7 @@ def numbers(text: str, option: str) -> list[float]:
 
 
 def exactly(count: int, text: str, option: str, names: Sequence[str] = ()) -> list[float]:
-    """So many numbers separated by commas; `names` says what they are.
+    """A given number of numbers from a text that separates them by commas; `names` are for the error's text.
 
     Raises:
         InputError: one of them is not a number, or there are more or fewer.
@@ -184,7 +184,7 @@ def tool_rotation(rpy: str) -> Any:
 
 
 def parse_hidden(given: list[str]) -> dict[str, float | None]:
-    """Effects by name; None stands for the typical size.
+    """Sizes of hidden effects by name; None means the typical size.
 
     Raises:
         InputError: a value that is not a finite number, or an effect that is named twice.

@@ -1,4 +1,4 @@
-"""Files that a command is to write, looked at before anything is computed."""
+"""Checks of the files that a command will write, before anything is computed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +9,11 @@ from armdyn.read_files import refuse_to_replace
 
 
 def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
-    """Refuse early what could not be written at the end, or would destroy what was read.
+    """Refuse, before computing, outputs that cannot be written or that would overwrite inputs.
 
     Args:
-        files: to be written, None for none and ``-`` for standard output.
-        inputs: recordings and models that are read.
+        files: files to write, None for no file and ``-`` for standard output.
+        inputs: recordings and models that the command reads.
 
     Raises:
         InputError: a directory is missing, or is given in place of a file; a file is to be written twice or was read.
@@ -27,7 +27,7 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
         try:
             target = file.resolve(strict=False)
             directory = file.is_dir()
-        except (OSError, RuntimeError, ValueError) as error:  # a name too long, links in a circle, a null character
+        except (OSError, RuntimeError, ValueError) as error:  # a long name, a null character, a circle of links
             raise InputError(f"cannot write {str(file)!r}: {error}; choose another place") from error
         if target in taken:
             raise InputError(f"{file} is {taken[target]}: choose another file to write")
@@ -40,10 +40,10 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
 
 
 def free_to_write(file: Path, force: bool) -> None:
-    """Refuse to write over what is there, unless that is asked for.
+    """Refuse to overwrite a file, unless the user requested it.
 
     Raises:
-        InputError: the file is there.
+        InputError: the file exists.
     """
     if file.exists() and not force and not is_stream(file):
         raise InputError(f"{file} is there already: choose another name, or write over it with --force")

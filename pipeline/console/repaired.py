@@ -1,4 +1,4 @@
-"""How `add` and `repair` end: the model's file, the report, the answer, what to do next."""
+"""The end of `add` and `repair`: they write the model, report and answer, and print advice."""
 
 import shlex
 from dataclasses import replace
@@ -30,7 +30,7 @@ def conclude_repair(
 ) -> None:
     """Write the repaired model, its report and its answer, and print how the error fell.
 
-    Where the fit is lost, no model is written; `named_only` leaves its background out of the written one.
+    Where the fit failed, no model is written. With `named_only`, the written model has no background.
     """
     from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
@@ -57,7 +57,7 @@ def conclude_repair(
 
 
 def next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
-    """Commands that use a repaired model; its own effects are in the file `effects`."""
+    """Texts of commands that use a repaired model; the user's own effects are in the file `effects`."""
     own = ["--effects", str(effects)] if effects is not None else []
     kind = {"pendulum": ".py", "arm": ".xml"}.get(model.base, ".json")
     export = shlex.join(["armdyn", "export", str(output), *own, "--output", f"{output.stem}{kind}"])

@@ -1,4 +1,4 @@
-"""What every command does with its answer: the screen, JSON, and progress."""
+"""Output of every command: its answer on the screen and as JSON, and its progress."""
 
 import json
 import os
@@ -30,7 +30,7 @@ PIPED_WIDTH = 140
 
 
 def to_screen() -> "Console":
-    """Standard output for tables and coloured lines; colours are given as `style`, so that ``[m]`` is text."""
+    """Console on standard output; colours are given as `style`, so that a unit such as ``[m]`` is text."""
     from rich.console import Console
 
     any_encoding()
@@ -45,7 +45,7 @@ def plain_table(*heads: "str | Column") -> "Table":
 
 
 def show(document: "Document") -> None:
-    """Print a document: its verdict, key figures, the sections that have no figure or a table, its notes."""
+    """Print a document: verdict, key figures, sections that have a table or no figure, and notes."""
     from rich.table import Column
 
     console = to_screen()
@@ -85,16 +85,16 @@ def finish(
     *,
     failed: bool = False,
 ) -> None:
-    """End a command: its report where one is asked for, its answer as JSON, or what there is to say on the screen.
+    """End a command: write its report and its JSON where requested, or print its answer on the screen.
 
     Args:
-        document: for the screen.
-        answer: as JSON.
-        json_file: where that goes; None for nowhere, ``-`` for standard output, where nothing else is printed then.
+        document: answer for the screen.
+        answer: answer for JSON.
+        json_file: file of the JSON; None for none; ``-`` for standard output, on which nothing else is then printed.
         report: HTML file; None for none.
-        page: the document of that file, with figures.
+        page: document with figures for the report.
         written: a sentence for every other file that was written.
-        failed: the answer is no.
+        failed: whether the answer is no.
 
     Raises:
         InputError: a file cannot be written.
@@ -153,9 +153,9 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
             typer.echo(text)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The reader has seen enough, such as `head`; nor must Python's own last flush complain.
+            # The reader, such as `head`, closed the pipe; Python's own last flush must not fail either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        except (OSError, ValueError, AttributeError) as error:  # full, or closed in two ways
+        except (OSError, ValueError, AttributeError) as error:  # a full disk, or a closed stream (two kinds)
             why = getattr(error, "strerror", None) or "it is closed"
             raise InputError(f"cannot write to standard output: {why}; give --json a file") from error
     else:
@@ -163,7 +163,7 @@ def write_json(answer: dict[str, Any], file: Path) -> None:
 
 
 def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -> bool:
-    """Write the answer where JSON is asked for; whether standard output is left for a person.
+    """Write the answer where JSON is requested; returns whether standard output is free for text.
 
     Raises:
         InputError: the file cannot be written.
@@ -174,10 +174,10 @@ def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -
 
 
 class Say(Protocol):
-    """Told what is going on."""
+    """Function that reports a command's progress."""
 
     def __call__(self, what: str, share: float | None = None) -> None:
-        """`share` of it, from 0 to 1, is done; None where nobody knows."""
+        """Report the present activity, and the `share` of it that is done, from 0 to 1; None where it is unknown."""
 
 
 COUNTED = re.compile(r"(\d+) of (\d+) ")
@@ -186,7 +186,7 @@ COUNTED = re.compile(r"(\d+) of (\d+) ")
 
 @contextmanager
 def spinner() -> Iterator[Say]:
-    """Say on a terminal's standard error what is going on, for how long, and how far it is, until the block ends.
+    """Show a command's activity, elapsed time and progress on a terminal's standard error, until the block ends.
 
     Yields:
         ``say(what)``; ``"3 of 12 candidates tried"`` shows a bar and about how long it still takes, a share a bar.
@@ -224,12 +224,12 @@ def spinner() -> Iterator[Say]:
 
 
 def about(seconds: float) -> str:
-    """A time that is left, as coarse as it is known: ``about 40 s left``."""
+    """Text of a remaining time, rounded as coarsely as it is known: ``about 40 s left``."""
     if seconds < 10.0:
         return "a few seconds left"
     return f"about {10 * round(seconds / 10)} s left" if seconds < 90.0 else f"about {round(seconds / 60)} min left"
 
 
 def command_line() -> str:
-    """The command as it was given, for a report that says how to make it again."""
+    """Text of the present command line, so that a report says how it was made."""
     return shlex.join(["armdyn", *sys.argv[1:]])

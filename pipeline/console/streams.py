@@ -1,7 +1,7 @@
-"""Standard output and error that never raise, and what is said of errors that nobody has foreseen.
+"""Standard output and error that never raise, and reports of unforeseen errors.
 
-A stream may be full, closed, with a reader that ends, in any encoding. Of what was not foreseen the user gets one line,
-and a file with everything that whoever mends it needs.
+A stream may be full or closed, may lose its reader, and may have any encoding. After an unforeseen error the user gets
+one line, and a file with all facts that a developer needs.
 """
 
 import errno
@@ -23,7 +23,7 @@ PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
 
 def report_unforeseen(error: BaseException) -> str:
-    """Write the report; a sentence that says what was raised and where the report is."""
+    """Write the report of an unforeseen error; returns a sentence that names the error and the report's file."""
     what = f"{type(error).__name__}{': ' if str(error) else ''}{' '.join(str(error).split())[:200]}"
     try:
         with tempfile.NamedTemporaryFile(
@@ -31,7 +31,7 @@ def report_unforeseen(error: BaseException) -> str:
         ) as file:
             file.write(_report(error))
         place = f"please send {file.name}"
-    except OSError:  # a full disk must not hide what happened
+    except OSError:  # a full disk must not hide the error
         frames = traceback.extract_tb(error.__traceback__)
         place = f"it came from {frames[-1].filename}, line {frames[-1].lineno}" if frames else "nothing more is known"
     return f"{what}: this was not foreseen, it is a mistake of armdyn and not yours; {place}"
@@ -59,10 +59,10 @@ def _version(name: str) -> str:
 
 
 class Tolerant(io.RawIOBase):
-    """The bytes of a standard stream; what cannot be written is dropped.
+    """Binary output to a standard stream; bytes that cannot be written are dropped.
 
     Attributes:
-        problem: why bytes were dropped; None where they were not, or where the reader simply has seen enough.
+        problem: why bytes were dropped; None where none were, or where the reader simply closed the pipe.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -72,19 +72,19 @@ class Tolerant(io.RawIOBase):
         self.problem: str | None = None
 
     def writable(self) -> bool:
-        """It is."""
+        """Always True: the stream accepts bytes."""
         return True
 
     def fileno(self) -> int:
-        """Of the stream."""
+        """File descriptor of the stream."""
         return self._descriptor
 
     def isatty(self) -> bool:
-        """Whether a person reads it."""
+        """Whether the stream is a terminal."""
         return not self._gone and os.isatty(self._descriptor)
 
     def write(self, data: Any) -> int | None:
-        """Write what can be written; says that everything was."""
+        """Write bytes; returns the number written, which is that of all bytes once the stream has failed."""
         if not self._gone:
             try:
                 return os.write(self._descriptor, data)
@@ -99,12 +99,12 @@ class Tolerant(io.RawIOBase):
 
 @contextmanager
 def tolerant_streams() -> Iterator[Callable[[], str | None]]:
-    """Let nothing that is printed raise an error, and let a thread that fails print one line.
+    """Replace the standard streams so that printing never raises, and a failing thread prints one line.
 
     Standard streams are replaced where they are files, not where a test has put something in their place.
 
     Yields:
-        A function that says why something of standard output was dropped; None where nothing was.
+        A function that returns why output was dropped; None where none was dropped.
     """
     usual, kept = threading.excepthook, dict[str, tuple[TextIO | None, Tolerant]]()
     for number, name in ((1, "stdout"), (2, "stderr")):
@@ -140,7 +140,7 @@ def tolerant_streams() -> Iterator[Callable[[], str | None]]:
 
 
 def _occupy(number: int) -> None:
-    """A standard stream that is closed leads nowhere, rather than into the next file that is opened."""
+    """Connect a closed standard stream to the null device, so that no other file takes its descriptor."""
     try:
         os.fstat(number)
     except OSError:

@@ -1,4 +1,4 @@
-"""What is said of a trial, simulated or real: its result, its report, its exit status; and how a real one is led."""
+"""Result, report and exit status of a simulated or real trial, and the conduct of a real one."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -28,21 +28,21 @@ def conclude_trial(
     draw: Callable[[Say], Sequence[Path]] = lambda _: (),
     always_report: bool = False,
 ) -> None:
-    """Write what came of a trial and print it; exit status 1 where it did not land, 128 and the signal that ended it.
+    """Write and print a trial's result; exit status 1 where the load missed, 128 + n where signal n ended it.
 
     Args:
-        done: the trial.
+        done: the trial that ended.
         out: folder of its report.
-        json_file: where the answer goes.
-        answer: as JSON.
-        lines: that stand below the result's message.
-        known: what stands before the guess of the length.
-        note: stands below the length.
-        draw: makes pictures.
-        always_report: also of a trial that was interrupted, as one on a real robot cannot be made again.
+        json_file: file of the answer.
+        answer: answer for JSON.
+        lines: lines printed below the result's message.
+        known: text before the guess of the length.
+        note: text below the length.
+        draw: function that makes pictures.
+        always_report: whether an interrupted trial gets a report, as a trial on a real robot cannot be repeated.
     """
     result, report = done.result, out / "report.html"
-    # The result first: a report that cannot be made, after a fault or on a full disk, must not cost it.
+    # The result is written first, so that a failing report (after a fault, on a full disk) cannot lose it.
     if json_file is not None:
         write_json(answer, json_file)
     pictures: Sequence[Path] = ()
@@ -84,7 +84,7 @@ def _say_result(result: "TrialResult", below: Iterable[str], known: str, note: s
 
 
 def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
-    """Write the report; what keeps it from being made where that also stopped the trial, empty where nothing does."""
+    """Write the report; returns why it could not be made where the same fault stopped the trial, otherwise empty."""
     try:
         save_report(done.report(), report)
     except Exception as error:
@@ -108,7 +108,7 @@ def real_trial(
     json_file: Path | None,
     note: str,
 ) -> None:
-    """Run or rehearse a trial on a robot, and tell what came of it and `note`; exit status 1 where it did not land."""
+    """Run or rehearse a trial on a robot, and print its result and `note`; exit status 1 where the load missed."""
     from pipeline.trial.real import rehearse, run_real
 
     link = _link(robot, address, arm, None if rehearsed else port, calibration)
@@ -172,7 +172,7 @@ def _show_rehearsal(statistics: "LinkStatistics", farthest: float, json_file: Pa
 
 
 def _timing(statistics: "LinkStatistics") -> list[str]:
-    """What the commands and the states were like, in words."""
+    """Sentence about the timing of the commands and of the states."""
     said = {
         "command_interval": "time between commands",
         "state_age": "age of the joint states",
@@ -183,7 +183,7 @@ def _timing(statistics: "LinkStatistics") -> list[str]:
 
 
 def _nodes(done: "RealTrial") -> dict[str, Any]:
-    """Computing time per node, and the cycles that it missed."""
+    """Lines with the computing time and the missed cycles of each node."""
     return {
         name: fields(t, "steps mean longest late= skipped", late=t.overruns) for name, t in done.result.timing.items()
     }

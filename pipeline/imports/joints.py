@@ -17,7 +17,7 @@ import numpy as np
 from pipeline.imports.words import IDLE, Label, words_of
 from urdf import Robot
 from urdf.gripper import gripper_joints
-from urdf.validate import MOVING
+from urdf.validate import MOVING_JOINT_TYPES
 
 MESSAGE = ("position", "velocity", "effort")
 """Fields of a JointState, whose arrays are in the order of its names: often the alphabet's."""
@@ -71,7 +71,7 @@ class Joints:
     def of(cls, robot: Robot) -> "Joints":
         """Of a robot, and of everything else in its description."""
         root, model = ET.fromstring(robot.urdf_xml), robot.model
-        moving = [str(j.get("name")) for j in root.findall("joint") if j.get("type") in MOVING]
+        moving = [str(j.get("name")) for j in root.findall("joint") if j.get("type") in MOVING_JOINT_TYPES]
         grippers = {name for name in gripper_joints(root) if name not in robot.joint_names}
         mimics = {str(j.get("name")) for j in root.findall("joint") if j.find("mimic") is not None}
         arm = robot.joint_names

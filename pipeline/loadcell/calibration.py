@@ -1,4 +1,4 @@
-"""From counts to newtons: the stored calibration of one load cell."""
+"""The stored calibration of one load cell, from counts to newtons."""
 
 import math
 import os
@@ -38,7 +38,7 @@ class _Fitted(_Noise):
 
 @dataclass(frozen=True)
 class _File:
-    """What the file of a calibration holds."""
+    """Contents of a calibration's file."""
 
     date: datetime
     source: str
@@ -49,13 +49,13 @@ class _File:
 
 @dataclass(frozen=True)
 class Calibration:
-    """force = scale (counts - offset).
+    """Calibration of a load cell: force = scale (counts - offset).
 
     Attributes:
         offset: counts of the empty cell, with what always hangs on it.
-        offset_std: its standard deviation [counts].
-        scale: [N/count]; negative where a pull lowers the counts.
-        scale_std: its standard deviation [N/count].
+        offset_std: standard deviation of the offset [counts].
+        scale: force per count [N/count]; negative where a pull lowers the counts.
+        scale_std: standard deviation of the scale [N/count].
         noise: standard deviation of one sample [N].
         date: when it was made.
         source: how it was made.
@@ -84,7 +84,7 @@ class Calibration:
 
     @property
     def force_limits(self) -> FaultLimits:
-        """What is in order of forces that this cell measures [N]."""
+        """Limits of the forces [N] beyond which this cell is faulty."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))
         return FaultLimits.of(self.noise, abs(self.scale), *ends)
 
@@ -104,7 +104,7 @@ class Calibration:
         }
 
     def save(self, path: Path) -> None:
-        """Write it to `path`, which is the old file or the whole new one at every moment.
+        """Write the calibration to `path`, which is the old file or the whole new one at every moment.
 
         Raises:
             InputError: `path` cannot be written to.
@@ -127,10 +127,10 @@ class Calibration:
 
     @classmethod
     def load(cls, path: Path) -> "Calibration":
-        """Read what `save` wrote.
+        """Read a calibration that `save` wrote.
 
         Raises:
-            InputError: it is missing or cannot be used; says to calibrate again.
+            InputError: the file is missing or cannot be used; the message advises to calibrate again.
         """
         remedy = "run 'armdyn loadcell calibrate PORT'"
         try:
@@ -144,6 +144,6 @@ class Calibration:
 
 
 def default_path() -> Path:
-    """Where the calibration is kept by default: ``loadcell.toml`` among the user's settings."""
+    """Default path of the calibration: ``loadcell.toml`` among the user's settings."""
     settings = os.environ.get("XDG_CONFIG_HOME")
     return (Path(settings) if settings else Path.home() / ".config") / "armdyn" / "loadcell.toml"

@@ -1,4 +1,4 @@
-"""The real load cell: a thread that reads the serial line, stamps what it reads and watches it; forces and faults."""
+"""The real load cell: a thread reads the serial line, stamps the samples and detects faults."""
 
 import contextlib
 import math
@@ -15,9 +15,9 @@ from pipeline.loadcell.protocol import BAUD, MAXIMUM_COUNTS, MINIMUM_COUNTS, Dec
 from pipeline.processes import Closing, PromptThread
 from pipeline.robot.protocol import ForceSample
 
-SMALLEST_STEP = 1e-6
+MIN_SAMPLE_SPACING = 1e-6
 """Least time between two samples [s]: a recording's times strictly increase."""
-WINDOW = 100
+RATE_SAMPLES = 100
 """Samples over which the rate is measured."""
 
 
@@ -29,23 +29,23 @@ class ReceptionTimes:
     """
 
     def __init__(self) -> None:
-        self._times: deque[float] = deque(maxlen=WINDOW)
+        self._times: deque[float] = deque(maxlen=RATE_SAMPLES)
 
     @property
     def rate(self) -> float:
-        """Samples per second over the last `WINDOW` samples; 0 before the second one."""
+        """Samples per second over the last `RATE_SAMPLES` samples; 0 before the second one."""
         if len(self._times) < 2:
             return 0.0
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
     def stamp(self, now: float, count: int) -> list[float]:
         """Strictly increasing times of `count` samples that came in one piece, handed over at `now` [s]."""
-        step, earliest = SMALLEST_STEP, now - (count - 1) * SMALLEST_STEP
+        step, earliest = MIN_SAMPLE_SPACING, now - (count - 1) * MIN_SAMPLE_SPACING
         if self._times and count:
             step = (now - self._times[-1]) / count
             if len(self._times) > 1:
                 step = min(step, 1.0 / self.rate)
-            step = max(step, SMALLEST_STEP)
+            step = max(step, MIN_SAMPLE_SPACING)
             earliest = max(now - (count - 1) * step, self._times[-1] + step)
         stamps = [earliest + k * step for k in range(count)]
         self._times.extend(stamps)
@@ -64,12 +64,12 @@ SPIKE_NOISE = 10.0
 """... so many standard deviations of the noise."""
 PUSH = 0.1
 """A string cannot push: a force below minus this [N] is more than the zero of a cell moves in a day."""
-DRIFT = 0.1
+MAX_DRIFT_RATE = 0.1
 """Faster than this [N/s] no cell creeps or warms up."""
 
 
 def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
-    """Fault limits for the counts of an HX711; where a calibration says which forces they are, for these as well."""
+    """Fault limits for the counts of an HX711, and with a calibration for the forces too."""
     noise = SMALLEST_NOISE if calibration is None else calibration.count_noise
     limits = replace(
         FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
@@ -82,7 +82,7 @@ def count_limits(calibration: Calibration | None = None, silent_after: float = 0
     push, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
     return replace(
         limits,
-        drift=DRIFT / abs(calibration.scale),
+        drift=MAX_DRIFT_RATE / abs(calibration.scale),
         least=push if pull_raises else -math.inf,
         most=math.inf if pull_raises else push,
     )
@@ -103,12 +103,12 @@ class LoadCell(Closing):
     must not come back unnoticed.
 
     Args:
-        port: such as ``/dev/ttyUSB0`` or ``COM3``.
-        calibration: of this cell; None where it has none yet, and only counts can be read.
-        baud: of the microcontroller's program.
+        port: serial port, such as ``/dev/ttyUSB0`` or ``COM3``.
+        calibration: calibration of this cell; None where only counts are to be read.
+        baud: baud rate of the microcontroller's program.
         clock: gives the time of reception [s].
-        silent_after: so long without a sample is silence [s].
-        queue: how many samples may wait to be taken; the oldest go first.
+        silent_after: time without a sample that counts as silence [s].
+        queue: largest number of waiting samples; the oldest are dropped first.
 
     Raises:
         InputError: the port cannot be opened.
@@ -144,7 +144,7 @@ class LoadCell(Closing):
         """End the thread, then release the port; samples that were received can still be read."""
         self._stop.set()
         self._thread.join()
-        with contextlib.suppress(OSError):  # a port that is gone may refuse to close
+        with contextlib.suppress(OSError):  # a disconnected port may refuse to close
             self._line.close()
         with self._lock:
             self._connected = False
@@ -155,7 +155,7 @@ class LoadCell(Closing):
         return [ForceSample(sample.time, self._calibration.force(sample.counts)) for sample in self.read_counts()]
 
     def read_counts(self) -> list[CountSample]:
-        """The same as counts."""
+        """Counts received since the last call, oldest first, with their times of reception."""
         with self._lock:
             samples = list(self._samples)
             self._samples.clear()
@@ -171,7 +171,7 @@ class LoadCell(Closing):
             return events
 
     def status(self) -> LoadCellStatus:
-        """How the cell is doing now."""
+        """Present status of the cell."""
         with self._lock:
             self._watch()
             active = self._detector.active
@@ -189,7 +189,7 @@ class LoadCell(Closing):
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                # A line that is gone raises an error here; on some systems only `in_waiting` does.
+                # A disconnected line raises an error here; on some systems only `in_waiting` does.
                 data = self._line.read(max(1, self._line.in_waiting))
                 with self._lock:
                     self._take(data)

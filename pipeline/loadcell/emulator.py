@@ -1,4 +1,4 @@
-"""A load cell without hardware: what the microcontroller does, on a pseudo-terminal."""
+"""An emulated load cell without hardware: a microcontroller's messages on a pseudo-terminal."""
 
 import contextlib
 import math
@@ -14,7 +14,7 @@ from armdyn.errors import InputError
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
 from pipeline.processes import Closing
 
-OFFSET, SCALE = 84213.0, 5.6e-6
+EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
 """Counts of the empty cell, and newtons per count: a 1 kg cell of 1 mV/V behind an HX711."""
 
 
@@ -41,7 +41,7 @@ class EmulatedPort(Closing):
         return encode(reading)
 
     def send(self, data: bytes, patience: float = 0.0) -> bool:
-        """Send bytes as they are. Where nobody reads for `patience` [s] the rest is lost and the answer is False."""
+        """Send bytes unchanged; returns False where no reader takes them for `patience` [s], and the rest is lost."""
         while data and self._plugged:
             _, ready, _ = select.select([], [self._ours], [], patience)
             if not ready:
@@ -63,8 +63,8 @@ class EmulatedCell(Closing):
 
     Args:
         rng: source of the noise.
-        force: what pulls; see `hang`.
-        scale: [N/count].
+        force: pull on the cell; see `hang`.
+        scale: force per count [N/count].
         rate: samples per second.
 
     Attributes:
@@ -72,14 +72,14 @@ class EmulatedCell(Closing):
         noise: standard deviation of one sample [counts].
     """
 
-    offset, noise = OFFSET, 40.0
+    offset, noise = EMULATED_OFFSET, 40.0
 
     def __init__(
         self,
         rng: np.random.Generator,
         force: Callable[[float], float] | float = 0.0,
         *,
-        scale: float = SCALE,
+        scale: float = EMULATED_SCALE,
         rate: float = 80.0,
     ) -> None:
         self._rng, self.scale, self.rate = rng, scale, rate
@@ -91,7 +91,7 @@ class EmulatedCell(Closing):
         self._thread.start()
 
     def hang(self, force: Callable[[float], float] | float) -> None:
-        """From now on this pulls [N]: a constant, or a function of the time [s]."""
+        """Set the pull on the cell from now on [N]: a constant, or a function of the time [s]."""
         self._force: Callable[[float], float] = force if callable(force) else lambda _: force
 
     def close(self) -> None:
@@ -114,10 +114,10 @@ def swinging_load(mass: float, length: float, amplitude: float, gravity: float) 
     :math:`F = m g \cos\varphi + m l \dot\varphi^2` with :math:`\varphi = A \cos(\sqrt{g / l}\, t)`.
 
     Args:
-        mass: [kg].
-        length: of the string [m].
-        amplitude: A [rad].
-        gravity: g [m/s^2].
+        mass: mass m of the load [kg].
+        length: length l of the string [m].
+        amplitude: amplitude A of the swing [rad].
+        gravity: free-fall acceleration g [m/s^2].
     """
     frequency = math.sqrt(gravity / length)
 

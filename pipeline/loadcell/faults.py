@@ -1,4 +1,4 @@
-"""What can go wrong with a load cell, its detection in the simulated and the real cell, and the status of a cell."""
+"""Faults of a simulated or real load cell, their detection, and the status of a cell."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ from pipeline.robot.protocol import ForceSample
 
 
 class Fault(Enum):
-    """A fault; its value says what is wrong and what to do. The most serious ones come first."""
+    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first."""
 
     DISCONNECTED = "the serial port is gone: plug the cable in and start again"
     SILENT = "no sample arrives any more: check the cable, and that the microcontroller runs and sees the HX711"
@@ -31,7 +31,7 @@ class Fault(Enum):
 
     @property
     def lasts(self) -> bool:
-        """Whether it lasts, and the force is unreliable until it is over; the other faults are single events."""
+        """Whether the fault lasts and makes the force unreliable until it is over; other faults are single events."""
         return self.name in {"DISCONNECTED", "SILENT", "SATURATED", "FROZEN", "SPIKES", "NEGATIVE", "DRIFTING"}
 
 
@@ -40,10 +40,10 @@ class FaultEvent:
     """A fault that began or ended, or a single event.
 
     Attributes:
-        time: when it was noticed [s].
-        fault: what it was.
-        began: False where it ended.
-        count: how many lines or samples a single event concerns.
+        time: time of detection [s].
+        fault: kind of the fault.
+        began: whether the fault began; False where it ended.
+        count: number of lines or samples that a single event concerns.
     """
 
     time: float
@@ -54,19 +54,19 @@ class FaultEvent:
 
 @dataclass(frozen=True)
 class FaultLimits:
-    """What is still in order, in the unit of the stream: N, or counts.
+    """Limits of good samples, in the unit of the stream: N, or counts.
 
     Attributes:
-        lower: end of the range, itself not in order.
-        upper: end of the range, itself not in order.
-        step: of the converter; 0 where it is not known.
-        repeats: so many values in a row that differ by one step at most are a frozen cell.
-        spike: how far a single sample may be from both of its neighbours, on the same side.
-        least: below this a force is impossible, for longer than a moment.
-        most: above this likewise.
-        drift: how fast the mean force may go one way for `STEADY` blocks [1/s].
-        silent_after: so long without a sample is silence [s].
-        start_up: how much longer the first sample may take [s]; most boards restart when the port is opened.
+        lower: lower end of the range; the end itself is a fault.
+        upper: upper end of the range; the end itself is a fault.
+        step: step of the converter; 0 where it is not known.
+        repeats: number of values in a row, within one step, that means a frozen cell.
+        spike: largest distance of a single sample from both of its neighbours, on the same side.
+        least: smallest possible force, except for a moment.
+        most: largest possible force, except for a moment.
+        drift: largest rate at which the mean may change in one direction for `STEADY` blocks [1/s].
+        silent_after: time without a sample that counts as silence [s].
+        start_up: extra time that the first sample may take [s]; most boards restart when the port is opened.
     """
 
     lower: float = -math.inf
@@ -87,7 +87,7 @@ class FaultLimits:
 
 
 def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1e-9) -> int:
-    r"""How many identical values in a row a working cell does not give.
+    r"""Number of identical values in a row that a working cell practically never gives.
 
     A constant force in the middle of a step of the converter gives that step with probability
     :math:`p = \operatorname{erf}(r / (2 \sqrt 2 \sigma))`, and n in a row with :math:`p^{n-1}`. A moving force gives
@@ -99,7 +99,7 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
         false_alarms: probability that is still accepted, per sample.
     """
     if noise <= 0 or resolution < 0:
-        return sys.maxsize  # a noiseless cell at rest repeats itself: nothing is implausible
+        return sys.maxsize  # a noiseless cell at rest repeats one value: no number is implausible
     p = math.erf(resolution / (2.0 * math.sqrt(2.0) * noise))
     if p <= 0.0:
         return 3
@@ -108,11 +108,11 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
 
 RECENT = 100
 """Samples among which spikes are counted."""
-MANY, FEW = 2, 1
-"""With more spikes among them than `MANY` the cell cannot be relied on, until no more than `FEW` are left."""
+MANY_SPIKES, FEW_SPIKES = 2, 1
+"""With more of these spikes than `MANY_SPIKES` the cell is unreliable, until no more than `FEW_SPIKES` are left."""
 MOMENT = 10
 """Impossible forces in a row that are no longer a moment, such as a load that bounces."""
-BLOCK, STEADY = 0.5, 4
+BLOCK_SECONDS, STEADY = 0.5, 4
 """Length of a block [s] whose mean is compared with the next, and how many must go one way: a load that swings or is
 hung on goes back, or stops, within 2 s."""
 
@@ -127,7 +127,7 @@ class _Stuck:
 
     def add(self, value: float) -> None:
         low, high, count = min(self._low, value), max(self._high, value), self.count + 1
-        if not high - low <= self._room:  # nor where there is no last value
+        if not high - low <= self._room:  # and no run of equal values without a last value
             low, high, count = min(self._last, value), max(self._last, value), 2
         if not high - low <= self._room:
             low, high, count = value, value, 1
@@ -135,16 +135,16 @@ class _Stuck:
 
 
 class _Drift:
-    """Compares the means of blocks: whether the last ones all went one way, faster than the limit."""
+    """Compares means of blocks: a drift is a change in one direction over the last blocks, faster than the limit."""
 
     def __init__(self, limit: float) -> None:
-        self._least = limit * BLOCK
+        self._least = limit * BLOCK_SECONDS
         self._begin, self._sum, self._count = math.nan, 0.0, 0
         self._means: deque[float] = deque(maxlen=STEADY + 1)
         self.steady = False
 
     def add(self, time: float, value: float) -> None:
-        if not time < self._begin + BLOCK:
+        if not time < self._begin + BLOCK_SECONDS:
             if self._count:
                 self._means.append(self._sum / self._count)
                 steps = [after - before for before, after in pairwise(self._means)]
@@ -156,7 +156,7 @@ class _Drift:
 
 
 class FaultDetector:
-    """Finds a load cell that cannot be relied on in its stream of samples. It has no clock and no thread."""
+    """Detects faults of a load cell in its stream of samples. It has no clock and no thread."""
 
     def __init__(self, limits: FaultLimits | None = None) -> None:
         self._limits = limits or FaultLimits()
@@ -171,17 +171,17 @@ class FaultDetector:
 
     @property
     def active(self) -> tuple[Fault, ...]:
-        """Faults that hold now, the most serious first."""
+        """Present faults, the most serious first."""
         return tuple(fault for fault in Fault if fault in self._active)
 
     def update(self, now: float, samples: Iterable[ForceSample]) -> Fault | None:
-        """Take in what arrived up to `now` [s], oldest first; the most serious fault that holds now, if any."""
+        """Add samples that arrived up to `now` [s], oldest first; returns the most serious present fault, if any."""
         for sample in samples:
             self.sample(sample.time, sample.force)
         return self.check(now)
 
     def sample(self, time: float, value: float) -> None:
-        """Take in one sample: the time of its reception [s] and its value in the unit of the limits."""
+        """Add one sample: the time of its reception [s] and its value in the unit of the limits."""
         self.check(time)
         self._heard, self._patience = time, self._limits.silent_after
         self._set(Fault.SILENT, False, time)
@@ -189,17 +189,21 @@ class FaultDetector:
         self._stuck.add(value)
         self._set(Fault.FROZEN, self._stuck.count >= limits.repeats, time)
         if limits.spike < math.inf:
-            self._set(Fault.SPIKES, self._count_spikes(value) > (FEW if Fault.SPIKES in self._active else MANY), time)
+            self._set(
+                Fault.SPIKES,
+                self._count_spikes(value) > (FEW_SPIKES if Fault.SPIKES in self._active else MANY_SPIKES),
+                time,
+            )
         if limits.drift < math.inf:
             self._drift.add(time, value)
             self._set(Fault.DRIFTING, self._drift.steady, time)
         self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
         self._set(Fault.NEGATIVE, self._impossible >= MOMENT, time)
-        # In this form a value that is not a number is out of range, too.
+        # Written in this form, the comparison also finds nan out of range.
         self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
 
     def _count_spikes(self, value: float) -> int:
-        """How many of the latest samples stand out from both neighbours, on the same side."""
+        """Count the latest samples that differ strongly from both neighbours, on the same side."""
         self._latest.append(value)
         if len(self._latest) == 3:
             before, middle, after = self._latest
@@ -208,7 +212,7 @@ class FaultDetector:
         return sum(self._spikes)
 
     def check(self, now: float) -> Fault | None:
-        """Look for silence at `now` [s]; the most serious fault that holds now, if any."""
+        """Check for silence at `now` [s]; returns the most serious present fault, if any."""
         if self._heard is None:
             self._heard = now
         if now - self._heard > self._patience:
@@ -216,7 +220,7 @@ class FaultDetector:
         return next(iter(self.active), None)
 
     def take_events(self) -> list[FaultEvent]:
-        """What began and ended since the last call, oldest first."""
+        """Faults that began or ended since the last call, oldest first."""
         events, self._events = self._events, []
         return events
 
@@ -228,14 +232,14 @@ class FaultDetector:
 
 @dataclass(frozen=True)
 class LoadCellStatus:
-    """How a load cell is doing at one moment.
+    """Status of a load cell at one moment.
 
     Attributes:
-        connected: whether the port is open and there.
-        samples: how many samples were received.
-        rate: measured over the latest samples [Hz]; 0 while nothing arrives.
-        active: faults that hold now, the most serious first.
-        counts: per fault, how many lines or samples it concerned, or how often it began where it lasts.
+        connected: whether the port is open and connected.
+        samples: number of received samples.
+        rate: rate of the latest samples [Hz]; 0 while nothing arrives.
+        active: present faults, the most serious first.
+        counts: per fault, the number of lines or samples concerned, or for lasting faults how often it began.
     """
 
     connected: bool
@@ -246,5 +250,5 @@ class LoadCellStatus:
 
     @property
     def reliable(self) -> bool:
-        """Whether the force can be used now."""
+        """Whether the force is reliable now."""
         return self.connected and self.samples > 0 and not self.active

@@ -23,8 +23,8 @@ class Weight:
 
     Attributes:
         text: as the user wrote it.
-        force: what it pulls with [N].
-        force_std: its standard deviation [N], 0 where none was given.
+        force: force of the weight [N].
+        force_std: standard deviation of the force [N], 0 where none was given.
     """
 
     text: str
@@ -35,14 +35,14 @@ class Weight:
 def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
     """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too.
 
-    The empty cell comes first, whether it was listed or not.
+    The empty cell comes first, even where it was not listed.
 
     Args:
-        text: separated by commas.
+        text: weights separated by commas.
         gravity: free-fall acceleration [m/s^2].
 
     Raises:
-        InputError: not a mass or a force, negative, or fewer than two different ones.
+        InputError: an entry is no mass or force, is negative, or there are fewer than two different weights.
     """
     weights = [_parse(part.strip(), gravity) for part in text.split(",") if part.strip()]
     if not weights or weights[0].force > 0.0:
@@ -78,15 +78,15 @@ QUANTISATION = 1.0 / math.sqrt(12.0)
 
 @dataclass(frozen=True)
 class Plateau:
-    """One weight and its counts.
+    """One weight and the counts measured with it.
 
     Attributes:
-        weight: what hung there.
-        mean: without outliers [counts].
+        weight: known weight on the cell.
+        mean: mean without outliers [counts].
         mean_std: standard deviation of the mean [counts]; larger than noise / sqrt(samples) where the cell drifts.
         noise: standard deviation of one sample [counts].
-        samples: how many were used.
-        outliers: how many were left out.
+        samples: number of samples used.
+        outliers: number of samples left out.
     """
 
     weight: Weight
@@ -113,7 +113,7 @@ class Plateau:
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
         median = float(np.median(values))
-        # Where the noise is below one count the median deviation is zero; the smallest spread to be seen is one count.
+        # Where the noise is below one count, the median deviation is zero; the smallest measurable spread is one count.
         spread = max(1.4826 * float(np.median(np.abs(values - median))), 1.0)
         kept = values[np.abs(values - median) <= OUTLIER * spread]
         outliers = len(values) - len(kept)
@@ -136,11 +136,11 @@ class Plateau:
 
 LARGEST_NOISE = 0.05
 """Share of the span of the weights."""
-UNSTEADY = 3.0
+UNSTEADY_NOISE_FACTOR = 3.0
 """Times the noise of the quietest plateau."""
 VISIBLE = 1e-3
 """Share of the span; less noise than this is no reason to refuse."""
-SMALLEST_STEP = 5.0
+MIN_WEIGHT_STEP_DEVIATIONS = 5.0
 """Standard deviations of one sample by which two neighbouring weights must differ."""
 LARGEST_RESIDUAL = 0.01
 """Share of the span; cells are linear to 0.05 %, so this is a wrong weight or a cell that touches something."""
@@ -150,7 +150,7 @@ SIGNIFICANT = 5.0
 
 @dataclass(frozen=True)
 class CalibrationFit(Calibration):
-    """A calibration with what it was made of.
+    """A calibration with the measurements that it was made from.
 
     Attributes:
         plateaus: one per weight.
@@ -181,7 +181,7 @@ def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
     mean = np.array([plateau.mean for plateau in plateaus])
     mean_std = np.array([plateau.mean_std for plateau in plateaus])
     slope, offset = np.polyfit(force, mean, 1)
-    for _ in range(3):  # the weights depend on the slope, weakly
+    for _ in range(3):  # the fit's weights depend weakly on the slope
         std = np.hypot(mean_std, slope * force_std)
         (slope, offset), covariance = np.polyfit(force, mean, 1, w=1.0 / std, cov="unscaled")
     residual = mean - offset - slope * force  # counts
@@ -232,13 +232,13 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
             "let the weight come to rest, shield the wires, or take heavier weights"
         )
     quietest = min(plateau.noise for plateau in plateaus)
-    if noisiest.noise > max(UNSTEADY * quietest, VISIBLE * span):
+    if noisiest.noise > max(UNSTEADY_NOISE_FACTOR * quietest, VISIBLE * span):
         raise TaskFailedError(
             f"{noisiest.weight.text}: the counts move {noisiest.noise / quietest:.0f} times more than at the quietest "
             "weight: let it come to rest before you go on"
         )
     for a, b in steps:
-        if abs(b.mean - a.mean) < SMALLEST_STEP * max(a.noise, b.noise):
+        if abs(b.mean - a.mean) < MIN_WEIGHT_STEP_DEVIATIONS * max(a.noise, b.noise):
             raise TaskFailedError(
                 f"{a.weight.text} and {b.weight.text} cannot be told apart in the noise: take weights farther apart"
             )
@@ -261,15 +261,15 @@ def calibrate(
 
     Args:
         cell: whose counts are taken.
-        weights: in the order in which they are asked for.
-        samples: per weight.
-        source: how it is made, for the file.
-        ask: has the user hang a weight, and returns when it hangs still.
-        progress: told the weight and how many of its samples there are.
-        wait: lets so many seconds pass.
+        weights: known weights in the order in which the user hangs them.
+        samples: number of samples per weight.
+        source: method of the calibration, for the file.
+        ask: asks the user to hang a weight, and returns when it hangs still.
+        progress: called with the weight and its present number of samples.
+        wait: waits some seconds.
 
     Raises:
-        TaskFailedError: the cell fails, or what it said is no calibration.
+        TaskFailedError: the cell fails, or its counts give no calibration.
     """
     while not cell.status().samples:
         _require_alive(cell)

@@ -1,4 +1,4 @@
-"""What a load cell has said so far, as numbers, as tables for a person and as JSON for a program."""
+"""Statistics of a load cell's samples, as tables for a person and as JSON for a program."""
 
 import math
 from collections import deque
@@ -15,20 +15,20 @@ from pipeline.loadcell.faults import FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit
 from pipeline.robot.protocol import ForceSample
 
-LATEST = 1.0
+LATEST_SECONDS = 1.0
 """Time over which the moving figures are taken [s]."""
 EVENTS = 1000
 
 
 class Monitor:
-    """Collects samples and events for as long as one looks, in constant memory.
+    """Collects statistics of samples and events, in constant memory.
 
     Attributes:
-        events: the latest `EVENTS` of them, oldest first.
-        samples: how many there were.
-        mean: of all forces [N].
-        minimum: [N].
-        maximum: [N].
+        events: the latest `EVENTS` events, oldest first.
+        samples: number of samples.
+        mean: mean of all forces [N].
+        minimum: smallest force [N].
+        maximum: largest force [N].
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Monitor:
         self._latest: deque[ForceSample] = deque()
 
     def add(self, samples: Iterable[ForceSample], events: Iterable[FaultEvent]) -> None:
-        """Take in what arrived since the last call."""
+        """Add the samples and events that arrived since the last call."""
         self.events.extend(events)
         for sample in samples:
             self.samples += 1
@@ -49,17 +49,17 @@ class Monitor:
             self._squares += before * (sample.force - self.mean)
             self.minimum, self.maximum = min(self.minimum, sample.force), max(self.maximum, sample.force)
             self._latest.append(sample)
-            while self._latest[0].time < sample.time - LATEST:
+            while self._latest[0].time < sample.time - LATEST_SECONDS:
                 self._latest.popleft()
 
     @property
     def std(self) -> float:
-        """Standard deviation of all forces [N]; nan before the second."""
+        """Standard deviation of all forces [N]; nan before the second sample."""
         return math.sqrt(self._squares / (self.samples - 1)) if self.samples > 1 else math.nan
 
     @property
     def latest(self) -> tuple[float, float, float]:
-        """Latest force, mean and standard deviation over the last `LATEST` seconds [N]; nan where there are none."""
+        """Latest force, mean and standard deviation over the last `LATEST_SECONDS` [N]; nan without samples."""
         forces = [sample.force for sample in self._latest]
         if not forces:
             return math.nan, math.nan, math.nan
@@ -67,8 +67,8 @@ class Monitor:
 
 
 def calibration_table(fit: CalibrationFit) -> RenderableType:
-    """The plateaus and what they give."""
-    # The backslash keeps a unit from being taken for a style.
+    """Table of a calibration's plateaus and results for the screen."""
+    # The backslash prevents that a unit in brackets is read as a style.
     table = Table("weight", r"force \[N]", "counts", r"residual \[mN]", r"noise \[counts]", "left out")
     for plateau, residual in zip(fit.plateaus, fit.residuals, strict=True):
         table.add_row(
@@ -87,7 +87,7 @@ def calibration_table(fit: CalibrationFit) -> RenderableType:
 
 
 def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> RenderableType:
-    """What is to be seen while it runs; `start` is when it began [s]."""
+    """Table of forces and faults for the screen; `start` is the begin of the display [s]."""
     force, mean, std = seen.latest
     table = Table(show_header=False, min_width=60)
     table.add_row("force", f"{force:8.4f} N")
@@ -103,7 +103,7 @@ def monitor_table(seen: Monitor, status: LoadCellStatus, start: float) -> Render
 
 
 def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
-    """What `armdyn loadcell calibrate --json` writes."""
+    """JSON of `armdyn loadcell calibrate`."""
     return {
         "schema": "armdyn.loadcell_calibration/1",
         **fit.quantities(),
@@ -122,7 +122,7 @@ def calibration_json(fit: CalibrationFit, rate: float) -> dict[str, Any]:
 
 
 def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[str, Any]:
-    """What `armdyn loadcell monitor --json` writes; times count from `start` [s]."""
+    """JSON of `armdyn loadcell monitor`; times count from `start` [s]."""
     force = {"mean": seen.mean, "min": seen.minimum, "max": seen.maximum, "std": seen.std}
     return {
         "schema": "armdyn.loadcell_monitor/1",

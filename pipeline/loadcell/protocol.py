@@ -89,7 +89,7 @@ class Decoder:
         self._sequence: int | None = None
 
     def feed(self, data: bytes) -> Decoded:
-        """Take in the next piece of the stream."""
+        """Decode the next piece of the stream."""
         decoded = Decoded()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
@@ -123,7 +123,7 @@ class Decoder:
 
 
 def _is_remark(line: bytes) -> bool:
-    """Whether it is empty or a remark."""
+    """Whether a line is empty or a remark."""
     return not line or (line.startswith(b"#") and line.isascii() and line.decode("ascii").isprintable())
 
 
@@ -138,7 +138,7 @@ def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
     Its ``read`` waits for `POLL` seconds at most, and raises OSError once the port is gone.
 
     Raises:
-        InputError: it is missing, forbidden, in use, not a serial port, or does not know the baud rate.
+        InputError: the port is missing, forbidden, in use, no serial port, or does not support the baud rate.
     """
     import serial
 

@@ -1,4 +1,4 @@
-"""Motion along the line: smoothing, the finish over the box, and the feasibility of whatever is to be moved.
+"""Motion along the line: smoothing, the finish over the box, and checks of every motion's feasibility.
 
 Everything here works on the line coordinate ``s`` [m] of the tool (+ = the robot's left), so that no motion can leave
 the line, and reaches the joints through the table of `ik`.

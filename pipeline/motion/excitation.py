@@ -1,4 +1,4 @@
-"""A motion of an arm that tells as much as possible about chosen effects, inside every limit and free of collisions."""
+"""Design of an arm's motion that determines chosen effects well, within all limits and free of collisions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipeline.motion.feasibility.clearance import CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
-FAR = 0.1
+AMPLE_CLEARANCE = 0.1
 """m; links that are so much further apart than asked for are far from touching."""
 ASKED_MORE = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
@@ -32,11 +32,11 @@ REMEMBERED = 5000
 
 
 class FreePostures:
-    """Postures that the check allows, for the search of a motion.
+    """The set of postures that the feasibility check allows, for the search of a motion.
 
     Args:
         robot: the arm.
-        clearance: asked for between its links [m].
+        clearance: required distance between the arm's links [m].
     """
 
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
@@ -47,14 +47,14 @@ class FreePostures:
         )
 
     def free(self, q: Array) -> bool:
-        """Whether no links touch; a URDF whose meshes are missing has none that could."""
+        """Whether no links touch in a posture; always True where the URDF's meshes are missing."""
         return not self._collision.pairs or self._collision.touching(q) is None
 
     def margin(self, q: Array) -> float:
-        """Distance between links beyond what is asked for, in units of `FAR`."""
+        """Distance between links beyond the required clearance, in units of `AMPLE_CLEARANCE`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / FAR
+        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / AMPLE_CLEARANCE
 
 
 REPAIRS = 4
@@ -67,7 +67,7 @@ SMALLER = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What a recording of a motion would tell.
+    """Expected results from a recording of a motion.
 
     Attributes:
         coefficients: (nj, size) of the motion's series [rad or m].
@@ -82,16 +82,16 @@ class Expectation:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A motion, what it is expected to tell, and what others would.
+    """A designed motion, with the expected results of it and of other motions.
 
     Attributes:
-        goal: what was wanted.
-        series: of which motions are made.
+        goal: which unknowns are wanted, or which effects are to be distinguished.
+        series: basis functions that generate motions from coefficients.
         trajectory: sampled at the goal's rate.
-        check: of its feasibility.
-        expected: of a recording of it.
-        random: of the best of some random motions; None where there was none.
-        conditioned: of the motion with the least condition number; None where it was not asked for.
+        check: report on the motion's feasibility.
+        expected: expected results of the motion.
+        random: expected results of the best of some random motions; None where there was none.
+        conditioned: expected results of the motion with the least condition number; None where it was not requested.
         tried: number of random motions.
         torque: (n, nj) of the motors along the trajectory [N m or N].
     """
@@ -141,15 +141,15 @@ def excitation(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> Excitation:
-    """Design a motion.
+    """Design a motion that determines or distinguishes the effects of a goal as well as possible.
 
     Args:
-        goal: what is wanted.
-        seconds: of the whole motion.
+        goal: which unknowns are wanted, or which effects are to be distinguished.
+        seconds: duration of the whole motion.
         random: number of random motions to start from and to compare with.
         compare: whether the motion with the least condition number is looked for as well.
-        seed: of the random motions.
-        say: told what is going on.
+        seed: seed of the random motions.
+        say: reports the progress.
 
     Raises:
         TaskFailedError: no feasible motion was found.
@@ -188,7 +188,7 @@ def excitation(
 
 
 def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
-    """What a recording of the motion of (nj, size) coefficients would tell."""
+    """Expected results from a recording of the motion with (nj, size) coefficients."""
     information, prior = problem.information(x), goal.columns.prior
     K = covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
@@ -197,7 +197,7 @@ def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
 
 
 def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
-    """The motion of (nj, size) coefficients at the rate of the recording."""
+    """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
     motion = problem.series.motion(x, time)
@@ -205,12 +205,12 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
 
 
 def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Array, JointTrajectory, FeasibilityReport]:
-    """The motion after the check, designed again with less room where it breaks a limit.
+    """The motion if the check passes, otherwise one designed again for narrower limits.
 
-    Where it still does, the motion or the `best` random one is made smaller, whichever then tells more.
+    Where that motion breaks a limit too, it or the `best` random motion is scaled down, whichever determines more.
 
     Raises:
-        TaskFailedError: it breaks one all the same.
+        TaskFailedError: even the smaller motion breaks a limit.
     """
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
@@ -243,7 +243,7 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
 
 
 def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem:
-    """The design with less room where a check found a limit broken."""
+    """A design with narrower limits where a check found a violation."""
     joints, postures = problem.columns.arm.joints, problem.postures
     assert isinstance(postures, FreePostures)
     for margin in check.margins:

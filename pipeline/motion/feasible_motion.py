@@ -1,4 +1,4 @@
-"""A designed motion as the arm can make it: on its line, within its limits, with the load clear of box and arm."""
+"""Fit a designed motion to the arm: on the line, within the limits, with the load clear of box and arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +27,12 @@ AWAY = 0.03
 
 @dataclass(frozen=True, eq=False)
 class FeasibleMotion:
-    """A motion that may be made.
+    """A gripper motion that the arm can make.
 
     Attributes:
-        motion: of the gripper.
-        trajectory: the same along the arm's line.
-        factor: by which the designed motion was changed.
+        motion: motion of the gripper.
+        trajectory: the motion along the arm's line.
+        factor: factor on the designed motion's amplitude.
     """
 
     motion: GripperPath
@@ -47,12 +47,12 @@ def fit_to_arm(
     table: LineTable,
     load_radius: float,
 ) -> FeasibleMotion | None:
-    """The motion, or its mirror image, or as much of it as the arm can make; None where that is too little.
+    """The motion, its mirror image or a smaller copy that the arm can make; None where none is large enough.
 
     Args:
-        motion: that was designed.
-        hypotheses: that say how the load may swing; by all of them it keeps clear of the box, by the first, which is
-            the likeliest, of the arm as well.
+        motion: designed motion of the gripper.
+        hypotheses: models that predict the swing; the load stays clear of the box in all of them, and clear of the arm
+            in the first, which is the most probable.
         robot: the arm.
         table: of its line.
         load_radius: m.
@@ -74,10 +74,10 @@ def fit_to_arm(
 
 
 def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, FeasibleMotion | None]:
-    """The plan with the motion as Baxter can make it, or without it; where it differs, its promise is computed anew.
+    """The plan with a motion that Baxter can make, or without one; expected results are computed again after a change.
 
     Args:
-        plan: with a designed motion.
+        plan: plan with a designed motion.
         load_radius: m.
     """
     moving = plan.motion
@@ -94,7 +94,7 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
 
 
 def write_motion(motion: GripperPath, file: Path) -> None:
-    """Write a motion along the line as `armdyn check` and `armdyn trial --motion` read it."""
+    """Write a motion along the line to a file for `armdyn check` and `armdyn trial --motion`."""
     columns = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
@@ -107,7 +107,7 @@ def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> Swing:
 
 
 def _clear_of(box: Box, motion: GripperPath, swing: Swing) -> bool:
-    """Whether the load stays away from the near wall, or above the rim."""
+    """Whether the load stays away from the box's near wall, or above its rim."""
     x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)
     room = swing.radius + AWAY

@@ -1,4 +1,4 @@
-"""The finish over the box, a fast move of the gripper, and any other move from point to point."""
+"""Fast moves of the gripper from a moving state to rest, among them the finish over the box."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ FINISH_ACCELERATION = 8.0
 FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
 
-SLOWEST = 0.02
+MIN_SPEED_SHARE = 0.02
 """Share of the highest speed below which the search for a slower move ends [1]."""
 
-STEP = 5e-3
+MEETING_SPACING = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
 
 Pieces = list[tuple[float, Callable[[float], LineState]]]
@@ -34,8 +34,8 @@ def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: floa
     """Bring the gripper from the end of the swing to rest over the box.
 
     Args:
-        start: state of the gripper at the end of the swing, moving.
-        s_end: where it comes to rest [m].
+        start: state of the moving gripper at the end of the swing.
+        s_end: position at which the gripper comes to rest [m].
         limits: along the line.
         dt: control cycle [s].
 
@@ -94,7 +94,7 @@ def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float
 
 
 def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
-    """The shortest in time of the moves that fit; empty where there is none."""
+    """The move with the shortest duration of those within the limits; empty where there is none."""
     acceleration = _acceleration(planner, start, target)
     direct = planner.to_state(start, target, acceleration=acceleration)
     if direct is not None and direct.respects(planner.limits):
@@ -104,18 +104,18 @@ def _fastest(planner: LinePlanner, start: LineState, target: LineState) -> Piece
 
 
 def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces:
-    """Up to the limit, along it, down to rest; empty where the limit is not met or cannot be ridden."""
+    """Move up to the speed limit, along it and down to rest; empty where the limit is not met or cannot be followed."""
     limits, direction = planner.limits, 1.0 if target.s > start.s else -1.0
     curve = RideCurve(limits)
     stretch = curve.nodes[(curve.nodes - start.s) * direction >= 0.0]
     stretch = stretch[(target.s - stretch) * direction >= 0.0][:: int(direction)]
-    skip = max(int(STEP / (curve.nodes[1] - curve.nodes[0])), 1)
+    skip = max(int(MEETING_SPACING / (curve.nodes[1] - curve.nodes[0])), 1)
     places = stretch[::skip]
     if len(places) < 2:
         return []
 
     def best(begins: list[LineState], ends: list[LineState], riding: Array) -> tuple[int, JerkProfile | None]:
-        """The place for which the whole move takes the shortest time, and the motion to or from it."""
+        """Place on the limit for which the whole move is the fastest, and the motion to or from this place."""
         shortest, place, chosen = np.inf, 0, None
         for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
             motion = planner.to_state(begin, end, acceleration=_acceleration(planner, begin, end))
@@ -139,19 +139,19 @@ def _ridden(planner: LinePlanner, start: LineState, target: LineState) -> Pieces
 
 
 def _acceleration(planner: LinePlanner, begin: LineState, end: LineState) -> float:
-    """The smallest limit on the way; a move that starts away from the end first goes on to where it can stop."""
+    """Smallest acceleration limit on the way; a move that starts away from its end includes the stopping distance."""
     stop = planner.stop(begin)
     reached = begin.s, end.s, begin.s if stop is None else stop.end.s
     return planner.limits.lowest_acceleration(min(reached), max(reached))
 
 
 def _slower(planner: LinePlanner, start: LineState, target: LineState, acceleration: float) -> Pieces:
-    """The move at the highest constant speed that fits, by bisection; empty where there is none."""
+    """The move at the highest constant speed within the limits, by bisection; empty where there is none."""
     best: Pieces = []
     fits, fails = 0.0, planner.limits.fastest
     for _ in range(12):
         speed = 0.5 * (fits + fails)
-        if speed < SLOWEST * planner.limits.fastest:
+        if speed < MIN_SPEED_SHARE * planner.limits.fastest:
             break
         motion = planner.to_state(start, target, speed=speed, acceleration=acceleration)
         if motion is not None and motion.respects(planner.limits):

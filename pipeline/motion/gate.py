@@ -1,4 +1,4 @@
-"""The gate: nothing is sent to joints that has not passed it, whether they are real, simulated, or led along a line."""
+"""Safety gates: every command to real or simulated joints, and every reference on the line, passes one."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 PERIOD = 0.01
 """Control cycle: time between two commands, and step of the planner [s]."""
-FRESH = 0.05
+MAX_STATE_AGE_SECONDS = 0.05
 """Oldest joint state with which a command may be sent [s]."""
-GAP = 0.05
+STREAM_GAP_SECONDS = 0.05
 """Silence after which a stream of commands is a new one [s]."""
 SOONEST = 1e-6
 """Least time that is taken to lie between two commands [s]: a clock may show the same twice."""
-NEAR = 1e-6
+MAX_STREAM_START_OFFSET = 1e-6
 """How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
-TOLERANCE = 1e-3
+LIMIT_TOLERANCE_SHARE = 1e-3
 """Share by which a limit may be exceeded, for rounding and for tables between nodes."""
 TRACKING = 0.2
 """Farthest that a joint may be from its command [rad]: Baxter's own server stops there."""
@@ -36,7 +36,7 @@ REST_SPEED = 1e-3
 
 
 class RefusalReason(Enum):
-    """Why a command was not sent; the value says it to a person, with what to do."""
+    """Reason why a command was not sent; the value is the sentence for a person, with advice."""
 
     NOT_A_NUMBER = "a command holds a NaN or an infinity, it is not finite: look at the node that made it"
     WRONG_NUMBER = "a command has the wrong number of joints: look at the node that made it"
@@ -58,30 +58,30 @@ class RefusalReason(Enum):
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why, which joint, and by how much."""
+    """A refused command: the reason, the joint, and by how much it exceeded the limit."""
 
     why: RefusalReason
     detail: str = ""
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The refusal as a sentence for a person."""
         return f"{self.why.value}{f' ({self.detail})' if self.detail else ''}"
 
 
 class Gate:
-    """Judges one command by itself: form, limits of the joints, and whether the arm is where it was told to be.
+    """Judges one command alone: its form, the joints' limits, and whether the arm is near the commanded position.
 
     Args:
-        names: of the joints.
-        limits: of the joints.
+        names: names of the joints.
+        limits: limits of the joints.
     """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         self._names, self._limits = names, limits
 
     def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
-        """The first limit that a command breaks; None where it may be sent.
+        """The first limit that a command violates; None where the command may be sent.
 
         Args:
             q: positions (n,) [rad].
@@ -103,7 +103,7 @@ class Gate:
         return self._most(RefusalReason.TRACKING, np.abs(q - measured), TRACKING, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
-        limits, more = self._limits, 1.0 + TOLERANCE
+        limits, more = self._limits, 1.0 + LIMIT_TOLERANCE_SHARE
         outside = ~((q >= limits.lower) & (q <= limits.upper))
         if np.any(outside):
             joint = int(np.argmax(outside))
@@ -113,7 +113,7 @@ class Gate:
         )
 
     def _most(self, why: RefusalReason, value: Array, bound: Array | float, unit: str) -> Refusal | None:
-        """A refusal where a value exceeds its bound or is no number, naming the joint that exceeds it most."""
+        """A refusal where a value exceeds its bound or is nan; it names the joint with the largest excess."""
         if np.all(value <= bound):
             return None
         joint = int(np.argmax(value / bound))
@@ -123,12 +123,12 @@ class Gate:
 
 @dataclass(frozen=True)
 class LineGate:
-    """Judges the next reference on the line: by the limits along it, and by the gate of the joints that it leads.
+    """Judges the next reference on the line, by the limits along the line and by the gate of the joints.
 
     Attributes:
         limits: along the line.
-        table: from the line to the joints.
-        joints: their gate.
+        table: maps the line to joint positions.
+        joints: gate of the joints.
     """
 
     limits: LineLimits
@@ -138,18 +138,18 @@ class LineGate:
     def check(
         self, reference: LineState, previous: LineState | None = None, measured: Array | None = None
     ) -> Refusal | None:
-        """The first limit that the reference breaks; None where it may be sent.
+        """The first limit that a reference violates; None where the reference may be sent.
 
         Args:
-            reference: of the next cycle.
-            previous: that of the cycle before, from which it must follow; None at the start of a motion.
+            reference: reference of the next cycle.
+            previous: reference of the cycle before, which the next one must continue; None at the start of a motion.
             measured: joint positions now (n,); None where they are not watched [rad].
         """
         if not reference.is_finite:
             return Refusal(RefusalReason.NOT_A_NUMBER)
-        more = 1.0 + TOLERANCE
+        more = 1.0 + LIMIT_TOLERANCE_SHARE
         s, v, a = reference
-        # In this form a limit that is no number refuses, too.
+        # Written in this form, the comparison also refuses for a limit that is nan.
         if not self.limits.s_min - 1e-9 <= s <= self.limits.s_max + 1e-9:
             return Refusal(RefusalReason.OFF_THE_LINE, f"s = {s:.4g} m")
         if not abs(v) <= more * self.limits.speed_at(s):
@@ -163,9 +163,9 @@ class LineGate:
 
     def _follows(self, reference: LineState, previous: LineState) -> bool:
         """Whether two references belong to one motion whose jerk is bounded."""
-        h, jerk = PERIOD, (1.0 + TOLERANCE) * self.limits.jerk
+        h, jerk = PERIOD, (1.0 + LIMIT_TOLERANCE_SHARE) * self.limits.jerk
         s, v, a = (now - before for now, before in zip(reference, previous, strict=True))
-        # Within one cycle of bounded jerk, from the Taylor series about its beginning.
+        # Bounds on the change in one cycle of bounded jerk, from the Taylor series at its beginning.
         return (
             abs(a) <= jerk * h + 1e-9
             and abs(v - previous.a * h) <= jerk * h**2 / 2.0 + 1e-9
@@ -174,12 +174,12 @@ class LineGate:
 
 
 class StreamGate(Gate):
-    """Judges the next command against the ones before it and against where the arm is now.
+    """Judges the next command of a stream against the commands before it and the arm's present position.
 
-    What leaves is a sequence of positions, so positions are judged: their first, second and third divided differences
+    The arm receives a sequence of positions, so positions are judged: their first, second and third divided differences
     are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as
     feed-forward are held against the same limits. A command that comes early is judged by the time since the one
-    before; one that comes late as if it had come after a cycle: for that it was made, and so the arm went on meanwhile.
+    before; one that comes late is judged as if it came after one cycle, since it was made for that time.
     Arguments as for `Gate`.
     """
 
@@ -191,24 +191,24 @@ class StreamGate(Gate):
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last two commands were the same posture."""
+        """Whether the stream is at rest: its last two commands were the same posture."""
         return len(self._last) < 2 or bool(
             np.all(np.abs(self._last[-1] - self._last[-2]) <= REST_SPEED * self._spacings[-1])
         )
 
     def begins(self, now: float) -> bool:
-        """Whether the next command begins a stream, from rest [s]."""
-        return not self._last or (now - self._sent > GAP and self.at_rest)
+        """Whether a command at a time `now` [s] begins a new stream, from rest."""
+        return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
 
     def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Why a command must not be sent; None where it may, and it is then counted as sent.
+        """Refusal of a command; None where it may be sent, and the command then counts as sent.
 
         Args:
             q: positions (n,) [rad].
             v: velocities (n,) [rad/s].
             a: accelerations (n,) [rad/s^2].
             state: the newest reading of the joints.
-            now: [s], on the clock of the state.
+            now: present time on the clock of `state` [s].
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
         spacings = [*self._spacings[-2:], min(max(now - self._sent, SOONEST), PERIOD)] if self._last else [PERIOD] * 3
@@ -219,26 +219,26 @@ class StreamGate(Gate):
         return refusal
 
     def _arm(self, q: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Is it known where the arm is, and is it there?"""
+        """Refusal where the arm's position is unknown or too far from the commanded one; None otherwise."""
         if state is None:
             return Refusal(RefusalReason.NO_STATE)
         age = now - state.time
-        if not age <= FRESH:
+        if not age <= MAX_STATE_AGE_SECONDS:
             return Refusal(RefusalReason.STALE, f"{1e3 * age:.0f} ms")
         return self._follows(q, state.q)
 
     def _beginning(self, q: Array, v: Array, state: JointState | None, now: float) -> Refusal | None:
-        """A stream begins at rest where the arm is; one that paused while the arm moved does not go on."""
+        """Refusal of a stream that does not begin at rest at the arm's position, or that goes on after a pause."""
         if not self.begins(now):
             late = now - self._sent
-            return None if late <= GAP else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
+            return None if late <= STREAM_GAP_SECONDS else Refusal(RefusalReason.GAP, f"{1e3 * late:.0f} ms")
         self._last = []
         assert state is not None, "the state was judged before"
         moving = self._most(RefusalReason.ELSEWHERE, np.abs(v), REST_SPEED, "rad/s")
-        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), NEAR, "rad")
+        return moving or self._most(RefusalReason.ELSEWHERE, np.abs(q - state.q), MAX_STREAM_START_OFFSET, "rad")
 
     def _continued(self, q: Array, v: Array, a: Array, spacings: Array) -> Refusal | None:
-        """Do the positions, which are what the arm sees, keep the limits with what goes along as feed-forward?"""
+        """Refusal where the differences of positions, or the feed-forward values, exceed a limit; None otherwise."""
         path = np.array([*self._last[-3:], q]) if self._last else np.array([q] * 4)
         velocities = np.diff(path, axis=0) / spacings[:, None]
         accelerations = np.diff(velocities, axis=0) / (0.5 * (spacings[1:] + spacings[:-1]))[:, None]
@@ -246,8 +246,10 @@ class StreamGate(Gate):
         refusal = self._beyond(
             q, np.maximum(np.abs(velocities[-1]), np.abs(v)), np.maximum(np.abs(accelerations[-1]), np.abs(a))
         )
-        refusal = refusal or self._most(RefusalReason.JERK, jerk, (1.0 + TOLERANCE) * self._limits.jerk, "rad/s^3")
-        early = spacings[-1] < (1.0 - TOLERANCE) * PERIOD
+        refusal = refusal or self._most(
+            RefusalReason.JERK, jerk, (1.0 + LIMIT_TOLERANCE_SHARE) * self._limits.jerk, "rad/s^3"
+        )
+        early = spacings[-1] < (1.0 - LIMIT_TOLERANCE_SHARE) * PERIOD
         if refusal is None or not early:
             return refusal
         return replace(refusal, detail=f"{refusal.detail}, {1e3 * spacings[-1]:.3g} ms after the command before")

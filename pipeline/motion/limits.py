@@ -1,4 +1,4 @@
-"""How fast the tool may move where on its line."""
+"""Limits along the line: largest speed and acceleration of the tool at each place."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPEEDS = np.linspace(-1.0, 1.0, 17)
 HEADROOM = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
 
-ROUNDING = 1e-10
+LIMIT_ROUNDING = 1e-10
 """What a planned motion may exceed a limit by [SI units]."""
 
 
@@ -75,9 +75,9 @@ class LineLimits:
         """Limits along the path of a table.
 
         Args:
-            table: of the path, which says what the joints can follow.
-            torque: of the arm with its load; then no acceleration takes more than the motors have, at whatever speed
-                is allowed there. Where they cannot even hold the arm, it is for the check of a motion to say so.
+            table: IK table of the path, which contains the limits due to the joints.
+            torque: torque of the arm with its load; then the accelerations also respect the motors' limits at every
+                allowed speed. Where the motors cannot hold the arm, the check of a motion reports it.
         """
         acceleration = table.acceleration_limit
         if torque is not None:
@@ -85,13 +85,13 @@ class LineLimits:
         return cls(table.s, table.speed_limit, acceleration)
 
     def scaled(self, speed: float, acceleration: float, strongest: float = np.inf) -> LineLimits:
-        """The same line with shares of its speed and acceleration [1], and no acceleration above one [m/s^2]."""
+        """Limits with shares [1] of this line's speed and acceleration, and no acceleration above a bound [m/s^2]."""
         return replace(
             self, speed=self.speed * speed, acceleration=np.minimum(self.acceleration * acceleration, strongest)
         )
 
     def tight(self) -> LineLimits:
-        """The limits with `HEADROOM`."""
+        """The limits multiplied by `HEADROOM`, so that rounding cannot exceed them."""
         return self.scaled(HEADROOM, HEADROOM)
 
     def speed_at(self, s: ArrayLike) -> Array:
@@ -112,12 +112,12 @@ class LineLimits:
         )
 
     def allow(self, state: LineState) -> bool:
-        """The same of one state, up to rounding, in a fifth of the time."""
+        """Whether one state is within the limits, up to rounding; five times faster than `respected_by`."""
         s, v, a = state
         return (
-            self.s_min - ROUNDING <= s <= self.s_max + ROUNDING
-            and abs(v) <= self.lowest_speed(s, s) + ROUNDING
-            and abs(a) <= self.lowest_acceleration(s, s) + ROUNDING
+            self.s_min - LIMIT_ROUNDING <= s <= self.s_max + LIMIT_ROUNDING
+            and abs(v) <= self.lowest_speed(s, s) + LIMIT_ROUNDING
+            and abs(a) <= self.lowest_acceleration(s, s) + LIMIT_ROUNDING
         )
 
     def lowest_speed(self, lower: float, upper: float) -> float:
@@ -130,7 +130,7 @@ class LineLimits:
 
     @cached_property
     def _lists(self) -> tuple[list[float], list[float], list[float]]:
-        """The same numbers in lists: a look-up takes 1 µs instead of 5, and a control cycle makes dozens."""
+        """The limits in lists, in which a look-up takes 1 µs instead of 5; a control cycle makes dozens."""
         return self.s.tolist(), self.speed.tolist(), self.acceleration.tolist()
 
     def _lowest(self, limit: list[float], lower: float, upper: float) -> float:
@@ -152,7 +152,7 @@ class LineLimits:
 
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
-    """(m,) acceleration along the path that the motors suffice for at every speed; infinite where none can hold it."""
+    """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
     found = np.full(len(table.s), np.inf)
     for share in SPEEDS:
         speed = share * table.speed_limit[:, None]

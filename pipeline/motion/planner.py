@@ -1,4 +1,4 @@
-"""Ruckig plans motions along the line; which of them keep the limits, and from where the tool can still stop."""
+"""Motions along the line planned by Ruckig, checks of their limits, and states from which the tool can stop."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ class LinePlanner:
         """The motion to rest, braking with what the whole stretch ahead allows; None where it breaks a limit.
 
         Args:
-            state: to stop from; if it is beyond a limit itself the answer is None.
+            state: present state; if it exceeds a limit itself, the answer is None.
         """
         limits = self.limits
-        # Bounds of the speed (the acceleration is taken back first) and of the way to rest.
+        # Bounds of the speed (the acceleration is reduced to 0 first) and of the way to rest.
         fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
         if not state.is_finite or fastest > 10.0 * limits.fastest:
             return None
@@ -82,7 +82,7 @@ class LinePlanner:
         """The nearest position on the line, with a share of the speed from which the tool can still stop.
 
         Args:
-            target: anywhere, finite.
+            target: any finite state.
         """
         limits = self.limits
         s = min(max(target.s, limits.s_min), limits.s_max)

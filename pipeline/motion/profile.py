@@ -1,4 +1,4 @@
-"""Motions in phases of constant jerk."""
+"""Motions that consist of phases of constant jerk."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.motion.limits import ROUNDING, LineLimits
+from pipeline.motion.limits import LIMIT_ROUNDING, LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
@@ -21,17 +21,17 @@ SAMPLING = 2.5e-3
 MISSED = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""
 
-MOST_SAMPLES = 4000
+MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 
 
 class JerkProfile:
-    """Phases of constant jerk, one after the other; after the last one the acceleration stays as it is.
+    """A motion in phases of constant jerk; after the last phase the acceleration stays constant.
 
     Args:
-        state: where the motion starts.
-        durations: of the phases; phases of no duration are dropped [s].
-        jerks: of the phases [m/s^3].
+        state: state at the start of the motion.
+        durations: durations of the phases [s]; phases of no duration are dropped.
+        jerks: jerks of the phases [m/s^3].
 
     Attributes:
         start: time at which each phase begins, then the duration [s].
@@ -75,12 +75,12 @@ class JerkProfile:
         return s + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
 
     def part(self, begin: float = 0.0, end: float = math.inf) -> JerkProfile:
-        """The motion from one time to another [s], its own time counting from the first."""
+        """The part of a motion between two times [s]; the part's own time starts at 0."""
         left = [max(min(b, end) - max(a, begin), 0.0) for a, b in pairwise(self.start)]
         return JerkProfile(self.at(min(begin, self.duration)), left, self.jerks[:-1])
 
     def extremes(self) -> list[LineState]:
-        """States among which acceleration, speed and position are extreme: phase boundaries, a = 0, v = 0."""
+        """States that include the extremes of acceleration, speed and position: phase boundaries, a = 0, v = 0."""
         states = list(self.states)
         for (s, v, a), j, (begin, end) in zip(self.states, self.jerks, pairwise(self.start), strict=False):
             for h in (-a / j if j else -1.0, *_zeros(j / 2.0, a, v)):
@@ -91,11 +91,11 @@ class JerkProfile:
     def respects(self, limits: LineLimits) -> bool:
         """Whether the motion stays on the line and within its speed and acceleration, up to rounding.
 
-        It is looked at where it is extreme, where it passes a node of the limits, and evenly in between. Constant
+        The motion is checked at its extremes, where it passes a node of the limits, and evenly in between. Constant
         limits are held exactly; others, linear between nodes, can be exceeded by `MISSED` of the speed.
         """
         extremes = self.extremes()
-        # Most motions that break a limit do so at an extreme; most others are far from every limit on their way.
+        # Most motions that break a limit break it at an extreme; most others stay far from every limit.
         if not all(limits.allow(state) for state in extremes):
             return False
         s, v, a = zip(*extremes, strict=True)
@@ -103,14 +103,14 @@ class JerkProfile:
         slow = max(map(abs, v)) <= limits.lowest_speed(lower, upper)
         if slow and max(map(abs, a)) <= limits.lowest_acceleration(lower, upper):
             return True
-        # A function with a second derivative of 2 J or less is at most 2 J h^2 / 8 above what is seen at its ends.
+        # A function with a second derivative of at most 2 J rises by at most 2 J h^2 / 8 between samples.
         spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
-        count = int(min(np.ceil(self.duration / spacing), MOST_SAMPLES)) + 1
+        count = int(min(np.ceil(self.duration / spacing), MAX_PROFILE_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
-        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), ROUNDING)
+        return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)
 
     def _passes(self, time: Array, nodes: Array) -> Array:
-        """Times at which nodes are passed, taking the motion between samples for uniform."""
+        """Times at which the motion passes nodes of the limits, with constant speed assumed between samples."""
         s = self.sample(time)[0]
         turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
         found = []

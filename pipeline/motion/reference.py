@@ -18,7 +18,7 @@ from urdf.robot import Array
 EASY = 0.95
 """Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
 
-ROUNDS = 12
+MAX_LINEARISATIONS = 12
 """Largest number of rounds; each linearises the limits about the last solution."""
 
 SETTLED = 1e-4
@@ -49,7 +49,7 @@ def smooth_reference(
 
     With a jerk ``j_k`` that is constant over each sample, minimises
     ``sum_k (s_k - s_ref_k)^2 + w_v (v_k - v_ref_k)^2 + w_j j_k^2`` under the limits of range, speed, acceleration
-    and jerk. Those that depend on the place are linearised about the last solution until it changes no more. The speed
+    and jerk. Limits that depend on the place are linearised at the last solution until it converges. The speed
     between samples is bounded by its Bézier points.
 
     Args:
@@ -57,8 +57,8 @@ def smooth_reference(
         v_ref: wanted speeds (n,) [m/s].
         dt: time between samples [s].
         limits: along the line.
-        start: state to start from; by default at rest or as fast as the reference, where that is possible.
-        end: state to end in; by default free.
+        start: first state; by default at rest, or at the reference's speed where that is possible.
+        end: last state; free by default.
 
     Returns:
         The motion, sampled as the reference is.
@@ -79,9 +79,9 @@ def smooth_reference(
     # The headroom covers errors of the linearisation, and what happens between samples.
     program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
-    for k in range(ROUNDS):
+    for k in range(MAX_LINEARISATIONS):
         before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
-        # Where the first motion misses the end, the program may have to leave the trust region.
+        # Where the first motion misses the end, the quadratic program may have to leave the trust region.
         solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)
         if solved is None:
             raise TaskFailedError(
@@ -102,7 +102,7 @@ def smooth_reference(
 def _smoothed_online(
     s_ref: Array, v_ref: Array, dt: float, limits: LineLimits, start: LineState
 ) -> tuple[Array, Array, Array]:
-    """A first motion: what the online smoother makes of the reference, which is within all limits of the line."""
+    """First motion for the quadratic program: the online smoother's answer to the reference, within all limits."""
     smoother = LineSmoother(limits, dt, start)
     a_ref = np.gradient(v_ref, dt)
     targets = [LineState(*map(float, row)) for row in zip(s_ref, v_ref, a_ref, strict=True)]
@@ -144,7 +144,7 @@ class _Program:
         self._equal, self._equal_right = sparse.vstack(rows, format="csc"), np.concatenate(right)
 
     def solve(self, s: Array, v: Array, trust: float) -> tuple[Array, Array, Array] | None:
-        """One round, with the limits linearised about a motion; None where nothing satisfies them."""
+        """Solve one round, with the limits linearised at a motion; None where no motion satisfies them."""
         limits, n = self._limits, self._n
         speed, speed_slope = _linearised(limits.s, limits.speed, s)
         strength, strength_slope = _linearised(limits.s, limits.acceleration, s)
@@ -181,7 +181,7 @@ class _Program:
 
 
 def _linearised(nodes: Array, value: Array, at: Array) -> tuple[Array, Array]:
-    """A function that is linear between nodes, and its slope, at places."""
+    """Values and slopes, at some places, of a function that is linear between nodes."""
     k = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
     slope = (value[k + 1] - value[k]) / (nodes[k + 1] - nodes[k])
     return value[k] + slope * (at - nodes[k]), slope

@@ -12,50 +12,50 @@ from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
-GRID = 1e-3
+LIMIT_SPACING = 1e-3
 """Spacing of the smoothed limit [m]."""
 
-WINDOW = 10
+SMOOTHING_HALF_WIDTH = 10
 """Half width of the smoothing, in grid steps: a kink of the limit is rounded over 2 cm."""
 
-STEP = 0.02
+MAX_RIDE_STEP_SECONDS = 0.02
 """Longest time step of the integration of `RideCurve.after`; its error is some 1e-5 m [s]."""
 
 
 class RideCurve:
-    """A smooth speed limit that lies under the true one everywhere, and motions along it.
+    """A smooth speed limit that is nowhere above the true one, and motions at this speed.
 
     The limit is the lowest of the joints' limits and has a kink wherever another joint takes over; its acceleration
     ``a = W W'`` would jump there. Taking the minimum over a window and then a mean over the same window gives a limit
     that is smooth and still never above the true one.
 
     Attributes:
-        limits: with the smooth speed limit, at `nodes`.
-        nodes: even, about `GRID` apart (n,) [m].
+        limits: limits of the line with the smooth speed limit, at `nodes`.
+        nodes: evenly spaced positions, about `LIMIT_SPACING` apart (n,) [m].
     """
 
     def __init__(self, limits: LineLimits) -> None:
-        count = int(np.ceil((limits.s_max - limits.s_min) / GRID)) + 1
+        count = int(np.ceil((limits.s_max - limits.s_min) / LIMIT_SPACING)) + 1
         self.nodes = np.linspace(limits.s_min, limits.s_max, max(count, 4))
-        half = WINDOW * (self.nodes[1] - self.nodes[0])
+        half = SMOOTHING_HALF_WIDTH * (self.nodes[1] - self.nodes[0])
         places = np.union1d(self.nodes, limits.s)
         speed = limits.speed_at(places)
         first, last = np.searchsorted(places, self.nodes - half), np.searchsorted(places, self.nodes + half, "right")
         lowest = np.array([speed[i:k].min() for i, k in zip(first, last, strict=True)])
-        kernel = np.bartlett(2 * WINDOW + 1)[1:-1]
-        smooth = np.convolve(np.pad(lowest, WINDOW - 1, mode="edge"), kernel / kernel.sum(), mode="valid")
+        kernel = np.bartlett(2 * SMOOTHING_HALF_WIDTH + 1)[1:-1]
+        smooth = np.convolve(np.pad(lowest, SMOOTHING_HALF_WIDTH - 1, mode="edge"), kernel / kernel.sum(), mode="valid")
         self._spline = CubicSpline(self.nodes, smooth)
         under = np.minimum(np.interp(places, self.nodes, smooth), speed)
         self.limits = LineLimits(places, under, limits.acceleration_at(places), limits.jerk)
 
     def at(self, s: float, direction: float) -> LineState:
-        """State of a tool that rides the limit at `s`, towards larger s (+1) or smaller (-1)."""
+        """State of a tool that moves at the speed limit at `s`, towards larger s (+1) or smaller (-1)."""
         speed = float(self._spline(s))
         return LineState(s, direction * speed, speed * float(self._spline(s, 1)))
 
     def after(self, s: float, time: float, direction: float) -> LineState:
-        """State of a ride `time` [s] after `s`, by midpoint steps; it ends at the end of the line."""
-        for _ in range(steps := max(round(time / STEP), 1)):
+        """State `time` [s] after the tool passes `s` at the speed limit, by midpoint steps; the line's end at most."""
+        for _ in range(steps := max(round(time / MAX_RIDE_STEP_SECONDS), 1)):
             h = direction * time / steps
             s = self._clipped(s + h * float(self._spline(self._clipped(s + 0.5 * h * float(self._spline(s))))))
         return self.at(s, direction)
@@ -64,14 +64,14 @@ class RideCurve:
         return min(max(s, float(self.nodes[0])), float(self.nodes[-1]))
 
     def between(self, s_from: float, s_to: float) -> tuple[float, Callable[[float], LineState]]:
-        """The ride from one position to another: its duration [s], and its state at a time since its beginning [s]."""
-        s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * GRID)) + 1, 4))
+        """Motion at the speed limit between two positions: its duration [s], and a function from time [s] to state."""
+        s = np.linspace(s_from, s_to, max(int(abs(s_to - s_from) / (0.1 * LIMIT_SPACING)) + 1, 4))
         travelled = np.abs(s - s_from)
         time = CubicSpline(travelled, 1.0 / self._spline(s)).antiderivative()(travelled)
         position, direction = CubicSpline(time, s), 1.0 if s_to > s_from else -1.0
         return float(time[-1]), lambda t: self.at(float(position(t)), direction)
 
     def jerk(self, s: ArrayLike) -> Array:
-        """Size of the jerk of riding, ``|W (W'^2 + W W'')|`` [m/s^3]."""
+        """Size of the jerk of a motion at the speed limit, ``|W (W'^2 + W W'')|`` [m/s^3]."""
         w, slope, bend = (self._spline(s, order) for order in (0, 1, 2))
         return np.abs(np.asarray(w * (slope**2 + w * bend)))

@@ -1,4 +1,4 @@
-"""Online smoothing: whatever is asked for, the tool moves within its limits."""
+"""Online smoothing: the tool follows any reference within its limits."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pipeline.motion.profile import JerkProfile
 from pipeline.motion.ride import RideCurve
 from pipeline.motion.trajectory import LineState
 
-LOOK_AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
+MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
 
 PURSUIT = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 
-FADING = 0.1
+ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
 
@@ -31,12 +31,12 @@ class LineSmoother:
     the reference is pursued in the shortest time, along the speed limit where that is lower.
 
     *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
-    does so too. That motion is kept; when nothing better passes the next time, it is carried on with.
+    does so too. That motion is stored, and continued where nothing better is found in the next cycle.
 
     Args:
-        limits: along the line; those of a table are ``LineLimits.from_table(table)``.
+        limits: limits along the line; those of a table are ``LineLimits.from_table(table)``.
         dt: control cycle [s].
-        state: where the tool is and how it moves.
+        state: present state of the tool.
 
     Raises:
         InputError: if `state` cannot be brought to rest within the limits.
@@ -53,7 +53,7 @@ class LineSmoother:
 
     @property
     def state(self) -> LineState:
-        """Present state: what was last returned, and what the arm has been told."""
+        """Present state: the last returned and commanded reference."""
         return self._state
 
     @property
@@ -63,7 +63,7 @@ class LineSmoother:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the tool stands still."""
+        """Whether the tool is at rest."""
         return self._state.v == 0.0 and self._state.a == 0.0
 
     def reset(self, state: LineState) -> None:
@@ -84,7 +84,7 @@ class LineSmoother:
         self._joining: JerkProfile | None = None
 
     def update(self, reference: LineState | Sequence[LineState]) -> LineState:
-        """Move on by one cycle, towards the reference.
+        """Advance by one cycle towards the reference.
 
         Args:
             reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
@@ -98,7 +98,7 @@ class LineSmoother:
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
             return self.stop()
-        for m in LOOK_AHEAD:
+        for m in MEETING_CYCLES:
             if m > len(targets):
                 break
             if self._meet(self._planner.draw_back(targets[m - 1]), m):
@@ -107,7 +107,7 @@ class LineSmoother:
         return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
-        """Move on by one cycle, on the way to rest.
+        """Advance by one cycle while braking to rest.
 
         Returns:
             State at the end of the cycle.
@@ -128,7 +128,7 @@ class LineSmoother:
         return motion is not None and motion.respects(self._limits) and self._begin(motion, self._planner, keep)
 
     def _pursue(self, target: LineState) -> bool:
-        """Begin the fastest motion towards a place, along the speed limit where that is in the way."""
+        """Begin the fastest motion to a place, which follows the speed limit where the limit is lower."""
         s = self._state.s
         acceleration = self._limits.lowest_acceleration(min(s, target.s), max(s, target.s))
         motion = self._planner.to_state(self._state, target, acceleration=acceleration)
@@ -138,7 +138,7 @@ class LineSmoother:
         if self._joining is not None and self._begin(self._joining, self._planner, keep=True):
             return True
         direction = math.copysign(1.0, target.s - s)
-        for m in LOOK_AHEAD:
+        for m in MEETING_CYCLES:
             ahead = self._ride.after(s, m * self._dt, direction)
             if (target.s - ahead.s) * direction <= 0.0:
                 break
@@ -152,7 +152,7 @@ class LineSmoother:
         return False
 
     def _begin(self, motion: JerkProfile, planner: LinePlanner, keep: bool = False) -> bool:
-        """Begin a motion if its first cycle and a stop after that respect the limits; keep the rest of it if asked."""
+        """Begin a motion if its first cycle and a stop after it respect the limits; store the rest where requested."""
         cycle = motion.part(end=self._dt)
         if not cycle.respects(planner.limits):
             return False
@@ -166,22 +166,24 @@ class LineSmoother:
         return True
 
     def _continue(self, reference: LineState) -> Sequence[LineState]:
-        """One reference continued: its acceleration fades, its speed stays."""
+        """A single reference continued over the next cycles: its acceleration fades, its speed stays."""
         if not reference.is_finite:
             return ()
         s, v, a = reference
         targets = []
-        for k in range(LOOK_AHEAD[-1]):
+        for k in range(MEETING_CYCLES[-1]):
             t = k * self._dt
-            fade = 1.0 - math.exp(-t / FADING)
-            gained = a * FADING * fade
-            targets.append(LineState(s + v * t + FADING * (a * t - gained), v + gained, a * (1.0 - fade)))
+            fade = 1.0 - math.exp(-t / ACCELERATION_FADE_SECONDS)
+            gained = a * ACCELERATION_FADE_SECONDS * fade
+            targets.append(
+                LineState(s + v * t + ACCELERATION_FADE_SECONDS * (a * t - gained), v + gained, a * (1.0 - fade))
+            )
         return targets
 
 
 def _until_not_finite(reference: Sequence[LineState]) -> Sequence[LineState]:
-    """The states before the first that is not finite, at most as many as are used."""
-    targets = [LineState(*target) for target in reference[: LOOK_AHEAD[-1]]]
+    """States before the first that is not finite, at most as many as the look-ahead uses."""
+    targets = [LineState(*target) for target in reference[: MEETING_CYCLES[-1]]]
     for k, target in enumerate(targets):
         if not target.is_finite:
             return targets[:k]

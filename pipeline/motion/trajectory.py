@@ -1,4 +1,4 @@
-"""Where the tool is on its line and how it moves there; motions sampled in time, of the tool and of the joints."""
+"""State of the tool on its line, and sampled motions of the tool and of the joints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class LineState(NamedTuple):
 
 @dataclass(frozen=True)
 class LineTrajectory:
-    """A motion along the line, sampled.
+    """A sampled motion along the line.
 
     Attributes:
         time: (n,), increasing [s].
@@ -56,7 +56,7 @@ class LineTrajectory:
 
     @property
     def end(self) -> LineState:
-        """Last state."""
+        """Last state of the motion."""
         return self[-1]
 
     def __len__(self) -> int:
@@ -69,10 +69,10 @@ class LineTrajectory:
         return (self[k] for k in range(len(self)))
 
     def then(self, other: LineTrajectory) -> LineTrajectory:
-        """This motion, then another one whose time counts from this one's end.
+        """This motion followed by another one, whose time counts from the end of this one.
 
         Args:
-            other: its first sample is left out if it is at time 0: it is this one's last.
+            other: second motion; its first sample is left out if it is at time 0, where it equals this motion's last.
         """
         first = 1 if other.time[0] <= 0.0 else 0
         pairs = (self.time, self.time[-1] + other.time), (self.s, other.s), (self.v, other.v), (self.a, other.a)
@@ -81,14 +81,14 @@ class LineTrajectory:
 
 @dataclass(frozen=True)
 class JointTrajectory:
-    """A motion of the joints, sampled.
+    """A sampled motion of the joints.
 
     Attributes:
         time: (n,), increasing [s].
         q: positions (n, joints) [rad or m].
         v: speeds (n, joints) [rad/s or m/s].
         a: accelerations (n, joints) [rad/s^2 or m/s^2].
-        joint_names: of the columns.
+        joint_names: names of the columns.
 
     Raises:
         InputError: if the shapes do not agree, something is not finite, or time does not increase.
@@ -108,15 +108,15 @@ class JointTrajectory:
 
 
 def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None:
-    """Make the arrays of a motion read-only, and refuse what cannot be one.
+    """Make the arrays of a motion read-only, and refuse arrays that cannot be a motion.
 
     Args:
-        motion: with ``time`` (n,) [s].
-        names: of its other arrays, (n,) each.
-        columns: k, where these are (n, k).
+        motion: motion with ``time`` (n,) [s].
+        names: names of its other arrays, (n,) each.
+        columns: number of columns k, where these arrays are (n, k).
 
     Raises:
-        InputError: with the first sample at fault, counted from 1.
+        InputError: the arrays are no motion; the error names the first bad sample, counted from 1.
     """
     for name in ("time", *names):
         object.__setattr__(motion, name, read_only(getattr(motion, name)))

@@ -1,4 +1,4 @@
-"""Into a motion and out of it: how a stream begins, a way from rest to rest, the brake of joints that nobody leads."""
+"""Transitions: blending into a stream, motion from rest to rest, and braking of joints without commands."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
@@ -7,23 +7,23 @@ import urdf
 from pipeline.motion.gate import PERIOD
 from urdf.robot import Array
 
-SHARE = 0.5
+BRAKING_SHARE = 0.5
 """Of the joints' acceleration and jerk limits with which an arm brakes on its own."""
-FARTHEST = 0.02
+MAX_START_OFFSET = 0.02
 """How far from where the arm is a stream may begin [rad]: an arm at rest sags under its weight by less than that."""
-DURATION = 0.5
+BLEND_SECONDS = 0.5
 """Time in which the difference goes [s]; its peaks are 0.08 rad/s, 0.5 rad/s^2, 10 rad/s^3."""
 
 
 class Brake:
-    """Every joint comes to rest by itself, as soon as a share of its acceleration and jerk limits allows.
+    """Braking motion: each joint comes to rest as fast as a share of its acceleration and jerk limits allows.
 
     Args:
         start: positions, velocities and accelerations (n,) from which it brakes [rad, rad/s, rad/s^2].
-        limits: of the joints.
+        limits: limits of the joints.
 
     Attributes:
-        duration: until the last joint stands [s].
+        duration: time until the last joint is at rest [s].
     """
 
     def __init__(self, start: tuple[Array, Array, Array], limits: urdf.Limits) -> None:
@@ -36,16 +36,16 @@ class Brake:
         given.control_interface = ControlInterface.Velocity
         given.current_position, given.current_velocity, given.current_acceleration = (x.tolist() for x in start)
         given.target_velocity = given.target_acceleration = [0.0] * n
-        # What is under way may accelerate more than the share with which it is braked.
-        given.max_acceleration = np.maximum(SHARE * limits.acceleration, np.abs(a)).tolist()
-        given.max_jerk = (SHARE * limits.jerk).tolist()
+        # A motion may have a larger acceleration than the share with which it is braked.
+        given.max_acceleration = np.maximum(BRAKING_SHARE * limits.acceleration, np.abs(a)).tolist()
+        given.max_jerk = (BRAKING_SHARE * limits.jerk).tolist()
         given.max_velocity = limits.velocity.tolist()
         if Ruckig(n).calculate(given, self._way) in (Result.Working, Result.Finished):
             self.duration = float(self._way.duration)
             self._rest = np.array(self._way.at_time(self.duration)[0])
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations (n,) so long after braking began [s]."""
+        """Positions, velocities and accelerations (n,) at a time after braking began [s]."""
         if time >= self.duration:
             return self._rest, np.zeros_like(self._rest), np.zeros_like(self._rest)
         q, v, a = (np.array(x) for x in self._way.at_time(max(time, 0.0)))
@@ -53,14 +53,14 @@ class Brake:
 
 
 def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
-    """From rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
+    """Motion from rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
 
     Args:
-        u: shares of the time that have passed, any shape.
-        duration: of the whole motion [s].
+        u: elapsed shares of the duration, any shape.
+        duration: duration of the whole motion [s].
 
     Returns:
-        Share of the way at `u`, its rate [1/s] and its acceleration [1/s^2].
+        Covered share of the distance at `u`, its rate [1/s] and its acceleration [1/s^2].
     """
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
@@ -69,22 +69,22 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
 
 
 class Blend:
-    """Adds to a stream of commands what makes it begin where the arm is; the addition fades without jerk.
+    """Adds an offset to a stream of commands so that it begins at the arm's position; the offset fades smoothly.
 
     Args:
-        here: where the arm is (n,) [rad].
-        told: the first command (n,) [rad]. What is farther off than `FARTHEST` stays off, for the gate to refuse.
+        here: present position of the arm (n,) [rad].
+        told: the first command (n,) [rad]. An offset above `MAX_START_OFFSET` is not bridged; the gate refuses it.
     """
 
     def __init__(self, here: Array, told: Array) -> None:
-        self._offset = np.clip(here - told, -FARTHEST, FARTHEST)
+        self._offset = np.clip(here - told, -MAX_START_OFFSET, MAX_START_OFFSET)
         self._cycle = 0
 
     def next(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """The next command (n,) each [rad, rad/s, rad/s^2]."""
-        u = min(self._cycle * PERIOD / DURATION, 1.0)
+        """The next command with its offset: positions, velocities, accelerations (n,) each [rad, rad/s, rad/s^2]."""
+        u = min(self._cycle * PERIOD / BLEND_SECONDS, 1.0)
         self._cycle += 1
         if u == 1.0:
             return q, v, a
-        share, speed, acceleration = minimum_jerk(np.asarray(u), DURATION)
+        share, speed, acceleration = minimum_jerk(np.asarray(u), BLEND_SECONDS)
         return q + (1.0 - share) * self._offset, v - speed * self._offset, a - acceleration * self._offset

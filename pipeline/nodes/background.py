@@ -1,4 +1,4 @@
-"""Work that takes longer than a cycle of the loop: at once on a simulated clock, in another process on a real one.
+"""Work longer than a cycle of the loop: done at once on a simulated clock, in another process on a real one.
 
 A process and not a thread: the check of a motion holds Python's lock for up to 0.1 s at a time, and the estimator and
 SAC would share CasADi's buffers.
@@ -20,11 +20,11 @@ Then = Callable[[Any], None]
 
 
 class BackgroundWorker:
-    """Where long work is done: here at once, in the loop, which is right where no time passes meanwhile.
+    """Does long work at once in the loop, which is right on a simulated clock, where no time passes meanwhile.
 
     Attributes:
         at_once: whether `ask` returns only when the work is done, and no time passes meanwhile.
-        thinking: whether the work is being done in this process now.
+        thinking: whether this process does such work now.
     """
 
     at_once = True
@@ -32,17 +32,17 @@ class BackgroundWorker:
     def __init__(self) -> None:
         self.thinking = False
         self._work: dict[str, Work] = {}
-        self._then: dict[str, list[Then]] = {}  # what waits for results, oldest first; nothing where they come at once
+        self._then: dict[str, list[Then]] = {}  # requests that wait for results, oldest first
 
     def provide(self, name: str, work: Work) -> None:
-        """Make known what can be asked for; before `start`."""
+        """Register a function under a name, before `start`."""
         self._work[name], self._then[name] = work, []
 
     def start(self) -> None:
-        """Get ready; from now on changes of what the work belongs to may no longer reach it."""
+        """Start the worker; later changes of the objects that it uses may not reach it."""
 
     def ask(self, name: str, argument: Any, then: Then) -> None:
-        """Have `work(argument)` done, and `then` called with its result in the loop, by `collect` at the latest."""
+        """Request `work(argument)`; `then` is called with the result in the loop, by `collect` at the latest."""
         self.thinking = True
         try:
             result = self._work[name](argument)
@@ -51,24 +51,24 @@ class BackgroundWorker:
         then(result)
 
     def busy(self, name: str) -> bool:
-        """Whether work of this name was asked for and is not done."""
+        """Whether work of this name was requested and is not done."""
         return bool(self._then[name])
 
     def collect(self) -> None:
-        """Take what is done; called in every round of the loop.
+        """Hand out finished results; called in every round of the loop.
 
         Raises:
-            Exception: what the work has raised.
+            Exception: the exception that the work raised.
         """
 
     def end(self) -> None:
-        """Do no more; results that are not taken are lost."""
+        """End the worker; results that were not collected are lost."""
 
 
 class ProcessWorker(BackgroundWorker):
-    """Does the work in a process that begins as a copy of this one, so that the loop goes on meanwhile.
+    """Does long work in a process that begins as a copy of this one, while the loop goes on.
 
-    Arguments and results are copied, and must be such that they can be pickled; what the work changes in its objects
+    Arguments and results are copied by pickling; changes that the work makes to its objects
     stays in the process. `start` it while the arm stands, and before other threads are started where that is possible.
 
     Raises:
@@ -134,9 +134,9 @@ def _gone() -> TaskFailedError:
 
 
 def _serve(ours: Connection, connection: Connection, work: dict[str, Work]) -> None:
-    """The process: work until the other end is closed."""
+    """Main function of the process: it works until the other end of the pipe is closed."""
     be_ordinary()
-    ours.close()  # else this process would keep its own pipe open, and outlive the other
+    ours.close()  # otherwise this process would keep the pipe open, and outlive its parent
     begin_child()
     with suppress(EOFError, OSError):
         while True:

@@ -1,4 +1,4 @@
-"""The drive: every cycle the next reference on the line, smoothed or played, through the table to the joints."""
+"""The drive node: it sends the next reference on the line, smoothed or played, to the joints in every cycle."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,20 +14,20 @@ from pipeline.robot.protocol import RobotInterface
 Reference = Callable[[float], Sequence[LineState]]
 """``now -> states at the ends of the coming cycles``."""
 
-LATEST = 0.031
+MAX_COMMAND_SILENCE = 0.031
 """A moving arm that has had no command for longer than this [s] has missed three cycles. The robot extrapolates the
 last one; after three cycles the next reference would pull it back, faster than its limits allow."""
 
 
 class DriveNode:
-    """Moves the arm at 100 Hz and lets nothing through that the gate refuses.
+    """Moves the arm at 100 Hz, and sends no command that the gate refuses.
 
     There are two ways to rest. `stop` brakes along the line, cycle by cycle, as long as the loop runs. `halt` tells the
     robot to brake on its own; nothing is sent after it. Whatever is raised in a step ends in `halt`.
 
     Attributes:
-        fault: a sentence once the gate has refused, else None; the arm is then on its way to rest.
-        halted: whether the robot was told to come to rest on its own.
+        fault: a sentence once the gate has refused, otherwise None; the arm is then braking.
+        halted: whether the robot was commanded to come to rest on its own.
         sent_at: robot's time of the last command [s]; None before the first.
     """
 
@@ -54,21 +54,21 @@ class DriveNode:
 
     @property
     def state(self) -> LineState:
-        """What the arm was last told, on the line."""
+        """Last commanded state on the line."""
         return self._smoother.state
 
     @property
     def standing(self) -> bool:
-        """Whether the arm was last told to stand still."""
+        """Whether the last command was a state at rest."""
         return self.halted or self._smoother.at_rest
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is told to stand still and nothing is left to play."""
+        """Whether the last command was a state at rest and no motion remains to be played."""
         return self.standing and self._trajectory is None and self._reference is None
 
     def follow(self, reference: Reference) -> None:
-        """Smooth a reference that is made while it is followed."""
+        """Follow a reference that is computed online, through the smoother."""
         self._reference, self._trajectory = reference, None
 
     def play(self, trajectory: LineTrajectory) -> None:
@@ -76,30 +76,30 @@ class DriveNode:
         self._reference, self._trajectory, self._played = None, trajectory, 0
 
     def stop(self) -> None:
-        """Brake within the limits and stay."""
+        """Brake along the line within the limits, then stay at rest."""
         self._reference = self._trajectory = None
 
     def halt(self) -> None:
-        """Let the robot brake on its own and hold; send nothing any more. The watchdog calls it from its thread."""
+        """Let the robot brake on its own and hold; send no more commands. The watchdog calls it from its thread."""
         self.halted = True
         self.stop()
         self._robot.stop()
 
     def step(self, now: float) -> None:
-        """Send the next reference."""
+        """Send the next reference to the joints."""
         if self.halted:
             return
         try:
             self._send(now)
         except BaseException:
-            with suppress(Exception):  # a robot that cannot be told to stop must not hide the reason
+            with suppress(Exception):  # a failing stop command must not hide the reason
                 self.halt()
             raise
 
     def _send(self, now: float) -> None:
         previous, moving = self._smoother.state, not self._smoother.at_rest
         late = 0.0 if self.sent_at is None else self._robot.time - self.sent_at
-        if moving and not 0.0 <= late <= LATEST:
+        if moving and not 0.0 <= late <= MAX_COMMAND_SILENCE:
             self.fault = self.fault or f"motion at {now:.2f} s: no command for {1e3 * late:.0f} ms, and the arm went on"
             self.halt()
             return
@@ -110,10 +110,10 @@ class DriveNode:
             self._smoother.reset(previous)
             state = self._smoother.stop()
         motion = self._table.joint_motion(state.s, state.v, state.a)
-        if self.halted:  # by the watchdog, while this was computed
+        if self.halted:  # halted by the watchdog during the computation
             return
         self._robot.command(motion.q, motion.v, motion.a)
-        if self.halted:  # by the watchdog, just before the command
+        if self.halted:  # halted by the watchdog just before the command
             self._robot.stop()
             return
         self.sent_at = self._robot.time
@@ -121,7 +121,7 @@ class DriveNode:
             self._recorder.record(name, now, value)
 
     def _checked(self, now: float, previous: LineState) -> tuple[LineState, Refusal | None]:
-        """The next reference, and why it must not be sent."""
+        """The next reference, and the refusal of the gate; None where it may be sent."""
         played = self._trajectory
         state = self._next(now)
         refusal = self._gate.check(state, previous, measured=self._measurement.state.q)

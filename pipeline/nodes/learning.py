@@ -1,4 +1,4 @@
-"""The nodes that learn: the estimator, which finds the length, and SAC, whose motions make the load cell tell it.
+"""The nodes that learn: the estimator, which finds the length, and SAC, whose motions make it identifiable.
 
 The estimate is of everything measured since the motion began, twice a second; an update takes 5 to 30 ms, longer than a
 cycle, and is done beside the loop. Twenty times a second SAC finds the gripper motion that informs most.
@@ -33,14 +33,14 @@ FIRST_UPDATE = 1.0
 
 @dataclass(frozen=True)
 class LengthEstimate:
-    """One entry of the estimate's history.
+    """One update of the length estimate.
 
     Attributes:
-        time: of the update [s].
+        time: time of the update [s].
         value: length [m].
-        std: its standard deviation [m].
+        std: standard deviation of the length [m].
         outcome: how the fit ended.
-        seconds: that the update took.
+        seconds: computing time of the update [s].
     """
 
     time: float
@@ -51,7 +51,7 @@ class LengthEstimate:
 
 
 class EstimatorNode:
-    """Runs the estimator at 2 Hz on the data since `begin`; an update that is not done in time is waited for.
+    """Runs the estimator at 2 Hz on the data since `begin`; it waits for an update that is late.
 
     Attributes:
         start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
@@ -80,20 +80,20 @@ class EstimatorNode:
 
     @property
     def model(self) -> PendulumModel:
-        """The model with the latest estimate that is a number."""
+        """The model with the latest finite estimate."""
         return self._model
 
     def begin(self, now: float) -> None:
-        """The load hangs at rest now, and what follows is used."""
+        """Begin the data: the load hangs at rest now, and later samples are used."""
         self._measurement.begin()
         self.start, self._running = now, True
 
     def end(self) -> None:
-        """Estimate no more; `model` and `start` stay."""
+        """End the estimation; `model` and `start` stay."""
         self._running = False
 
     def step(self, now: float) -> None:
-        """Have the estimate updated once there are enough data.
+        """Request an update of the estimate once there are enough data.
 
         Raises:
             TaskFailedError: the estimate is not a number; `model` stays as it was.
@@ -108,7 +108,7 @@ class EstimatorNode:
         self._worker.ask(self.name, (now, run), self._take)
 
     def _update(self, begun: tuple[float, Run]) -> tuple[dict[str, float], LengthEstimate]:
-        """The estimate from all data at a time [s]; its standard deviation with what white noise does not explain."""
+        """The estimate from all data at a time [s]; its standard deviation allows for errors other than white noise."""
         now, run = begun
         start = perf_counter()
         estimate = self._estimator.update(run)
@@ -118,7 +118,7 @@ class EstimatorNode:
         return values, LengthEstimate(now, values["length"], std, estimate.outcome, seconds)
 
     def _take(self, found: tuple[dict[str, float], LengthEstimate]) -> None:
-        """Use what an update has found."""
+        """Store the result of an update."""
         values, estimate = found
         if not self._running:
             return
@@ -134,16 +134,16 @@ class EstimatorNode:
 
 KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
-LOOK_AHEAD = 30
+REFERENCE_CYCLES = 30
 """Cycles of reference given to the smoother."""
 
 
 class SacNode:
-    """Starts with a doublet, then acts on the latest estimate; silent until `begin`.
+    """Starts with a doublet, then chooses actions by the latest estimate; inactive until `begin`.
 
     Attributes:
         actions: every action so far.
-        seconds: that each took, the state's prediction included.
+        seconds: computing time of each action, with the state's prediction [s].
     """
 
     name = "sac"
@@ -160,7 +160,7 @@ class SacNode:
         self.seconds: list[float] = []
 
     def warm_up(self) -> None:
-        """Compute once what `step` computes, on a gripper that stands: the first time takes longer than a cycle."""
+        """Do the computation of `step` once, for a gripper at rest: the first time takes longer than a cycle."""
         model = self._estimator.model
         rollout = model.rollout(fixed_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
         self._control.act(SacState(1.0, 0.0, 0.0, *self._load(rollout)), model)
@@ -174,14 +174,14 @@ class SacNode:
         return rollout.states[-1, :PLANAR_STATE_SIZE], column[:PLANAR_STATE_SIZE]
 
     def begin(self, now: float) -> None:
-        """Kick, then inform."""
+        """Begin with the doublet; then choose informative actions."""
         self._begun = now
         kick = round(KICK_TIME / self.settings.dt)
         self._lay_out(now, np.repeat([KICK_ACCELERATION, -KICK_ACCELERATION], kick))
         self._drive.follow(self._reference)
 
     def end(self) -> None:
-        """Act no more and let the drive come to rest."""
+        """End the actions, and let the drive come to rest."""
         self._begun = None
         self._drive.stop()
 
@@ -207,7 +207,7 @@ class SacNode:
         self._lay_out(now, action.schedule)
 
     def _lay_out(self, now: float, schedule: np.ndarray) -> None:
-        """Plan the states at the end of each coming cycle, with one acceleration per cycle."""
+        """States at the end of each coming cycle, with one acceleration per cycle."""
         dt, here = self.settings.dt, self._drive.state
         v = here.v + dt * np.cumsum(schedule)
         x = here.s + dt * np.cumsum(v - dt * schedule / 2)
@@ -216,4 +216,4 @@ class SacNode:
 
     def _reference(self, now: float) -> Sequence[LineState]:
         first = round((now - self._plan_start) / self.settings.dt)
-        return self._plan[first : first + LOOK_AHEAD] or [LineState(self._drive.state.s)]
+        return self._plan[first : first + REFERENCE_CYCLES] or [LineState(self._drive.state.s)]

@@ -1,4 +1,4 @@
-"""The measurement node: joints and load cell in, one recording out, and faults of the load cell noticed."""
+"""The measurement node: it reads joints and load cell, records them, and detects faults of the load cell."""
 
 from collections import deque
 from contextlib import suppress
@@ -34,7 +34,7 @@ LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
 def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
-    """Channels that the node records, with their units."""
+    """Units of the channels that the node records, by channel."""
     units = {f"{place}{name}": unit for place in ("", "landing.") for name, unit in LINE_CHANNELS.items()}
     for prefix, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N m")):
         units |= {f"{prefix}.{name}": unit for name in joint_names}
@@ -61,7 +61,7 @@ class _Series:
         self.count += 1
 
     def first(self, start: float) -> int:
-        """Number of the first sample at `start` [s] or later."""
+        """Index of the first sample at `start` [s] or later."""
         return int(np.searchsorted(self.time[: self.count], start - 1e-9))
 
     def since(self, start: float, unit: str, end: int | None = None) -> Channel:
@@ -71,12 +71,12 @@ class _Series:
 
 
 class _SmoothedPath:
-    """The gripper from some time on, smoothed piece by piece.
+    """The gripper's path from a start time, smoothed piece by piece.
 
     Attributes:
-        start: when it begins [s].
-        count: samples that were taken.
-        along, height: position, velocity and acceleration of these, (3, count) each.
+        start: begin of the path [s].
+        count: number of samples of the path.
+        along, height: position, velocity and acceleration of the samples, (3, count) each.
     """
 
     def __init__(self, along: _Series, height: _Series, start: float, period: float) -> None:
@@ -87,32 +87,32 @@ class _SmoothedPath:
 
     @property
     def raw(self) -> Channel:
-        """The coordinate along the line as it was measured."""
+        """Measured coordinate along the line, not smoothed."""
         return self._series[0].since(self.start, "m", self._first + self.count)
 
     def update(self, end: int) -> None:
-        """Take what was measured since the last time, up to sample number `end`."""
-        if not self.count:  # what was measured before the start may arrive after it
+        """Add the samples since the last update, up to sample number `end`."""
+        if not self.count:  # samples from before the start may arrive after it
             self._first = self._series[0].first(self.start)
         begin = self._first + self.count
         new = slice(begin, max(end, begin))
         if new.stop == self._first:
-            return  # nothing yet
+            return  # no samples yet
         pairs = zip(self._growing, self._series, strict=True)
         self.along, self.height = (growing.extend(series.value[new]) for growing, series in pairs)
         self.count = new.stop - self._first
 
 
 class MeasurementNode:
-    """Reads the robot at 100 Hz, and holdout_kinds every reading.
+    """Reads the robot at 100 Hz, and judges every reading.
 
-    The recording is one of a hanging load: once the load is let down (`load_hangs` is False) what is measured goes to
+    The recording is one of a hanging load: once the load is let down (`load_hangs` is False), samples go to
     channels called ``landing.*``, so that the recording can be held against a pendulum as it is; so does what is
     measured once the load may touch the box (`hangs_until`). Samples wait until it is known that the string did not go
     slack with them.
 
     Attributes:
-        hangs_until: when the load will come near the box [s].
+        hangs_until: time at which the load will come near the box [s].
         load_hangs: False once the load may touch the box and the string go slack.
         fault: a sentence once the load cell or the string has failed, else None.
         state: the latest reading of the joints.
@@ -138,7 +138,7 @@ class MeasurementNode:
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
         self._path: _SmoothedPath | None = None
-        self._guessed = 0  # samples at the end of the gripper's path that were bridged
+        self._guessed = 0  # number of extrapolated samples at the end of the gripper's path
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         weight = STANDARD_GRAVITY * mass
@@ -154,7 +154,7 @@ class MeasurementNode:
         return self.joint_check.notes + self.force_check.notes
 
     def step(self, now: float) -> None:
-        """Take and record what has arrived and is good."""
+        """Read all devices, and record the good readings."""
         self._take_joints()
         wait = self._waiting.append
         samples = self._force_samples()
@@ -172,16 +172,16 @@ class MeasurementNode:
         found = self._detector.update(now, [*samples, *self.force_check.failed])
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"
-        # Nobody needs the load cell once the load is let down; the joints are needed as long as the arm moves.
+        # The load cell is not needed once the load is let down; the joints are needed as long as the arm moves.
         bad_force = self.force_check.fault if self.load_hangs else None
         self.fault = self.fault or self.joint_check.fault or bad_force
 
     def _take_joints(self) -> None:
-        """Take and record one reading of the joints; where it is bad, the gripper's path is continued without it."""
+        """Read and record the joints once; where the reading is bad, the gripper's path is extrapolated."""
         now = self._robot.time
         try:
             state = self._robot.joint_state()
-        except Exception:  # whatever a driver raises: this reading is missing
+        except Exception:  # a driver may raise any error: this reading is missing
             self.joint_check.refuse(Refused.UNREADABLE, now)
             self._bridge()
             return
@@ -191,14 +191,14 @@ class MeasurementNode:
         self.state = state
         along, height = self._locate(state.q)
         if self._gripper.count and state.time <= self._gripper.time[self._gripper.count - 1]:
-            return  # a bridge already stands there
+            return  # an extrapolated sample is there already
         self._append(state.time, along, height)
         self._guessed = 0
         self._waiting.append(("gripper_x", state.time, along))
         self._waiting.append(("gripper_z", state.time, height))
         for prefix, values in (("q", state.q), ("v", state.v), ("tau", state.tau)):
             for name, value in zip(self._arm.joint_names, values, strict=True):
-                if isfinite(value):  # what the robot does not tell is missing
+                if isfinite(value):  # quantities that the robot does not report are missing
                     self._recorder.record(f"{prefix}.{name}", state.time, float(value))
 
     def _locate(self, q: Vector) -> tuple[float, float]:
@@ -206,14 +206,14 @@ class MeasurementNode:
         return self._arm.line.coordinates(self._arm.tool_pose(q, self._data).translation)
 
     def _bridge(self) -> None:
-        """Continue the gripper's path over a missing reading: the path needs a value in every period."""
+        """Extrapolate the gripper's path over a missing reading, since the path needs a value in every period."""
         if self._gripper.count and self.joint_check.fault is None:
             time = float(self._gripper.time[self._gripper.count - 1]) + self.period
             self._append(time, *self._locate(self.joint_check.bridged(time - self.state.time)))
             self._guessed += 1
 
     def _append(self, time: float, along: float, height: float) -> None:
-        """Continue the gripper's path; cycles that the loop left out are laid on a straight line."""
+        """Append to the gripper's path; cycles that the loop left out are interpolated linearly."""
         self.gripper = along
         last = self._gripper.count - 1
         if last >= 0:
@@ -232,27 +232,27 @@ class MeasurementNode:
         now = self._robot.time
         try:
             samples = self._robot.load_cell()
-        except Exception:  # whatever a driver raises: these samples are missing
+        except Exception:  # a driver may raise any error: these samples are missing
             self.force_check.refuse(Refused.UNREADABLE, now)
             return []
         return self.force_check.judge(samples, now, self.hangs_until)
 
     def discard(self) -> None:
-        """Leave out what the load cell has measured so far: it waited, and is too old."""
-        with suppress(Exception):  # a cell that cannot be read is judged in the next step
+        """Discard the load cell's waiting samples, which are too old."""
+        with suppress(Exception):  # a cell that cannot be read is treated in the next step
             self._robot.load_cell()
 
     def expect_touch(self, time: float) -> None:
-        """From `time` s on the load may touch the box: what is measured then is recorded as landing."""
+        """Note that the load may touch the box from `time` [s] on: later samples are recorded as landing."""
         self.hangs_until = time
 
     def let_down(self, time: float) -> None:
-        """From `time` s on the load hangs no more: what follows is recorded as landing."""
+        """Note that the load hangs no more from `time` [s] on: later samples are recorded as landing."""
         self._record_until(time)
         self.load_hangs, self.hangs_until = False, min(time, self.hangs_until)
 
     def finish(self) -> None:
-        """Record what still waits, and complete the run."""
+        """Record the waiting samples, and complete the run."""
         self._record_until(inf)
         self.update_path()
 
@@ -263,20 +263,20 @@ class MeasurementNode:
             self._recorder.record(f"{place}{name}", stamp, value)
 
     def begin(self) -> None:
-        """The run for the estimator starts now, with the load at rest."""
+        """Begin the run for the estimator now, with the load at rest."""
         self._path = _SmoothedPath(self._gripper, self._height, self._robot.time, self.period)
 
     def update_path(self) -> None:
-        """Take what was measured since the last time into the smoothed path of the run."""
+        """Add the samples since the last update to the smoothed path of the run."""
         if self._path is not None:
-            # The end of a path weighs most in its accelerations: no guess may stand there.
+            # The end of a path affects its accelerations most: no extrapolated sample may be there.
             self._path.update(self._gripper.count - self._guessed)
 
     def run(self) -> GrowingRun:
-        """What was measured from `begin` to the last `update_path`; time counts from the beginning.
+        """The run measured from `begin` to the last `update_path`; its time starts at 0.
 
         Raises:
-            InputError: there is no such run.
+            InputError: no run was begun.
         """
         if self._path is None or not self._path.count:
             raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")

@@ -1,6 +1,6 @@
-"""Checks of readings: every one is judged before anything is computed from it.
+"""Checks of readings: every reading is judged before it is used.
 
-A single bad reading is left out and counted; the motion goes on. What lasts is a fault, and ends the trial.
+A single bad reading is left out and counted, and the motion goes on. A lasting problem is a fault, and ends the trial.
 """
 
 from collections import Counter
@@ -12,13 +12,13 @@ import numpy as np
 import urdf
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 
-PATIENCE = 5.0
+MAX_BRIDGED_READINGS = 5.0
 """Bad readings in a row that are bridged: 0.05 s at 100 Hz, in which the fastest swing moves the gripper by 5 cm."""
 FORGIVEN = 0.1
 """Bad readings that each good one makes up for: one in ten may be bad for ever, more than that are a fault."""
 STALE = 0.05
 """A reading that was taken longer ago than this [s] says nothing about where the arm is now."""
-AHEAD = 0.02
+MAX_STAMP_LEAD_SECONDS = 0.02
 """A stamp may be ahead of the robot's clock by two cycles [s]: it is read before the clock."""
 QUICKEST = 2.0
 """No joint moves faster than this share of its velocity limit; in healthy trials 0.74 is the most."""
@@ -29,7 +29,7 @@ EFFORT_ROOM = 3.0
 
 
 class Refused(Enum):
-    """Why a reading is left out; the value completes "the reading ..."."""
+    """Reason why a reading is left out; the value completes the sentence "the reading ..."."""
 
     UNREADABLE = "cannot be read"
     WRONG_NUMBER = "has the wrong number of values"
@@ -43,14 +43,14 @@ class Refused(Enum):
 
 
 class ReadingCheck:
-    """Counts what is refused, and says when that is more than can be bridged.
+    """Counts refused readings, and reports a fault when there are too many in a row.
 
     Args:
-        source: what is read, for messages, such as "joints".
-        check: what a person should look at where readings are refused for long.
+        source: name of the device for messages, such as "joints".
+        check: advice to a person where readings are refused for long.
 
     Attributes:
-        refused: how many readings were left out, by reason.
+        refused: number of readings that were left out, by reason.
         fault: a sentence once bad readings have lasted; None before.
     """
 
@@ -70,7 +70,7 @@ class ReadingCheck:
         """Note a bad reading at `now` [s]."""
         self.refused[why] += 1
         self._level += 1.0
-        if self.fault is None and (self._level > PATIENCE or not self._seen_good):
+        if self.fault is None and (self._level > MAX_BRIDGED_READINGS or not self._seen_good):
             self.fault = (
                 f"{self._source} at {now:.2f} s: the reading {why.value}, and {self.refused.total()} were refused in "
                 f"all: {self._check}"
@@ -94,7 +94,7 @@ class JointReadingCheck(ReadingCheck):
         self._last: JointState | None = None
 
     def judge(self, state: JointState, now: float) -> Refused | None:
-        """Why a reading that was handed out at `now` [s] cannot be used; None where it can, and it is remembered."""
+        """Reason why a reading received at `now` [s] cannot be used; None where it can, and the reading is stored."""
         why = self._why_not(state, now)
         if why is None:
             self._last = state
@@ -126,9 +126,9 @@ class JointReadingCheck(ReadingCheck):
         return None
 
     def bridged(self, period: float) -> Vector:
-        """Where the joints are a period [s] after the last good reading, if they go on as they moved then (n,) [rad].
+        """Joint positions (n,) [rad] extrapolated by a period [s] from the last good reading.
 
-        Only for readings that are bridged one by one; a fault ends the trial before the guess is far off.
+        Valid for few missing readings only; a fault ends the trial before the extrapolation is far off.
         """
         last = self._last
         assert last is not None, "bridging needs a good reading"
@@ -139,8 +139,8 @@ class JointReadingCheck(ReadingCheck):
 class ForceReadingCheck(ReadingCheck):
     """Judges the samples of the load cell.
 
-    Samples that jump are held back. Where the force comes back within `PATIENCE` samples they were spikes; where it
-    stays, the string has gone slack, which is taken in, or the cell has failed.
+    Samples that jump are held back. Where the force returns within `MAX_BRIDGED_READINGS` samples, they were spikes;
+    where it stays, the string has gone slack, and the samples are used, or the cell has failed.
 
     Args:
         jump: largest change of the force between two samples while the string is taut [N].
@@ -148,7 +148,7 @@ class ForceReadingCheck(ReadingCheck):
         taut: force above which the string is taut [N]; a string that was slack may pull with any jerk.
 
     Attributes:
-        failed: samples of the last call that jumped and stayed; what is wrong with the cell may show in them.
+        failed: samples of the last call that jumped and stayed; they may show what is wrong with the cell.
     """
 
     def __init__(self, jump: float, drift: float, taut: float) -> None:
@@ -160,7 +160,7 @@ class ForceReadingCheck(ReadingCheck):
         self.failed: list[ForceSample] = []
 
     def judge(self, samples: list[ForceSample], now: float, hangs_until: float) -> list[ForceSample]:
-        """The samples that can be used, oldest first, of those that were handed out at `now` [s].
+        """The usable samples, oldest first, of those received at `now` [s].
 
         From `hangs_until` [s] on the load may touch something, and any jump is possible.
         """
@@ -180,7 +180,7 @@ class ForceReadingCheck(ReadingCheck):
                 good.append(self._take(sample))
                 continue
             self._held.append(sample)
-            if len(self._held) <= PATIENCE:
+            if len(self._held) <= MAX_BRIDGED_READINGS:
                 continue
             if all(held.force <= self._taut for held in self._held[1:]):
                 good += self._take_held()
@@ -219,6 +219,6 @@ class ForceReadingCheck(ReadingCheck):
 
 
 def _stamp_problem(stamp: float, now: float) -> Refused | None:
-    if stamp > now + AHEAD:
+    if stamp > now + MAX_STAMP_LEAD_SECONDS:
         return Refused.AHEAD
     return Refused.STALE if now - stamp > STALE else None

@@ -1,4 +1,4 @@
-"""One loop that runs every node at its own rate, in order, on the robot's clock; and its watchdog."""
+"""The loop that runs every node at its own rate, in order, on the robot's clock; and the loop's watchdog."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -13,20 +13,20 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.processes import PromptThread
 from pipeline.robot.protocol import RobotInterface
 
-UNSTEADY = 1e-3
+CLOCK_TOLERANCE = 1e-3
 """Difference between two readings of a clock that a step of the simulation or of the operating system explains [s]."""
 
 
 class ClockError(TaskFailedError):
-    """The loop stood still, or its clock jumped: commands no longer follow from one another."""
+    """The loop stood still, or its clock jumped, so that commands no longer form one motion."""
 
 
 class Node(Protocol):
-    """Something that does one thing at a fixed rate."""
+    """A task that the loop runs at a fixed rate."""
 
     @property
     def name(self) -> str:
-        """For tables and messages."""
+        """Name of the node for tables and messages."""
         ...
 
     @property
@@ -35,7 +35,7 @@ class Node(Protocol):
         ...
 
     def step(self, now: float) -> None:
-        """Do it once.
+        """Run the node's task once.
 
         Args:
             now: time at which this step was due [s].
@@ -45,14 +45,14 @@ class Node(Protocol):
 
 @dataclass
 class Timing:
-    """How long a node's steps took.
+    """Computing times of a node's steps.
 
     Attributes:
-        name: of the node.
-        period: time between its steps [s]; None for one that runs once.
-        steps: how many there were.
+        name: name of the node.
+        period: time between its steps [s]; None for a node that runs once.
+        steps: number of steps.
         total: computing time of all steps [s].
-        longest: of one step [s].
+        longest: longest computing time of one step [s].
         overruns: steps that took longer than the node's period, or were begun later than that.
         skipped: steps that were left out because their time had passed.
     """
@@ -78,15 +78,15 @@ class Scheduler:
     so that a slow node cannot pile up work.
 
     Args:
-        robot: whose clock shows the time, and which lets it pass: it computes, or waits.
-        nodes: in the order in which data flow.
+        robot: robot whose clock is used; a simulated robot computes a stretch of time, a real one waits for it.
+        nodes: nodes in the order in which data flow.
         patience: how long the loop may stand still now [s]; asked before every wait and every round. None where
             lateness is only counted.
         each_round: called at the beginning of every round; None for nothing.
 
     Attributes:
         timing: of each node, by name.
-        running: name of the node that makes a step, or made the last one.
+        running: name of the node that runs now, or ran last.
     """
 
     def __init__(
@@ -106,20 +106,20 @@ class Scheduler:
         self.timing = {node.name: Timing(node.name, node.period) for node in nodes}
 
     def begin(self) -> None:
-        """The first steps are due now; where it is not called, they are from the scheduler's creation on."""
+        """Make the first steps due now; without this call they are due at the scheduler's creation."""
         self._seen = self._robot.time
         self._start = {node.name: self._seen for node in self._nodes}
         self._count = {node.name: 0 for node in self._nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
-        """Run until a condition holds, looked at after every round.
+        """Run until a condition holds, which is tested after every round.
 
         Args:
             until: the condition.
             longest: give up after this time [s].
 
         Returns:
-            Whether the condition came to hold.
+            Whether the condition became true.
 
         Raises:
             ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.
@@ -141,14 +141,14 @@ class Scheduler:
         return True
 
     def _wait_until(self, time: float) -> None:
-        """Let the time come [s]; one that has passed costs nothing."""
+        """Wait until a time [s]; a time that has passed needs no wait."""
         remaining = time - self._robot.time
         if remaining > 1e-9:
             self._robot.advance(remaining)
 
     @contextmanager
     def _watched(self, what: str, until: float = -inf) -> Iterator[None]:
-        """The clock must run on to about `until` [s], and not have jumped since it was last looked at."""
+        """Check that the clock runs to about `until` [s], and did not jump since the last check."""
         if self._patience is None:
             yield
             return
@@ -160,8 +160,8 @@ class Scheduler:
         self._seen = self._robot.time
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:
-        # In this form a time that is not a number is a fault, too.
-        if not -UNSTEADY <= late <= patience:
+        # Written in this form, the comparison also fails for a time that is nan.
+        if not -CLOCK_TOLERANCE <= late <= patience:
             raise ClockError(
                 f"the loop stood still or its clock jumped at {self._seen:.2f} s: while {what} ({self.running} node) "
                 f"{1e3 * late:.0f} ms passed that should not have: check this computer's load and the robot's clock"
@@ -195,15 +195,15 @@ CHECK = 0.002
 
 
 class Watchdog:
-    """A thread that stops the arm where the loop does not beat any more, whatever it hangs in.
+    """A thread that stops the arm where the loop hangs and no longer calls `beat`.
 
-    It holdout_kinds by the computer's own monotonic clock, and is right only for a robot that goes on moving while this
+    It measures time by the computer's own monotonic clock, and is right only for a robot that goes on moving while this
     program computes; a simulated one stands still meanwhile. It cannot run while foreign code holds Python's lock:
     for that the robot's own timeout is the last resort.
 
     Args:
-        stop: brings the arm to rest, from this thread.
-        moving: whether the arm was told to move; one that stands needs no watching.
+        stop: brings the arm to rest; called from this thread.
+        moving: whether the arm is commanded to move; an arm at rest needs no watchdog.
         patience: longest time between two beats [s].
 
     Attributes:
@@ -218,7 +218,7 @@ class Watchdog:
         self.fault: str | None = None
 
     def beat(self) -> None:
-        """The loop has come round."""
+        """Report that the loop is alive; called in every round."""
         self._seen = monotonic()
 
     def __enter__(self) -> Self:
@@ -228,7 +228,7 @@ class Watchdog:
 
     def __exit__(self, *_error: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._ended.set()
-        self._thread.join(timeout=1.0)  # `stop` may hang as well; then the robot is on its own
+        self._thread.join(timeout=1.0)  # `stop` may hang too; then only the robot's own timeout is left
 
     def _watch(self) -> None:
         while not self._ended.wait(CHECK):
@@ -237,6 +237,6 @@ class Watchdog:
                 self.fault = f"the watchdog stopped the arm: the loop had not come round for {1e3 * silence:.0f} ms"
                 try:
                     self._stop()
-                except Exception as error:  # there is nobody here to whom it could be raised
+                except Exception as error:  # no caller exists here to which the error could be raised
                     self.fault += f", and stopping failed ({type(error).__name__}: {error})"
                 return

@@ -71,7 +71,7 @@ class TaskSettings:
     least_tension: float = 0.1
 
     def swing_cost(self, limits: LineLimits) -> TaskCost:
-        """Load at the target, at rest, at the end."""
+        """Cost of the swing: the load shall be at the target, at rest, at the end."""
         cost = TaskCost(target=(self.target_x, -self.target_below), travel_weight=self.travel_weight)
         if not self.cautious:
             return cost
@@ -84,7 +84,7 @@ class TaskSettings:
         )
 
     def settling_cost(self, length: float, angle: float) -> TaskCost:
-        """Load hanging at rest below the middle of the line, at an angle that is not 0 in wind."""
+        """Cost of settling: the load shall hang at rest below the line's middle; in wind its angle is not 0."""
         return TaskCost(
             target=(-length * sin(angle), -length * cos(angle)),
             position_weights=(1e4, 1e4),
@@ -96,13 +96,13 @@ class TaskSettings:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is to be planned; it can be copied to another process.
+    """A planning task; it can be copied to another process.
 
     Attributes:
-        cost: what the motion is for.
-        values: of the model's parameters.
-        start: of gripper and load.
-        here: what the arm was last told.
+        cost: cost that the motion minimises.
+        values: values of the model's parameters.
+        start: initial state of gripper and load.
+        here: last commanded state on the line.
         at: joint positions (n,) [rad].
         finish: whether it is the swing, which the finish over the box follows.
     """
@@ -117,7 +117,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Planned:
-    """What came of it; `problem` says why there is no trajectory."""
+    """Result of a planning task; `problem` says why there is no trajectory."""
 
     plan: SwingPlan
     trajectory: LineTrajectory | None = None
@@ -127,14 +127,14 @@ class _Planned:
 
 @dataclass
 class _Request:
-    """A motion that was asked for.
+    """A requested motion.
 
     Attributes:
-        task: what to plan for an instant [s].
-        announce: of a swing: is told from when on the load may touch the box [s].
-        lead: how far ahead it is planned on a real clock [s].
-        tries: plans that were begun.
-        due: instant at which the motion begins [s]; None before one is chosen.
+        task: gives the planning task for a starting instant [s].
+        announce: for a swing, called with the time from which the load may touch the box [s].
+        lead: time between planning and motion on a real clock [s].
+        tries: number of plans that were begun.
+        due: instant at which the motion begins [s]; None before it is chosen.
         ready: the plan for it; None before it is made.
     """
 
@@ -147,10 +147,10 @@ class _Request:
 
 
 class TaskNode:
-    """Plans on request and plays what it planned; a request is carried out from its next step on.
+    """Plans motions on request and plays them; a request is carried out from the node's next step on.
 
     Attributes:
-        swing: the plan of the last swing.
+        swing: plan of the last swing.
         started: time at which the swing began [s].
         feasibility: report on the last planned motion; None before there is one.
     """
@@ -182,16 +182,16 @@ class TaskNode:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is asked for and nothing is played."""
+        """Whether no motion is requested or played."""
         return self._request is None and self._drive.at_rest
 
     @property
     def longest_planning(self) -> float:
-        """Time that passes before a motion that was asked for begins, at most [s]."""
+        """Longest time before a requested motion begins [s]."""
         return 0.0 if self._worker.at_once else LONGEST_PLANNING
 
     def step(self, now: float) -> None:
-        """Carry out the request, if there is one.
+        """Carry out the present request, if any.
 
         Raises:
             TaskFailedError: there is no feasible plan, or planning takes too long.
@@ -209,32 +209,32 @@ class TaskNode:
                         f"planning took longer than {request.lead / 2:g} s: this computer is too busy"
                     )
                 self._ask(request, now + request.lead)
-        elif now > request.due + self.period / 2:  # the plan came too late: the next is made for farther ahead
+        elif now > request.due + self.period / 2:  # the plan came too late: the next one gets a longer lead
             request.ready, request.lead = None, 2.0 * request.lead
         if request.ready is not None and now > request.due - self.period / 2:
             self._begin(request, request.ready)
 
     def cancel(self) -> None:
-        """Forget the request."""
+        """Cancel the present request."""
         self._request = None
 
     def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
-        """Ask for the load to be brought to rest.
+        """Request a motion that brings the load to rest.
 
         Args:
-            model: with the present estimate.
-            state: gives gripper and load at an instant [s], now or ahead of an arm that stands.
+            model: model with the present estimate.
+            state: gives the state of gripper and load at an instant [s], now or later while the arm stands.
         """
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))
 
     def throw(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
-        """Ask for the swing into the box, from rest.
+        """Request the swing into the box, from rest.
 
         Args:
-            model: with the present estimate.
-            begun: when the model's time began [s]; now if not given.
-            announce: is told the time from which the load may touch the box [s], when the swing begins.
+            model: model with the present estimate.
+            begun: time at which the model's time began [s]; now if not given.
+            announce: called, when the swing begins, with the time from which the load may touch the box [s].
         """
 
         def task(at: float) -> _Task:
@@ -249,12 +249,12 @@ class TaskNode:
         return _Task(cost, values, start, self._drive.state, self._measured(), finish)
 
     def _ask(self, request: _Request, due: float) -> None:
-        """Have a plan made for an instant [s]."""
+        """Request a plan for a motion that begins at an instant [s]."""
         request.due = due
         self._worker.ask(self.name, request.task(due), lambda planned: self._take(request, planned))
 
     def _plan(self, task: _Task) -> _Planned:
-        """The motion, checked; beside the loop."""
+        """The planned and checked motion; computed outside the loop."""
         model = self._model.with_values(task.values)
         planner = self._planners[self.settings.duration if task.finish else self.settings.settling]
         plan = planner.plan(model, task.cost, task.start)
@@ -269,7 +269,7 @@ class TaskNode:
         return _Planned(plan, trajectory, self._check(trajectory, plan, model, task.at))
 
     def _take(self, request: _Request, planned: _Planned) -> None:
-        """Keep a plan that is ready; where its instant has passed, the next step asks for another."""
+        """Store a finished plan; where its instant has passed, the next step requests another one."""
         if request.announce is not None:
             self.swing = planned.plan
         self.feasibility = planned.report
@@ -280,7 +280,7 @@ class TaskNode:
         request.ready = planned
 
     def _begin(self, request: _Request, planned: _Planned) -> None:
-        """Play what is ready."""
+        """Play the finished plan."""
         assert planned.trajectory is not None, "a plan without a problem has one"
         self._request = None
         if request.announce is not None:
@@ -294,7 +294,7 @@ class TaskNode:
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan, here: LineState) -> LineTrajectory:
-        """The motion within the limits of the line that is nearest to the plan, from what the arm was last told."""
+        """The motion within the line's limits that is nearest to the plan, from the last commanded state."""
         if not all(np.isfinite(part).all() for part in (plan.x, plan.v, plan.a, plan.load, plan.tension)):
             raise TaskFailedError("the plan holds a NaN or an infinity: check the model and the target")
         v = np.gradient(plan.x, PERIOD)

@@ -1,4 +1,4 @@
-"""The report of a batch: what changed on which day, parameters over time, errors, what could not be used."""
+"""The report of a batch: changes by day, parameters and errors over time, and the recordings that were not usable."""
 
 import shlex
 from collections import Counter
@@ -11,11 +11,11 @@ from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
 from pipeline.batch.times import TimeFrom
-from pipeline.report.changes import MOST_ROWS, change_section, error_chart, time_section
+from pipeline.report.changes import MAX_CHANGE_ROWS, change_section, error_chart, time_section
 
 
 def batch_report(spec: Spec, done: Done, found: History) -> Document:
-    """The report."""
+    """The report of a batch as a document with figures and tables."""
     bad = [row for row in done.rows if row.outcome.problem]
     explained = verdicts(done.rows).get("explained", 0)
     chance = f"{100 * found.found.false_alarms:.2g} % chance of a false one"
@@ -43,12 +43,12 @@ def batch_report(spec: Spec, done: Done, found: History) -> Document:
 
 
 def verdicts(rows: Sequence[Row]) -> dict[str, int]:
-    """How often each verdict was given; recordings that could not be used have none."""
+    """Number of recordings with each verdict; recordings that could not be used have no verdict."""
     return dict(Counter(row.outcome.verdict for row in rows if row.outcome.verdict).most_common())
 
 
 def _summary(done: Done, found: History) -> str:
-    """A sentence or two."""
+    """One or two sentences that summarise the batch."""
     counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
     if bad := sum(bool(row.outcome.problem) for row in done.rows):
         counts.append(f"{bad} could not be used")
@@ -65,7 +65,7 @@ def _summary(done: Done, found: History) -> str:
 
 
 def _times_sentence(rows: Sequence[Row]) -> str:
-    """Where the times came from: they are never guessed silently."""
+    """Sentence that names the source of the recordings' times; times are never guessed silently."""
     counts = Counter(row.item.when.source for row in rows)
     nowhere = counts.pop(TimeFrom.NOWHERE, 0)
     parts = [f"{counts[source]} from {source.value}" for source in TimeFrom if counts[source]]
@@ -78,7 +78,7 @@ def _times_sentence(rows: Sequence[Row]) -> str:
 
 
 def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
-    """Repair the model of the robot that most recordings are not explained of."""
+    """Advice to repair the model of the robot with the largest number of unexplained recordings."""
     failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
     if spec.task != "compare" or not failed:
         return []
@@ -92,7 +92,7 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
 
 
 def _error_section(rows: Sequence[Row]) -> Section:
-    """What the models leave, over time: a point per recording, a figure per unit."""
+    """Residual errors over time: a point per recording, a figure per unit."""
     errors: dict[str, list[tuple[float, Row]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
@@ -110,9 +110,9 @@ def _error_section(rows: Sequence[Row]) -> Section:
 
 
 def _robot_section(rows: Sequence[Row]) -> Section:
-    """A row per robot, with counts."""
+    """Section with a table that counts the recordings of each robot."""
     table = []
-    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MOST_ROWS]:
+    for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_CHANGE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
         good = [row for row in mine if row.outcome.verdict]
         times = sorted(row.item.when.time for row in mine if row.item.when.time is not None)
@@ -128,8 +128,8 @@ def _robot_section(rows: Sequence[Row]) -> Section:
 
 
 def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
-    """Recordings that could not be used, each with what to do."""
-    listed = bad[:MOST_ROWS]
+    """Section that lists the recordings that could not be used, each with advice."""
+    listed = bad[:MAX_CHANGE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),
         Column("recording", [spec.name(row.item.run) for row in listed]),

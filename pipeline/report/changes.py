@@ -1,4 +1,4 @@
-"""What changed on which day, every parameter and the errors over time: figures and tables of the report of a batch."""
+"""Figures and tables of the report of a batch: changes by day, and parameters and errors over time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, columns_of
-from pipeline.batch.history import DAY, Event, History, between
+from pipeline.batch.history import DAY_SECONDS, Event, History, between
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
@@ -17,12 +17,12 @@ MOST_EVENTS = 12
 """That have a figure of their own; all are in the table."""
 MOST_PARAMETERS = 60
 """That have a figure over time."""
-MOST_ROWS = 200
+MAX_CHANGE_ROWS = 200
 """Of a table; all rows are in the Parquet file."""
 
 
 def change_section(history: History) -> Section:
-    """Steps, with a figure each of their clearest parameter, and drifts; what the marks are worth."""
+    """Sections on sudden changes, each with a figure of its clearest parameter, and on drifts."""
     test = history.found
     text = (
         f"{test.tested} series of a parameter over time were tested. In a batch where nothing changes, a change is "
@@ -30,8 +30,8 @@ def change_section(history: History) -> Section:
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
     charts = [_event_chart(event, history) for event in history.events[:MOST_EVENTS]]
-    steps = [(event, step) for event in history.events for step in event.steps][:MOST_ROWS]
-    drifts = test.drifts[:MOST_ROWS]
+    steps = [(event, step) for event in history.events for step in event.steps][:MAX_CHANGE_ROWS]
+    drifts = test.drifts[:MAX_CHANGE_ROWS]
     tables = [
         Table(
             [
@@ -48,7 +48,7 @@ def change_section(history: History) -> Section:
             [
                 Column("robot", [drift.robot for drift in drifts]),
                 Column("parameter", [_plain(drift.parameter) for drift in drifts]),
-                Column("drift", [DAY * drift.slope for drift in drifts], "+.3g"),
+                Column("drift", [DAY_SECONDS * drift.slope for drift in drifts], "+.3g"),
                 Column("unit", [f"{history.units[drift.parameter]} per day" for drift in drifts]),
                 Column("chance", [f"≤ {drift.chance:.2g}" for drift in drifts]),
             ],
@@ -59,7 +59,7 @@ def change_section(history: History) -> Section:
 
 
 def _event_chart(event: Event, history: History) -> Chart:
-    """The clearest parameter of a change: every value, the medians between its changes, when they happened."""
+    """Figure of a change's clearest parameter: every value, the medians between changes, and the changes' times."""
     name = event.steps[0].parameter
     series = history.series[event.robot, name]
     figure = _over_time(_quantity(name, history), 300, showlegend=False, margin={"t": 34})
@@ -81,7 +81,7 @@ def _event_chart(event: Event, history: History) -> Chart:
 
 
 def time_section(history: History) -> Section:
-    """A figure and a tab per parameter, all robots in it; those parameters first that changed."""
+    """A tab per parameter with a figure of all robots; parameters that changed come first."""
     changed = [s.parameter for s in history.found.steps]
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
     shown = names[:MOST_PARAMETERS]
@@ -95,7 +95,7 @@ def _figure_over_time(name: str, history: History) -> go.Figure:
     figure = _over_time(_quantity(name, history), 380)
     changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(COLOURS)]
     quiet = [robot for robot, parameter in history.series if parameter == name and robot not in changed]
-    if quiet:  # one curve for all of them, with gaps
+    if quiet:  # one curve for all segments, with gaps
         series = [history.series[robot, name] for robot in quiet]
         gap = np.array([np.nan])
         figure.add_scatter(
@@ -113,7 +113,7 @@ def _figure_over_time(name: str, history: History) -> go.Figure:
 
 
 def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
-    """Errors of recordings over time, in two colours: those that are explained, and the others."""
+    """Figure of the recordings' errors over time; explained and unexplained recordings have different colours."""
     figure = _over_time(f"error [{unit}]", 320)
     for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
         mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
@@ -125,7 +125,7 @@ def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
 
 
 def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
-    """An empty figure with days across and a quantity upwards."""
+    """An empty figure with days on the horizontal axis and a quantity on the vertical one."""
     figure = go.Figure(layout={"height": height, "hovermode": "closest", "xaxis": {"type": "date"}, **layout})
     return figure.update_yaxes(title_text=title)
 
@@ -133,24 +133,24 @@ def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
 def _add_points(
     figure: go.Figure, name: str, rows: Sequence[Row], days: Any, values: Any, colour: str, **look: Any
 ) -> None:
-    """A point per recording, which says which one it is."""
+    """Add a point per recording to a figure; a text beside the pointer names the recording."""
     look = {"mode": "markers", "marker": {"color": colour, "size": 5}, **look}
     figure.add_scatter(x=days, y=values, name=name, text=list(map(_hover, rows)), **look)
 
 
 def _hover(row: Row) -> str:
-    """What stands beside the pointer."""
+    """Text that a browser shows beside the pointer."""
     return f"{row.item.robot}: {row.item.run.name}"
 
 
 def _quantity(parameter: str, found: History) -> str:
-    """``torque [N m]`` for ``joint_coulomb_friction.torque[elbow]``: short enough for an axis."""
+    """Short title of an axis, such as ``torque [N m]`` for ``joint_coulomb_friction.torque[elbow]``."""
     name = parameter.partition("[")[0].rpartition(".")[2].replace("_", " ")
     return f"{name} [{found.units[parameter]}]"
 
 
 def _plain(parameter: str) -> str:
-    """``payload mass (wrist_3)`` for ``payload.mass[wrist_3]``."""
+    """A parameter's name in plain words, such as ``payload mass (wrist_3)`` for ``payload.mass[wrist_3]``."""
     name, bracket, joint = parameter.partition("[")
     text = name.replace(".", " ").replace("_", " ")
     return f"{text} ({joint.removesuffix(']')})" if bracket else text

@@ -1,4 +1,4 @@
-"""What a motion that was designed for an arm is expected to tell, and how it moves the arm."""
+"""The report of a motion designed for an arm: the expected standard deviations, and how the motion moves the arm."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -14,19 +14,19 @@ from pipeline.report.theme import BLUE, GREY, ORANGE, number
 
 MOST_UNKNOWNS = 400
 """Rows of the table; the JSON has all."""
-MOST_SAMPLES = 2000
+MAX_MOTION_SAMPLES = 2000
 """Samples per line of a figure."""
-OTHERS = ("best random", "least condition number")
+OTHER_MOTIONS = ("best random", "least condition number")
 """Motions that a designed one is compared with."""
 
 
 def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ()) -> Document:
-    """What the motion is expected to tell, and how it moves the arm.
+    """Document of a designed motion: the expected standard deviations, and how it moves the arm.
 
     Args:
         found: the motion.
-        most: unknowns that are listed one by one; of more, the effects are listed.
-        notes: what else a reader must know.
+        most: largest number of unknowns that are listed one by one; where there are more, effects are listed instead.
+        notes: further facts that a reader must know.
     """
     goal, series = found.goal, found.series
     noise = goal.columns.noise
@@ -55,8 +55,8 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
 
 
 def excitation_page(found: Excitation) -> Document:
-    """The same with figures, and with the shares of all limits."""
-    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MOST_SAMPLES))
+    """Report of a designed motion with figures, and with the shares of all limits that the motion uses."""
+    motion, thin = found.trajectory, slice(None, None, -(-len(found.trajectory) // MAX_MOTION_SAMPLES))
     limits = found.goal.columns.arm.robot.limits
     figures = [KeyFigure("time", f"{motion.time[-1]:g} s"), KeyFigure("energy", number(found.energy, "J"))]
     if found.goal.rivals:
@@ -65,7 +65,7 @@ def excitation_page(found: Excitation) -> Document:
     else:
         better = [
             KeyFigure(f"than {name}", f"{gain:.2g} ×", "smaller standard deviations")
-            for name, other, gain in zip(OTHERS, (found.random, found.conditioned), gains(found), strict=True)
+            for name, other, gain in zip(OTHER_MOTIONS, (found.random, found.conditioned), gains(found), strict=True)
             if other is not None
         ]
         figures = [*better, *figures]
@@ -85,11 +85,11 @@ def excitation_page(found: Excitation) -> Document:
 
 
 def _expectation_table(found: Excitation, most: int) -> Table:
-    """What is expected of this motion and of others, by unknown, or by effect where they are more than `most`."""
+    """Table of expected results of this motion and others, by unknown, or by effect for more than `most` unknowns."""
     goal = found.goal
     if goal.rivals:
         hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
-        names = ("standard deviations from the rival", *OTHERS)
+        names = ("standard deviations from the rival", *OTHER_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
     rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
     if len(unknowns) > most:
@@ -107,12 +107,12 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     return Table([
         Column("unknown", [p.name for p in unknowns]),
         Column("standard deviation", told),
-        *_columns(OTHERS, blank),
+        *_columns(OTHER_MOTIONS, blank),
     ])  # fmt: skip
 
 
 def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]:
-    """Numbers by motion; a column without any belongs to a motion that was not made, and is not shown."""
+    """Columns of numbers by motion; an empty column belongs to a motion that was not made, and is left out."""
     return [
         Column(name, [float(v) if np.isfinite(v) else None for v in column], ".3g")
         for name, column in zip(names, values, strict=True)
@@ -120,7 +120,7 @@ def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]
 
 
 def _peak_table(found: Excitation) -> Table:
-    """How far, how fast and how strongly every joint moves, with the shares of its limits."""
+    """Table of each joint's range, peak speed and peak torque, with the shares of its limits."""
     rows = peaks(found)
     columns = [Column("joint", [row["joint"] for row in rows])]
     for name, key in (("from", "lowest"), ("to", "highest")):
@@ -132,7 +132,7 @@ def _peak_table(found: Excitation) -> Table:
 
 
 def _expectation_chart(found: Excitation) -> Chart:
-    """The same as a bar per unknown or hidden case and motion."""
+    """Bar chart of the expected results: a bar per motion for each unknown or hidden case."""
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:
@@ -142,7 +142,7 @@ def _expectation_chart(found: Excitation) -> Chart:
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]
         labels = [p.name for p in unknowns]
         values = of_each_motion(found, "std")[rows] / np.array([[p.typical] for p in unknowns])
-    for name, colour, bars in zip(("this motion", *OTHERS), (BLUE, GREY, ORANGE), values.T, strict=True):
+    for name, colour, bars in zip(("this motion", *OTHER_MOTIONS), (BLUE, GREY, ORANGE), values.T, strict=True):
         if np.isfinite(bars).any():
             figure.add_bar(x=labels, y=bars, name=name, marker={"color": colour})
     title = "separation [standard deviations]" if goal.rivals else "standard deviation / typical size"

@@ -1,4 +1,4 @@
-"""Whether a motion is feasible: its limits, what breaks them, and the joints over time within them."""
+"""The report of a motion's feasibility: limits, violations, and the joints over time within their limits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,21 +14,21 @@ from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 from pipeline.report.theme import ACTUAL, LIMIT, LINKED_TIME, TIME_AXIS, number, percent
 from urdf.robot import Limits
 
-MOST_ROWS = 50
+MAX_VIOLATION_ROWS = 50
 """Violations that a table lists; the file given with --json has them all."""
-MOST_POINTS = 1500
+MAX_CURVE_POINTS = 1500
 """Samples per line of a figure."""
 
 
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:
-    """What there is to say about one check."""
+    """Document of one feasibility check, without figures."""
     margins = [margin for margin in report.margins if margin.limit != "line" or margin.used > 1.0]
     level = Level.GOOD if report.feasible else Level.BAD
     return Document(title, report.sentence, [_violation_section(report), margin_section(margins)], level)
 
 
 def feasibility_page(report: FeasibilityReport, title: str) -> Document:
-    """The same with key figures and with the share of each limit over time."""
+    """Report of one feasibility check with key figures and with the used share of each limit over time."""
     tightest = report.tightest
     at = f"{tightest.joint}, {tightest.time:.2f} s"
     figures = [
@@ -47,11 +47,11 @@ def feasibility_page(report: FeasibilityReport, title: str) -> Document:
 
 
 def _violation_section(report: FeasibilityReport) -> Section:
-    """Every limit that is broken: a row per stretch, with its worst instant."""
+    """Section on broken limits: a row per stretch of time, with its worst instant."""
     if report.feasible:
         return Section("Violations", "No limit is broken.")
-    listed = report.violations[:MOST_ROWS]
-    more = f" The first {MOST_ROWS} are listed." if len(report.violations) > MOST_ROWS else ""
+    listed = report.violations[:MAX_VIOLATION_ROWS]
+    more = f" The first {MAX_VIOLATION_ROWS} are listed." if len(report.violations) > MAX_VIOLATION_ROWS else ""
     columns = [
         Column("limit", [_words(v.limit) for v in listed]),
         Column("of", [v.joint for v in listed]),
@@ -63,7 +63,7 @@ def _violation_section(report: FeasibilityReport) -> Section:
 
 
 def margin_section(margins: Sequence[Margin]) -> Section:
-    """Whether every limit was kept: the tightest of each kind, then all others."""
+    """Section on the margins to all limits: the smallest margin of each kind first."""
     by_use = sorted(margins, key=lambda margin: -margin.used)
     tightest, broken = by_use[0], sum(margin.used > 1.0 for margin in margins)
     first = {margin.limit: margin for margin in reversed(by_use)}
@@ -89,14 +89,14 @@ def margin_section(margins: Sequence[Margin]) -> Section:
 
 
 def used_section(report: FeasibilityReport) -> Section:
-    """How much of each limit is used, over time: one line per limit that has two sides and varies."""
+    """Section on the used share of each limit over time: one curve per limit that has two sides and varies."""
     figure = go.Figure(layout={"height": 380, "meta": LINKED_TIME})
     shown = [b for b in report.series if b.limit != "line" and b.time.size > 1]
     for bounded in shown:
         if not bounded.is_two_sided:
             continue
         used, joint = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
-        chunk = -(-used.size // MOST_POINTS)  # of each only the peak is drawn
+        chunk = -(-used.size // MAX_CURVE_POINTS)  # only the peak of each curve is drawn
         peaks = np.array([i + int(np.argmax(used[i : i + chunk])) for i in range(0, used.size, chunk)])
         figure.add_scatter(
             x=bounded.time[peaks], y=100 * used[peaks], name=_words(bounded.limit), mode="lines",

@@ -1,4 +1,4 @@
-"""What every report about a fit shows besides the curves: errors, on what the residual depends, key figures."""
+"""Parts of every report about a fit: errors, dependence of the residual on covariates, key figures."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,13 +12,13 @@ from pipeline.report.theme import LIMIT, MEASURED, MODEL, full_name, number, qua
 
 
 def error_section(shown: Overlays) -> Section:
-    """Of every channel: the error as given and now, on every kind of run, and what is explained of the signal."""
+    """Table by channel: the error of the given and the fitted model on each kind of run, and the explained share."""
     steps = {"as given": 0, "now": -1} if len(shown.steps) > 1 else {"now": -1}
     kinds = list(dict.fromkeys(curve.kind for curve in shown.curves))
     channels = [[c for c in shown.curves if c.channel == channel] for channel in shown.tabs]
 
     def of(kind: str, step: int) -> list[Quality | None]:
-        """Of every channel; None where no run of this kind has it."""
+        """One cell per channel; None where no run of this kind has the channel."""
         each = [[c for c in mine if c.kind == kind] for mine in channels]
         return [quality(mine, step) if mine else None for mine in each]
 
@@ -48,7 +48,7 @@ MOST_CHARTS = 4
 
 
 def dependence_section(fit: Fit, whose: str) -> Section:
-    """The residual against each covariate, all runs together, for each channel those that matter most first.
+    """Section on the residual against each covariate, all runs together; the strongest dependence comes first.
 
     Args:
         fit: whose residuals are shown.
@@ -75,7 +75,7 @@ def dependence_section(fit: Fit, whose: str) -> Section:
 
 
 def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.ndarray) -> tuple[float, Chart]:
-    """How much a figure matters, and the figure: residual (n,) in units of the noise, and its mean in bins."""
+    """Strength of a dependence, and its figure: residual (n,) in units of the noise, and its mean in bins."""
     edges = np.quantile(at, np.linspace(0, 1, BINS + 1))
     place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, BINS - 1)
     count = np.maximum(np.bincount(place, minlength=BINS), 1)
@@ -94,7 +94,7 @@ def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.
 
 
 def key_figures(shown: Overlays) -> list[KeyFigure]:
-    """What is explained of each quantity and the error, on the most independent runs; as given and after every step."""
+    """Error and explained share of each quantity on the most independent runs, for the given model and every step."""
     kind, figures = shown.curves[-1].kind, []
     independent = [curve for curve in shown.curves if curve.kind == kind]
     for unit in dict.fromkeys(curve.unit for curve in independent):
@@ -114,6 +114,6 @@ def key_figures(shown: Overlays) -> list[KeyFigure]:
 
 
 def runs_of(study: Study) -> str:
-    """Which recordings."""
+    """Names of a study's recordings by their role, in one line."""
     kinds = {"": study.runs, "; held out: ": study.held_out, "; exam: ": study.exam}
     return "".join(kind + ", ".join(run.name for run in runs) for kind, runs in kinds.items() if runs)

@@ -45,10 +45,10 @@ def ik_document(table: PathTable) -> Document:
 
 
 def ik_report(table: PathTable, robot: Robot | None) -> Document:
-    """The same with figures.
+    """Report of an IK table with figures: whether the path is usable, how fast, and what limits it.
 
     Args:
-        table: what was built.
+        table: the IK table.
         robot: whose table it is, for the defects of its description; None leaves them out.
     """
     document = ik_document(table)
@@ -57,7 +57,7 @@ def ik_report(table: PathTable, robot: Robot | None) -> Document:
 
 
 def _node_table(table: PathTable) -> Table:
-    """Speed, acceleration, margin, torque and manipulability at nodes that are evenly apart."""
+    """Table of speed, acceleration, margin, torque and manipulability at evenly spaced nodes."""
     s = np.linspace(table.s[0], table.s[-1], MAX_CARD_ROWS)
     nodes = [int(np.abs(table.s - at).argmin()) for at in s]
     low, high = np.array([table.torque_acceleration_range(at) for at in s]).T
@@ -84,7 +84,7 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
 
 
 def _speed_section(table: PathTable) -> Section:
-    """How fast the tool may move, and which joint limits the speed where."""
+    """Section on the tool's largest speed along the path, and on the joint that limits it at each place."""
     slowest = np.abs(table.dq_ds / table.limits.velocity).argmax(axis=1)
     speed = _along_path(table, "speed limit [m/s]")
     speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
@@ -108,7 +108,7 @@ def _speed_section(table: PathTable) -> Section:
 
 
 def _joint_sections(table: PathTable) -> list[Section]:
-    """Where the joints are in their range, how far from its ends, and what it takes to hold them."""
+    """Section on joint positions in their ranges, the distances from the limits, and the holding torques."""
     names, q = table.joint_names, table.q
     middle, half = (table.limits.lower + table.limits.upper) / 2, (table.limits.upper - table.limits.lower) / 2
     fastest = np.abs(table.dq_ds).max(axis=0)
@@ -148,7 +148,7 @@ def _joint_sections(table: PathTable) -> list[Section]:
 
 
 def _dexterity_section(table: PathTable) -> Section:
-    """How far the arm is from a singularity: Yoshikawa's measure for shifting and for turning the tool."""
+    """Section on the distance from singularities: Yoshikawa's measure for translation and rotation of the tool."""
     figure = _along_path(table, "sqrt det(J Jᵀ)")
     for column, name, style in ((0, "linear [m³/rad³]", MODEL), (1, "angular [1]", REFERENCE)):
         figure.add_scatter(x=table.s, y=table.manipulability[:, column], name=name, **style)

@@ -1,4 +1,4 @@
-"""The report of `inspect`: what was found, and every channel over time with its spectrum and its marks."""
+"""The report of `inspect`: the findings, and every channel over time with its spectrum and marks at findings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,20 +11,20 @@ from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.report.theme import BLUE, ORANGE, TIME_AXIS, thinned
 
-MOST_POINTS = 1500
+MAX_CHANNEL_POINTS = 1500
 """Samples of a line, the smallest and largest of what lies between them kept."""
-HEIGHT = 230
+CHANNEL_HEIGHT = 230
 """Of a channel's picture [px]."""
 
 
 def inspection_document(found: Inspection) -> Document:
-    """What was found, the worst first."""
+    """Document of an inspection: its findings, the worst first."""
     level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
     return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
 
 
 def inspection_report(found: Inspection) -> Document:
-    """The same with every channel of every recording."""
+    """Report of an inspection: its findings, and figures of every channel of every recording."""
     return replace(
         inspection_document(found),
         sections=[checks_section(found.checks), *(run_section(run, found.checks) for run in found.runs)],
@@ -33,7 +33,7 @@ def inspection_report(found: Inspection) -> Document:
 
 
 def checks_section(checks: Sequence[Check]) -> Section:
-    """All checks in a table."""
+    """Section with a table of all checks of an inspection."""
     if not checks:
         return Section("Checks", "Nothing was found: every channel and every rate is as it should be.")
     columns = [
@@ -52,7 +52,7 @@ def _span(check: Check) -> str:
 
 
 def run_section(run: Run, checks: Sequence[Check]) -> Section:
-    """Every channel of a recording."""
+    """Section with a figure of every channel of a recording."""
     charts = [
         channel_chart(name, c, [k for k in checks if k.run == run.name and name in k.channels])
         for name, c in run.channels.items()
@@ -61,11 +61,11 @@ def run_section(run: Run, checks: Sequence[Check]) -> Section:
 
 
 def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart:
-    """One channel over time, its marks, and its spectrum."""
+    """Figure of one channel over time, with marks at findings, and of its spectrum."""
     from plotly.subplots import make_subplots
 
     figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
-    time, value = thinned(channel, MOST_POINTS)
+    time, value = thinned(channel, MAX_CHANNEL_POINTS)
     figure.add_scatter(
         x=time, y=value, mode="lines", line={"width": 1}, marker={"color": BLUE}, name=name, row=1, col=1
     )
@@ -81,13 +81,13 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
     figure.update_xaxes(title_text="frequency [Hz]", type="log", row=1, col=2)
     figure.update_yaxes(title_text=f"{name} [{channel.unit}]", row=1, col=1)
     figure.update_yaxes(title_text=f"[{channel.unit}²/Hz]", type="log", row=1, col=2)
-    figure.update_layout(height=HEIGHT, showlegend=False, margin={"t": 16, "b": 44})
+    figure.update_layout(height=CHANNEL_HEIGHT, showlegend=False, margin={"t": 16, "b": 44})
     caption = " ".join(f"{check.severity.key}: {check.sentence}." for check in checks)
     return Chart(figure, caption)
 
 
 def spectrum(channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and one-sided power density of a channel less its mean, on a logarithmic grid."""
+    """Frequencies [Hz] and one-sided power density of a channel without its mean, on a logarithmic grid."""
     from scipy.signal import periodogram
 
     time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))

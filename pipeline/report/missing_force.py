@@ -1,4 +1,4 @@
-"""The first picture of every report about a fit: what the model cannot explain, against what it may depend on."""
+"""The first figure of every report about a fit: the force that the model lacks, against possible covariates."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -11,35 +11,35 @@ from armdyn.identify.residual.missing_force import ForceCurve, pooled
 from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import BAND, BLUE, GREY, INK, ORANGE, SHADE, SHADE_GIVEN, WIDE, short_name
 
-TITLE = "The missing force"
+MISSING_FORCE_TITLE = "The missing force"
 HINT = (
     "What the model cannot explain, averaged. Over the speed, a step at zero is dry friction, a straight line viscous "
     "friction; a flat line at zero means that nothing is missing there."
 )
 WIDTH = 2.0
 """Standard errors on either side that a band shows."""
-GAP = 0.025
+PANEL_GAP = 0.025
 """Between two panels, as a share of the figure's width."""
-HEIGHT = 330
+PANEL_HEIGHT = 330
 EXPLAINED, LAW = "what that explains", {"color": INK, "width": 2, "dash": "dash"}
-SMALL = "with the background"
+BACKGROUND_LABEL = "with the background"
 SPOKEN = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
 def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> list[Section]:
-    """One section, with a picture for each joint; none where the missing force is not known.
+    """Sections on the missing force: one with a figure for each joint; none where the force is not known.
 
     Args:
-        curves: the joint that lacks most first.
-        added: what the repaired model has besides, for the legend.
+        curves: missing force of each joint, the largest first.
+        added: names of the effects that the repair added, for the legend.
     """
     charts = missing_force_charts(curves, added)
     tabs = {chart.tab: short_name(chart.tab) for chart in charts if chart.tab}
-    return [Section(TITLE, HINT, charts, tabs=tabs)] if charts else []
+    return [Section(MISSING_FORCE_TITLE, HINT, charts, tabs=tabs)] if charts else []
 
 
 def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:
-    """A picture of all runs together for each joint, the one that lacks most first; see `missing_force_sections`."""
+    """Figures of the missing force, one for each joint over all runs; the joint with the largest force comes first."""
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pooled(curves):
         by_joint.setdefault(curve.joint, []).append(curve)
@@ -53,14 +53,14 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
 
 
 def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
-    """Panels side by side on one vertical axis; without `go.Figure`, for whose checks a click would have to wait."""
+    """Panels side by side on one vertical axis; `go.Figure` is avoided because its checks are too slow for a click."""
     unit, count = curves[0].unit, len(curves)
-    width = (1.0 - GAP * (count - 1)) / count
-    layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
+    width = (1.0 - PANEL_GAP * (count - 1)) / count
+    layout: dict[str, Any] = {"height": PANEL_HEIGHT, "margin": {"t": 40}, "hovermode": "closest", "meta": WIDE}
     layout["yaxis"] = {"title": {"text": f"missing {QUANTITY_BY_UNIT.get(unit, RATE_QUANTITY)} [{unit}]"}}
     traces: list[dict[str, Any]] = []
     for i, curve in enumerate(curves):
-        number, start = str(i + 1) if i else "", i * (width + GAP)
+        number, start = str(i + 1) if i else "", i * (width + PANEL_GAP)
         title = f"{SPOKEN.get(curve.against, curve.against)} [{curve.x_unit}]"
         domain = [start, min(start + width, 1.0)]
         layout[f"xaxis{number}"] = {"title": {"text": title}, "domain": domain, "anchor": "y", "nticks": 5}
@@ -70,7 +70,12 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
         if curve.repaired is not None and curve.repaired_std is not None:
             panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, SHADE)
         if curve.with_background is not None:
-            drawn = {"x": _short(curve.x), "y": _short(curve.with_background), "name": SMALL, "legendgroup": SMALL}
+            drawn = {
+                "x": _short(curve.x),
+                "y": _short(curve.with_background),
+                "name": BACKGROUND_LABEL,
+                "legendgroup": BACKGROUND_LABEL,
+            }
             panel.append({**drawn, "mode": "lines", "line": {"color": INK, "width": 2, "dash": "dot"}})
         if curve.law is not None:
             drawn = {"x": _short(curve.x), "y": _short(curve.law), "name": EXPLAINED, "legendgroup": EXPLAINED}
@@ -80,7 +85,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
 
 
 def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: str, shade: str) -> list[dict[str, Any]]:
-    """Means and their band."""
+    """Curves of the means, and of their band."""
     low, high = mean - WIDTH * std, mean + WIDTH * std
     outline = {"x": _short(np.concatenate([x, x[::-1]])), "y": _short(np.concatenate([high, low[::-1]]))}
     band = {**BAND, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}
@@ -89,5 +94,5 @@ def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: s
 
 
 def _short(values: FloatArray) -> list[float]:
-    """Finer than a screen, in few digits."""
+    """Values rounded to few digits, still finer than the pixels of a screen."""
     return [float(f"{value:.5g}") for value in values]

@@ -1,4 +1,4 @@
-"""Pictures of an arm's motion: where its joints were, where the model says they were, what they were told."""
+"""Figures of an arm's motion: measured, predicted and commanded positions of its joints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,19 +12,19 @@ from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
 from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
 
-TITLE = "Motion"
-HEIGHT = 380
-SPLIT, GAP = 0.42, 0.06
+MOTION_TITLE = "Motion"
+MOTION_HEIGHT = 380
+SPLIT, MOTION_GAP = 0.42, 0.06
 """Shares of a picture's height: of the error below, and between it and the positions."""
 
 
 def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
-    """A picture for each joint, of the last run of those that are most independent of the fit."""
+    """A figure for each joint, from the last run of the kind that is most independent of the fit."""
     if not found:
         return []
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
     name = [r.run for r in found if r.role == role][-1]
-    by_joint = {r.joint: r for r in found if (r.role, r.run) == (role, name)}  # of several kinds the longest windows
+    by_joint = {r.joint: r for r in found if (r.role, r.run) == (role, name)}  # the longest windows of several kinds
     captions = {
         joint: f"{joint} in {name} ({ROLE_WORDS[role]}), simulated in {ROLLOUT_WORDS[r.kind]}."
         for joint, r in by_joint.items()
@@ -33,18 +33,18 @@ def motion_charts(found: Sequence[RollOut]) -> list[Chart]:
 
 
 def illustrated(sections: Sequence[Section], found: Sequence[RollOut]) -> list[Section]:
-    """Sections of a document, that of the motion with its pictures."""
+    """Sections of a document, with figures added to the section on the motion."""
     charts = motion_charts(found)
     tabs = {chart.tab: short_name(chart.tab) for chart in charts}
-    return [replace(s, charts=charts, tabs=tabs) if s.title == TITLE and charts else s for s in sections]
+    return [replace(s, charts=charts, tabs=tabs) if s.title == MOTION_TITLE and charts else s for s in sections]
 
 
 def _picture(of: RollOut) -> dict[str, Any]:
-    """Positions above, their error below, on one axis of time; without `go.Figure`, whose checks take long."""
-    layout: dict[str, Any] = {"height": HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
+    """Figure of positions above and their errors below over time; `go.Figure`, whose checks are slow, is avoided."""
+    layout: dict[str, Any] = {"height": MOTION_HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
-    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + GAP, 1.0]}
-    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - GAP], "anchor": "x"}
+    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + MOTION_GAP, 1.0]}
+    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - MOTION_GAP], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
         *([_line(of, of.told, "told", told)] if of.told is not None else []),

@@ -1,4 +1,4 @@
-"""The report of a plan, what each experiment promises; and of an investigation, what was expected and what came."""
+"""Reports of a plan of experiments (expected results), and of an investigation (expected and actual results)."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath) -> Section:
-    """The designed motion: gripper, angle, and the differences that a refit of the rivals leaves along it."""
+    """Section on a designed motion: gripper, angle, and the differences that remain after the rivals are refitted."""
     sentence = ""
     if proposal.random is not None:
         rise, random = proposal.outlook.separation**2, proposal.random
@@ -47,11 +47,11 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
 
 
 def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Document:
-    """What `armdyn next` found.
+    """Document of `armdyn next`: the planned experiments and what each is expected to distinguish.
 
     Args:
-        plan: None where nothing is left to be told apart.
-        sentence: for a person.
+        plan: None where no effects remain to be distinguished.
+        sentence: summary for a person.
         output: the file with a motion that Baxter can make; None where there is none.
     """
     hopeful = plan is None or any(p.outlook.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
@@ -66,7 +66,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
 
 
 def next_report(document: Document, plan: Plan | None) -> Document:
-    """The same with figures of the designed motion."""
+    """Report of `armdyn next`: the planned experiments, with figures of the designed motion."""
     figures: list[KeyFigure] = []
     sections = [*document.sections]
     if plan is not None:
@@ -85,7 +85,7 @@ def next_report(document: Document, plan: Plan | None) -> Document:
 
 
 def investigation_section(found: "Investigation") -> Section:
-    """The experiments before the swing: belief over the effects, the gripper, what was expected and what it brought."""
+    """Section on the experiments before the swing: probabilities of effects, gripper, expected and actual results."""
     stages, charts = found.stages, []
     names = list(dict.fromkeys(name for stage in stages for name in stage.belief))
     if names:

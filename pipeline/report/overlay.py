@@ -1,4 +1,4 @@
-"""Measured and predicted over each other, for every run, channel and step of a repair."""
+"""Figures that overlay measured and predicted signals, for every run, channel and step of a repair."""
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ MOST_VALUES = 200_000
 LEAST_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
-KINDS = {
+RUN_KINDS = {
     HoldoutKind.TRAINING: FITTED, HoldoutKind.HELD_OUT: HELD_OUT, HoldoutKind.IN_TURN: IN_TURN, HoldoutKind.EXAM: EXAM,
 }  # fmt: skip
 """What a run was to the model whose prediction is shown."""
@@ -33,21 +33,21 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """One channel of one run, with what the model of every step leaves of it.
+    """One channel of one run, with the residual of the model of every step.
 
     Attributes:
-        run: its name.
-        kind: what part it took, one of `KINDS`.
-        channel: its name.
+        run: name of the run.
+        kind: role of the run, one of `RUN_KINDS`.
+        channel: name of the channel.
         unit: SI.
         time: (n,) s.
         measured: (n,) in `unit`.
         residuals: (s, n) measured minus predicted at every step, in `unit`.
         noise: standard deviation, in `unit`.
         recorded: the signal at its own rate where a filtered one is compared, else None.
-        note: what was done to the signal; empty for nothing.
+        note: how the signal was processed; empty where it was not.
         failing: stretches of time where the last model's residual is far above the noise, (start, end) in s.
-        half_width: (n,) of the band around the last model's prediction, in `unit`; None for none.
+        half_width: (n,) half width of the band around the last model's prediction, in `unit`; None for no band.
     """
 
     run: str
@@ -65,10 +65,10 @@ class Overlay:
 
 
 class Quality(NamedTuple):
-    """How well a model does.
+    """How well a model predicts: error, and explained share of the signal.
 
     Attributes:
-        rmse: root mean square error; of several channels the root of their summed squares.
+        rmse: root mean square error; for several channels, the root of their summed squares.
         explained: share of the measured signal's variation about its mean in each run, 1 = all; negative where the
             mean alone would do better.
     """
@@ -78,12 +78,12 @@ class Quality(NamedTuple):
 
     @property
     def plain(self) -> list[float | None]:
-        """As JSON knows it."""
+        """Both numbers rounded for JSON; None where one is not finite."""
         return [round(value, 12) if np.isfinite(value) else None for value in self]
 
 
 def quality(curves: Iterable[Overlay], step: int) -> Quality:
-    """Of one step's model on these curves, which have one unit."""
+    """Error and explained share of one step's model on some curves, which have the same unit."""
     left: dict[str, float] = {}
     samples: dict[str, int] = {}
     varied = 0.0
@@ -98,15 +98,15 @@ def quality(curves: Iterable[Overlay], step: int) -> Quality:
 def overlays(
     study: Study, fits: Sequence[Fit], places: Sequence[Place] = (), bands: Bands | None = None
 ) -> list[Overlay]:
-    """Every run of a study with what these fits leave: those that were fitted, then held-out runs, then exam runs.
+    """Overlays of every run of a study with the residuals of fits: training runs, then held-out runs, then exam runs.
 
     Args:
         study: runs and model.
-        fits: of the model as given, then of every step.
-        places: where the last one fails.
-        bands: around the last one's predictions.
+        fits: fit of the given model, then of the model of every step.
+        places: stretches of time where the last model fails.
+        bands: bands around the last model's predictions.
     """
-    others = KINDS[study.holdout_kinds[-1]]
+    others = RUN_KINDS[study.holdout_kinds[-1]]
     found = of_fits(fits, places)
     if others != FITTED:
         found += _overlays(study.held_out or study.runs, others, [study.held_out_blocks(fit) for fit in fits])
@@ -118,7 +118,7 @@ def overlays(
 
 
 def of_fits(fits: Sequence[Fit], places: Sequence[Place] = ()) -> list[Overlay]:
-    """The training runs alone."""
+    """Overlays of the training runs alone."""
     return _overlays(fits[0].problem.runs, FITTED, [fit.blocks for fit in fits], places)
 
 
@@ -159,7 +159,7 @@ class Overlays:
     Attributes:
         curves: every run and channel.
         steps: name of every step, the model as given first.
-        preparation: what was done to the signals, for a person.
+        preparation: how the signals were processed, for a person.
     """
 
     curves: Sequence[Overlay]
@@ -180,7 +180,7 @@ class Overlays:
         return cls(overlays(study, fits, places, bands), steps, done)
 
     def section(self) -> Section:
-        """With what to click, and what was done to the signals."""
+        """Section with the figure, its controls, and a note on how the signals were processed."""
         text = "Choose a step, and see what it changes." if len(self.steps) > 1 else ""
         if any(curve.failing for curve in self.curves):
             text += " Shaded: where the residual is far above the noise."
@@ -189,17 +189,17 @@ class Overlays:
 
     @property
     def tabs(self) -> Mapping[str, str]:
-        """The channels, in the order of the recordings, and what each is called."""
+        """Channels in the order of the recordings, each with its title for a reader."""
         return {curve.channel: short_name(curve.channel) for curve in self.curves}
 
     @property
     def points(self) -> int:
-        """Most points of each curve, so that all together are not too many for a page."""
+        """Largest number of points of each curve, so that all curves together fit on a page."""
         rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in self.curves)
         return int(np.clip(MOST_VALUES // max(rows, 1), LEAST_POINTS, MOST_POINTS))
 
     def widget(self) -> Widget:
-        """The controls, and the data that they choose from and that the page's script draws."""
+        """The controls, and the data that the page's script draws."""
         first, points = self._shown_first(), self.points
         runs = list(dict.fromkeys((curve.run, curve.kind) for curve in self.curves))
         labels = [name if kind == FITTED else f"{name} · {kind}" for name, kind in runs]
@@ -219,7 +219,7 @@ class Overlays:
         return Widget(html, data, height=460)
 
     def totals(self) -> dict[str, dict[str, list[list[float | None]]]]:
-        """By kind and channel: error and share explained at every step."""
+        """Error and explained share at every step, by kind of run and channel."""
         found: dict[str, dict[str, list[list[float | None]]]] = {}
         for kind, channel in dict.fromkeys((curve.kind, curve.channel) for curve in self.curves):
             mine = [c for c in self.curves if (c.kind, c.channel) == (kind, channel)]
@@ -227,7 +227,7 @@ class Overlays:
         return found
 
     def _shown_first(self) -> Overlay:
-        """Of the most independent runs the channel that the steps help most."""
+        """The curve that is shown first: of the most independent runs, the channel that the steps improve most."""
         choices = [curve for curve in self.curves if curve.kind == self.curves[-1].kind]
 
         def gain(curve: Overlay) -> float:
@@ -245,7 +245,7 @@ def _pills(kind: str, legend: str, labels: Sequence[str], chosen: int) -> str:
 
 
 def changed(curve: Overlay, most: int) -> dict[str, Any]:
-    """What the page's script needs of a curve whose last step was computed again."""
+    """Data for the page's script about a curve whose last step was computed again."""
     rmse, explained = quality([curve], -1).plain
     return {"residual": quantised(curve.residuals[-1][_every(curve, most)]), "rmse": rmse, "explained": explained}
 
@@ -277,6 +277,6 @@ def quantised(values: FloatArray) -> list[Any]:
     """
     low, high = float(np.min(values)), float(np.max(values))
     step = (high - low) / 65535 or 1.0
-    with np.errstate(invalid="ignore"):  # what a simulation leaves that diverges is nowhere
+    with np.errstate(invalid="ignore"):  # residuals of a simulation that diverges are not finite, and not drawn
         steps = np.round((values - low) / step).astype("<u2")
     return [low, step, base64.b64encode(steps.tobytes()).decode()]

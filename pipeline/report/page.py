@@ -50,7 +50,7 @@ def _cell(tag: str, text: str, number: bool) -> str:
 
 
 def bar(text: str, share: float, *, judged: bool = True) -> str:
-    """A cell with a bar behind its text, `judged` for a colour that says how full it is."""
+    """A cell with a bar behind its text; where `judged`, the bar's colour depends on its length."""
     kind = "fine" if not judged else "over" if share > 1.0 else "close" if share > 0.9 else "fine"
     width = 100 * min(max(share, 0.0), 1.0)
     return f"<td class='share {kind}'><span style='width: {width:.1f}%'></span><b>{escape(text)}</b></td>"
@@ -60,7 +60,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def page_html(document: Document) -> str:
-    """A document as one HTML file that needs nothing else."""
+    """A document as one HTML file that works offline, without other files."""
     figures: list[dict[str, Any]] = []
     widgets: list[Mapping[str, Any]] = []
     sections = "".join(_section(section, figures, widgets) for section in document.sections)
@@ -97,7 +97,7 @@ def write_page(document: Document, path: Path | str) -> None:
 
 
 def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapping[str, Any]]) -> str:
-    """HTML of a section; what the script shall draw is appended to `figures` and `widgets`."""
+    """HTML of a section; the figures that the script draws are appended to `figures` and `widgets`."""
     heading = f"<h2>{escape(section.title)}</h2>"
     if section.sentence:
         heading += f"<p class='sentence'>{escape(section.sentence)}</p>"
@@ -113,22 +113,22 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
 
 
 def widget_html(widget: Widget) -> str:
-    """The controls, and the place for the figure that the page's script draws."""
+    """HTML of a widget: its controls, and the place for the figure that the page's script draws."""
     return f"{widget.html}<div class='chart' style='height: {widget.height}px'></div><p class='caption'></p>"
 
 
 def tabs_html(tabs: Mapping[str, str], anchor: str) -> str:
-    """Radio buttons that choose what is shown, in this and in other sections; none where there is nothing to choose."""
+    """HTML of radio buttons that choose what all sections show; empty where there is nothing to choose."""
     return pills("tabs", "Show", f"tab-{anchor}", {f"data-tab='{escape(name)}'": text for name, text in tabs.items()})
 
 
 def pills(kind: str, legend: str, name: str, options: Mapping[str, str]) -> str:
-    """Radio buttons in a row; none where there is nothing to choose.
+    """HTML of radio buttons in a row; empty where there is nothing to choose.
 
     Args:
-        kind: class of the row.
-        legend: what they choose.
-        name: that the buttons share.
+        kind: CSS class of the row.
+        legend: text above the buttons.
+        name: HTML name that the buttons share.
         options: text of each button, by its HTML attributes.
     """
     if len(options) < 2:
@@ -189,17 +189,17 @@ LOOK = {"template": TEMPLATE, "dark": DARK}
 
 
 def widget_scripts() -> tuple[str, ...]:
-    """Scripts that draw a `Widget` on a page that has plotly.js; `LOOK` says in which colours."""
+    """Scripts that draw a `Widget` in the colours of `LOOK`, on a page that contains plotly.js."""
     return _template("draw.js").template, _template("overlay.js").template
 
 
 def page_head(title: str, style: str = "") -> str:
-    """Everything before the body of an offline page: nothing may be loaded from elsewhere."""
+    """HTML before the body of an offline page; it forbids loading anything from elsewhere."""
     return _template("head.html").substitute(title=escape(title), style=f"{report_style()}{style}")
 
 
 def report_style() -> str:
-    """Style sheet of every page."""
+    """CSS style sheet of every page."""
     return _template("style.css").template
 
 
@@ -211,5 +211,5 @@ def _library() -> str:
 
 
 def packed(text: str) -> str:
-    """Text compressed for a page: gzip in base64, a quarter of the size; every browser since 2023 can read it."""
+    """Text compressed with gzip for a page, in base64: a quarter of the size, readable by browsers since 2023."""
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()

@@ -1,4 +1,4 @@
-"""The reports of compare, diagnose, add and repair: what a result says of itself, and pictures of every run."""
+"""The reports of compare, diagnose, add and repair: the document of a result, and figures of every run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from pipeline.report.overlay import Overlays
 
 
 def comparison_report(study: Study, found: Comparison) -> Document:
-    """Measured against predicted, where the model fails, on what the residual depends, the parameters."""
+    """Report of a comparison: measured against predicted, where the model fails, residual's dependences, parameters."""
     missing = missing_force_sections(found.missing_force)
     shown = Overlays.of_study(study, [found.fit], ["as given"], found.places, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found.fit, "this model")
@@ -29,7 +29,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
-    """What every effect would change, and the curves with the best ones."""
+    """Report of a diagnosis: the change that each effect would make, and curves of the model with the best effects."""
     path = [repair_step(study, step) for step in found.search.steps]
     missing = missing_force_sections(found.missing_force, _added(path))
     fits, steps = [step.fit for step in found.search.steps], [step_name(step) for step in path]
@@ -40,7 +40,7 @@ def diagnosis_report(study: Study, found: Diagnosis) -> Document:
 
 
 def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = ()) -> Document:
-    """Before and after, the error falling, what became of an arm's links, then the repaired fit."""
+    """Report of a repair: errors before, after and at each step, an arm's link parameters, and the repaired fit."""
     missing = missing_force_sections(found.missing_force, _added(found.path))
     fits, steps = [step.fit for step in found.steps], [step_name(step) for step in found.path]
     shown = Overlays.of_study(study, fits, steps, found.after.places, found.after.bands)
@@ -60,13 +60,13 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
 def _illustrated(
     document: Document, study: Study, missing: Sequence[Section], shown: Overlays, fit: Fit, whose: str
 ) -> Document:
-    """A result with its pictures: the missing force and the curves first, the residuals above the parameters.
+    """Document of a result with figures: missing force and curves first, residuals above the parameters.
 
     Args:
-        document: of the result.
+        document: what the result says of itself.
         study: runs and model.
-        missing: pictures of the missing force.
-        shown: measured and predicted.
+        missing: figures of the missing force.
+        shown: curves of measured and predicted signals.
         fit: whose residuals are shown.
         whose: model that is, for a reader.
     """
@@ -87,11 +87,11 @@ def _illustrated(
 
 
 def _added(path: Sequence[RepairStep]) -> str:
-    """What came in after the model as given, for a legend."""
+    """Names of the effects that were added to the given model, for a legend."""
     effects = added_effects(path)
     return " + ".join(effects) if len(effects) <= MAX_NAMED_EFFECTS else f"with {len(effects)} effects"
 
 
 def _summaries(study: Study) -> dict[str, str]:
-    """What every effect is, by its name."""
+    """One sentence about every effect, by the effect's name."""
     return {name: effect.summary for name, effect in study.effects.items()}

@@ -15,15 +15,15 @@ BOX_NOTE = (
 )
 PAPER_STD = 0.0042
 """Standard deviation [m] of the paper's length estimates."""
-MOST = 0.5
+SUCCESS_SHARE = 0.5
 """Share of seeds beyond which a guess succeeds."""
 
 
 def table_report(table: TableOne) -> Document:
-    """The report of the table."""
+    """The report of Table I: success and learnt lengths by first guess."""
     estimates, total = table.estimates, len(table.rows)
-    as_paper = sum((row.without > MOST) == row.in_paper for row in table.rows)
-    learnt = sum(row.with_estimation > MOST for row in table.rows)
+    as_paper = sum((row.without > SUCCESS_SHARE) == row.in_paper for row in table.rows)
+    learnt = sum(row.with_estimation > SUCCESS_SHARE for row in table.rows)
     with_estimation, without = (
         percent(float(np.mean([getattr(row, name) for row in table.rows]))) for name in ("with_estimation", "without")
     )
@@ -48,7 +48,7 @@ def table_report(table: TableOne) -> Document:
 
 
 def _success_section(table: TableOne) -> Section:
-    """Success per guess, with and without estimation, as bars and as numbers beside the paper's."""
+    """Section on success per guess, with and without estimation: bars, and numbers beside the paper's."""
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
     guesses = [f"{row.length_guess:.3f}" for row in table.rows]
     without, learnt = ([getattr(row, name) for row in table.rows] for name in ("without", "with_estimation"))
@@ -81,7 +81,7 @@ def _success_section(table: TableOne) -> Section:
 
 
 def _estimates_section(table: TableOne) -> Section:
-    """Every length that was learnt, a point per trial, and mean and spread over all guesses."""
+    """Section on the learnt lengths: a point per trial, and mean and spread over all guesses."""
     estimates = table.estimates
     error = float(estimates.mean() - table.length)
     sentence = (
@@ -89,7 +89,7 @@ def _estimates_section(table: TableOne) -> Section:
         f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
     )
     figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
-    rng = np.random.default_rng(0)  # spreads points that would cover each other
+    rng = np.random.default_rng(0)  # spread points that would cover each other
     for i, row in enumerate(table.rows):
         errors = 1e3 * (np.array(row.length_estimates) - table.length)
         figure.add_scatter(
@@ -106,15 +106,15 @@ def _estimates_section(table: TableOne) -> Section:
 
 
 def success_interval(share: float, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Interval of a success probability of which `share` of `trials` was seen.
+    """Confidence interval of a success probability, from the `share` of `trials` that succeeded.
 
     Args:
-        share: seen.
-        trials: number of them, at least one.
+        share: observed share of successes.
+        trials: number of trials, at least one.
         z: standard deviations, 1.96 for 95 %.
 
     Returns:
-        Lower and upper end.
+        Lower and upper end of the interval.
 
     Source: Wilson 1927, J. Am. Stat. Assoc. 22:209, equation 1.
     """

@@ -1,4 +1,4 @@
-"""How every figure and number looks: one palette, one role per colour, one template, stacked rows over time; names."""
+"""Look of figures and numbers: a palette, a role per colour, a template, stacked rows over time, channels' names."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -90,7 +90,7 @@ _SMALL = {"m": "mm", "m/s": "mm/s", "N": "mN", "s": "ms", "rad": "mrad", "N m": 
 
 
 def number(value: float, unit: str = "", digits: int = 3) -> str:
-    """``0.000312 m`` as ``0.312 mm``: `digits` significant ones, thousandths where the unit has a name for them."""
+    """A number with its unit in `digits` significant digits, such as ``0.312 mm`` for 0.000312 m."""
     if not math.isfinite(value):
         return "–"
     if unit in _SMALL and 0.0 < abs(value) < 0.0995:
@@ -99,7 +99,7 @@ def number(value: float, unit: str = "", digits: int = 3) -> str:
 
 
 def percent(share: float) -> str:
-    """``0.953`` as ``95 %``."""
+    """A share in percent, such as ``95 %`` for 0.953."""
     return f"{100 * share:.0f} %" if math.isfinite(share) else "–"
 
 
@@ -114,9 +114,9 @@ def stacked(rows: Mapping[str, float], height: int, phases: Phases = ()) -> go.F
     """An empty figure over time with panels below each other.
 
     Args:
-        rows: from the top, the title of each vertical axis with its unit, and its share of the height; they sum to 1.
-        height: of the figure [px].
-        phases: shaded and named behind all panels.
+        rows: title of each vertical axis with its unit, and its share of the height, from the top; the shares sum to 1.
+        height: height of the figure [px].
+        phases: stretches of time that are shaded and named behind all panels.
     """
     gap, top = 0.06, 1.0
     layout: dict[str, Any] = {"height": height, "meta": LINKED_TIME}
@@ -165,7 +165,7 @@ _PENDULUM = {
 
 
 def quantity_of(channel: str, unit: str = "N m") -> str:
-    """The physical quantity, such as ``"torque"``; a joint that slides has a force."""
+    """Physical quantity of a channel, such as ``"torque"``; a prismatic joint has a force."""
     kind, dot, _ = channel.partition(".")
     if dot and kind in _OF_A_JOINT:
         return "force" if kind == "tau" and unit == "N" else _OF_A_JOINT[kind]
@@ -173,13 +173,13 @@ def quantity_of(channel: str, unit: str = "N m") -> str:
 
 
 def short_name(channel: str) -> str:
-    """What tells it from the other channels that are measured: the joint, or the quantity."""
+    """A channel's short name, which distinguishes it from other measured channels: its joint, or its quantity."""
     kind, _, joint = channel.partition(".")
     return joint if joint and kind in _OF_A_JOINT else quantity_of(channel)
 
 
 def full_name(channel: str, unit: str = "N m") -> str:
-    """Such as ``"torque of elbow"``."""
+    """A channel's full name, such as ``"torque of elbow"``."""
     kind, _, joint = channel.partition(".")
     name = quantity_of(channel, unit)
     return f"{name} of {joint}" if joint and kind in _OF_A_JOINT else name
@@ -190,7 +190,7 @@ MOST_POINTS = 3000
 
 
 def thinned(channel: Channel, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
-    """Time and value of a signal; of more than `most` samples the extremes of each stretch; they look alike."""
+    """Time and value of a signal with at most `most` samples: the extremes of each stretch, which look the same."""
     time, value = channel.time, channel.value
     if len(value) > most:
         width = 2 * -(-len(value) // most)

@@ -1,4 +1,4 @@
-"""How a trial went, section by section: the swing, the estimate, the load cell against the model, gripper and nodes."""
+"""Sections of a trial's report: swing, length estimate, load cell against model, gripper and computing times."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -49,19 +49,19 @@ class SwingTrace(NamedTuple):
 
 
 def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | None, radius: float) -> Section:
-    """Paths of gripper and load, with snapshots of the string, to scale.
+    """Section on the swing: paths of gripper and load to scale, with snapshots of the string.
 
     Args:
-        planned: from the optimiser.
-        executed: as it was; None where nobody saw it.
-        box: None where there is none.
-        radius: of the load [m].
+        planned: swing from the optimiser.
+        executed: swing that was observed; None where it was not observed.
+        box: the box; None for a trial without one.
+        radius: radius of the load [m].
     """
     shown = executed or planned
     figure = go.Figure(layout={"height": 520, "hovermode": "closest"})
     times = np.linspace(shown.time[0], shown.time[-1], SNAPSHOTS)
     gripper, x, z = (np.interp(times, shown.time, path) for path in shown[1:])
-    ends = np.full((2, SNAPSHOTS, 3), np.nan)  # of each string, and a gap in the line
+    ends = np.full((2, SNAPSHOTS, 3), np.nan)  # the two ends of each string, then a gap in the curve
     ends[:, :, :2] = [np.column_stack([gripper, x]), np.column_stack([0 * z, z])]
     thin = {"color": GREY, "width": 1}
     figure.add_scatter(x=ends[0].ravel(), y=ends[1].ravel(), name="string", mode="lines", line=thin, hoverinfo="skip")
@@ -89,7 +89,7 @@ def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | N
 
 
 def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
-    """How far the executed load was from the planned one where the plan ends."""
+    """Distance of the executed load from the planned one at the end of the plan."""
     if executed is None:
         return "The swing was planned and not executed."
     end = float(planned.time[-1])
@@ -106,12 +106,12 @@ def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
 def estimate_section(
     estimates: Sequence[LengthEstimate], guess: float, truth: float | None, phases: Phases = ()
 ) -> Section:
-    """The string's length as it was learnt, with its interval and the truth.
+    """Section on the learnt length of the string over time, with its confidence interval and the true length.
 
     Args:
         estimates: every update of the estimator, at least one.
         guess: length at the start [m].
-        truth: true length [m]; None where nobody knows it.
+        truth: true length [m]; None where it is unknown.
         phases: of the trial.
     """
     time, value, std = np.array([(e.time, e.value, e.std) for e in estimates]).T
@@ -141,12 +141,12 @@ def estimate_section(
 def force_section(
     time: FloatArray, measured: FloatArray, predicted: FloatArray, noise: float, phases: Phases = ()
 ) -> Section:
-    """Force measured and predicted, and what is left between them, against the noise.
+    """Section on measured and predicted force, and on the residual between them, compared with the noise.
 
     Args:
         time: (n,) [s].
-        measured: (n,) [N].
-        predicted: (n,) [N], of the model with the final estimate; nan where it was not run.
+        measured: (n,) measured force [N].
+        predicted: (n,) force of the model with the final estimate [N]; nan where the model was not run.
         noise: standard deviation of the load cell [N].
         phases: of the trial.
     """
@@ -168,7 +168,7 @@ def force_section(
 
 
 def gripper_section(time: FloatArray, reference: FloatArray, actual: FloatArray, phases: Phases = ()) -> Section:
-    """Reference and actual position of the gripper along the line, (n,) [m], and the error between them."""
+    """Section on the gripper: (n,) reference and actual position along the line [m], and the error between them."""
     error = actual - reference
     sentence = "The gripper did not move."
     if np.isfinite(error).any():
@@ -185,7 +185,7 @@ def gripper_section(time: FloatArray, reference: FloatArray, actual: FloatArray,
 
 
 def timing_section(nodes: Sequence[Timing]) -> Section:
-    """Computing time of every node, and whether a step took longer than its period."""
+    """Section on the computing time of every node, and on steps that took longer than their period."""
     late = ", ".join(f"{node.name} {node.overruns} of {node.steps} times" for node in nodes if node.overruns)
     rows = [
         [

@@ -1,4 +1,4 @@
-"""What moves: the interface of a robot, and the simulated Baxter that implements it.
+"""Robots: the interface of a robot, and the simulated Baxter that implements it.
 
 Nothing is imported here, so that ``armdyn --help`` does not pay for MuJoCo:
 ``pipeline.robot.protocol`` (interface), ``pipeline.robot.settings``, ``pipeline.robot.truth`` and

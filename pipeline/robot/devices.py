@@ -1,4 +1,4 @@
-"""The devices of the simulated robot: its joint controller, as Baxter's, and what its joints and load cell measure."""
+"""Devices of the simulated robot: a joint controller like Baxter's, joint sensors and a load cell."""
 
 import math
 from collections import deque
@@ -19,11 +19,11 @@ TRUST_ACCELERATION = 0.02
 
 
 class Reference:
-    """The commanded motion between two commands, and the way to rest when none comes.
+    """The commanded motion between two commands, and the braking motion when no command comes.
 
     Args:
-        q: where the arm rests (n,) [rad].
-        limits: of the joints, with a share of which it brakes.
+        q: posture of the arm at rest (n,) [rad].
+        limits: limits of the joints; it brakes with a share of them.
         hold_after: silence after which it brakes [s].
         extrapolate: whether a command's position is carried on along its velocity until the next one comes.
     """
@@ -91,7 +91,7 @@ class Servo:
         self.driven = self._wanted(0.0)
 
     def drive(self, time: float) -> Vector:
-        """The part of the torque that depends on the reference, ``Kp q_f + Kd v_f + f_f`` (n,) [N m], one step on."""
+        """The part of the torque due to the reference, ``Kp q_f + Kd v_f + f_f`` (n,) [N m], after one more step."""
         self.driven = self.driven + self._gain * (self._wanted(time) - self.driven)
         return self.driven
 
@@ -106,7 +106,7 @@ class Servo:
 
 
 def _share_per_step(time_constant: float) -> float:
-    """Share of the way to its input that a first-order filter goes in one step of the physics."""
+    """Share of the distance to its input that a first-order filter covers in one step of the physics."""
     return 1.0 - math.exp(-TIME_STEP / time_constant) if time_constant > 0 else 1.0
 
 
@@ -134,11 +134,11 @@ class SimulatedCell:
 
     @property
     def feels_direction(self) -> bool:
-        """Whether the string's direction matters, not only its pull."""
+        """Whether the cell's reading depends on the string's direction, not only on its pull."""
         return bool(self._hidden["vertical_sensing_axis"] or self._hidden["cross_axis_sensitivity"])
 
     def feel(self, steps: int, tension: float, swing_angle: float) -> None:
-        """Take in the string's pull at one step of the physics.
+        """Apply the string's pull to the cell at one step of the physics.
 
         Args:
             steps: number of steps since time 0.
@@ -153,7 +153,7 @@ class SimulatedCell:
             self._sample(steps * TIME_STEP, self._felt)
 
     def received(self, now: float) -> list[ForceSample]:
-        """Samples that arrived up to `now` [s] and were not handed out yet."""
+        """New samples that arrived up to `now` [s]."""
         arrived = []
         while self._on_the_way and self._on_the_way[0].time <= now + 1e-9:
             arrived.append(self._on_the_way.popleft())
@@ -188,7 +188,7 @@ class JointReadings:
         """
         settings, lag = self._settings, self._lag
         noise = self._rng.standard_normal((3, len(q)))
-        # x' lag + x = reported: what the encoders see leads the arm.
+        # x' lag + x = reported: the encoder readings lead the arm.
         position = q + lag * v + settings.position_noise * noise[0]
         if settings.resolution > 0:
             position = settings.resolution * np.round(position / settings.resolution)

@@ -21,7 +21,7 @@ from pipeline.robot.protocol import Vector
 
 
 class Stage(Enum):
-    """Where an effect adds something; the value says what, and from what."""
+    """Place in the simulation where an effect adds something; the value says what it adds, and from which inputs."""
 
     LOAD = "force on the load (3,) [N], from its velocity (3,) [m/s]"
     PLACE = "force on the load along the line [N], from its position along the line [m]"
@@ -43,8 +43,8 @@ class HiddenEffect:
         summary: one sentence.
         lower: smallest value that makes sense.
         upper: largest value that the 1 ms integration stays accurate for.
-        stage: where it adds something.
-        term: what it adds, from its value and what the stage gives.
+        stage: place where it adds something.
+        term: function that gives the added quantity from the effect's value and the stage's inputs.
     """
 
     unit: str
@@ -119,7 +119,7 @@ def hidden_effect(
 
 
 def terms(hidden: Mapping[str, float], stage: Stage) -> tuple[Callable[..., Any], ...]:
-    """What the effects that are there add at a stage."""
+    """Functions that give what the present effects add at a stage."""
     there = ((HIDDEN_EFFECTS.get(name) or _OWN[name], value) for name, value in hidden.items() if value != 0.0)
     return tuple(partial(e.term, value) for e, value in there if e.term is not None and e.stage is stage)
 

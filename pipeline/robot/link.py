@@ -1,4 +1,4 @@
-"""How well a robot is reached: delays and intervals, measured while it runs."""
+"""Quality of the connection to a robot: delays and intervals, measured while it runs."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -10,14 +10,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Spread:
-    """How some quantity was spread, in its own unit.
+    """Percentiles of a measured quantity, in its own unit.
 
     Attributes:
-        count: values.
-        median: half are below it.
+        count: number of values.
+        median: 50 % of the values are below it.
         p95: 95 % are below it.
         p99: 99 % are below it.
-        worst: the largest.
+        worst: largest value.
     """
 
     count: int
@@ -28,7 +28,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Iterable[float]) -> "Spread | None":
-        """Of some values; None where there are none."""
+        """Percentiles of some values; None where there are none."""
         array = np.array(list(values))
         if not array.size:
             return None
@@ -36,25 +36,25 @@ class Spread:
         return cls(array.size, float(median), float(p95), float(p99), float(array.max()))
 
     def as_json(self) -> dict[str, float]:
-        """For the answer of a command."""
+        """The percentiles as JSON, for the answer of a command."""
         return {name: round(value, 5) for name, value in vars(self).items()}
 
     @property
     def milliseconds(self) -> str:
-        """In words, of times in s."""
+        """The percentiles in words, in milliseconds, of times in s."""
         return f"{1e3 * self.median:.1f} ms, 99 % {1e3 * self.p99:.1f} ms, worst {1e3 * self.worst:.1f} ms"
 
 
 @dataclass
 class LinkStatistics:
-    """What is measured while it runs.
+    """Statistics of a connection, measured while it runs.
 
     Attributes:
-        round_trip: of messages before the first motion [s]; None before it was measured.
-        intervals: between two commands of one stream [s].
-        ages: of the newest joint state when a command was sent [s].
-        echoes: from sending a command to seeing it on its topic [s].
-        commands: sent.
+        round_trip: round-trip times of messages before the first motion [s]; None before the measurement.
+        intervals: times between two commands of one stream [s].
+        ages: ages of the newest joint state when a command was sent [s].
+        echoes: times from sending a command to receiving it on its topic [s].
+        commands: number of commands sent.
     """
 
     round_trip: Spread | None = None
@@ -65,7 +65,7 @@ class LinkStatistics:
 
     @property
     def spreads(self) -> dict[str, Spread | None]:
-        """How each was spread [s]; None where nothing was measured."""
+        """Percentiles of each measured time [s]; None where nothing was measured."""
         return {
             "round_trip": self.round_trip,
             "command_interval": Spread.of(tuple(self.intervals)),
@@ -74,6 +74,6 @@ class LinkStatistics:
         }
 
     def as_json(self) -> dict[str, Any]:
-        """Number of commands, and every spread [s]."""
+        """Number of commands, and percentiles of each time [s], as JSON."""
         spreads = {name: spread.as_json() if spread else None for name, spread in self.spreads.items()}
         return {"commands": self.commands, **spreads}

@@ -1,4 +1,4 @@
-"""A law of a user's own in the simulated robot: an effect of their file, ``FILE.py:NAME``, on string or load."""
+"""A user's law in the simulated robot: an effect on string or load from a user's file, ``FILE.py:NAME``."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -18,16 +18,16 @@ FORCES = {"force": 3, "torque": 1, "dry": 1}
 
 
 class Swing(NamedTuple):
-    """How the load moves, in the frame of the line: x along it, y across, z up.
+    """Motion of the load in the frame of the line: x along the line, y across, z up.
 
     Attributes:
-        time: since the simulation began [s].
-        mass: of the load [kg].
+        time: time since the simulation began [s].
+        mass: mass of the load [kg].
         length: from pivot to load [m].
         angle: 0 hanging; positive puts the load on the negative side [rad].
-        rate: of the angle [rad/s].
-        position: of the load (3,) [m].
-        velocity: of the load (3,) [m/s].
+        rate: rate of the angle [rad/s].
+        position: position of the load (3,) [m].
+        velocity: velocity of the load (3,) [m/s].
     """
 
     time: float
@@ -40,7 +40,7 @@ class Swing(NamedTuple):
 
 
 class Added(NamedTuple):
-    """What a law adds: a force on the load (3,) [N] in the frame of the line, a torque [N m], dry friction [N m]."""
+    """Result of a law: a force on the load (3,) [N] in the line's frame, a torque [N m], and dry friction [N m]."""
 
     force: Vector
     torque: float
@@ -48,7 +48,7 @@ class Added(NamedTuple):
 
 
 def read_own_law(name: str) -> tuple[Effect, Callable[[float, Swing], Added]]:
-    """The effect that ``FILE.py:NAME`` names, and what it adds.
+    """The effect named by ``FILE.py:NAME``, and the function that gives what it adds to the simulation.
 
     That follows from the value of its first parameter and from the swing; other parameters are at their null values.
 

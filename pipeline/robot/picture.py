@@ -19,12 +19,12 @@ from pipeline.robot.settings import PlantSettings
 from pipeline.robot.truth import History
 from urdf.find import locate_mesh
 
-FAINT = 0.25
+WALL_OPACITY = 0.25
 """Opacity of the box's walls in a picture."""
 
 
 def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[int, int]) -> mujoco.MjModel:
-    """Model with the same joints, string and load as the plant, to be posed and drawn but not stepped.
+    """MuJoCo model with the plant's joints, string and load, for drawing only.
 
     Args:
         robot: the arm.
@@ -57,7 +57,7 @@ def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[
         add_box(spec, line, settings.box)
         for geom in spec.geoms:
             if geom.name in ("box_front", "box_back", "box_near"):
-                geom.rgba[3] = FAINT
+                geom.rgba[3] = WALL_OPACITY
     _furnish(spec, line, size)
     return spec.compile()
 
@@ -87,7 +87,7 @@ def _as_stl(file: Path) -> bytes:
 
 
 def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> None:
-    """Light, a floor, and a frame buffer that is large enough."""
+    """Add light, a floor, and a frame buffer that is large enough."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = size
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
     spec.visual.headlight.diffuse = [0.55, 0.55, 0.55]
@@ -113,7 +113,7 @@ def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> Non
 
 Pixels = npt.NDArray[np.uint8]
 
-SHEET = (3, 2)
+SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
 
 TRAIL_EVERY = 4
@@ -137,11 +137,11 @@ def render_swing(
     Args:
         robot: the arm.
         settings: load, string and box of the plant.
-        history: what moved; `SimulatedRobot.history`, cut to the stretch that is wanted.
+        history: motion to draw, such as a part of `SimulatedRobot.history`.
         path: file to write.
         frames_per_second: of the animation.
         size: width and height of one picture [pixels].
-        progress: told how many of how many pictures are drawn.
+        progress: called with the number of drawn pictures and the total.
 
     Raises:
         InputError: another file type, nothing to draw, or this machine cannot draw without a screen.
@@ -157,7 +157,7 @@ def render_swing(
     if animated:
         moments = np.arange(history.time[0], history.time[-1] + 1e-9, 1.0 / frames_per_second)
     else:
-        moments = np.linspace(history.time[0], history.time[-1], SHEET[0] * SHEET[1])
+        moments = np.linspace(history.time[0], history.time[-1], SHEET_SHAPE[0] * SHEET_SHAPE[1])
     images = []
     for pixels in _frames(robot, settings, history, moments, size):
         images.append(Image.fromarray(pixels))
@@ -195,7 +195,7 @@ def _frames(
 
 
 def _camera(line: urdf.Line) -> mujoco.MjvCamera:
-    """A view across the line, with growing s to the right, that takes in the gripper's travel and the box."""
+    """A camera that looks across the line, with growing s to the right, and shows the gripper's travel and the box."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat = line.origin + 0.18 * line.direction - np.array([0.0, 0.0, 0.08])
@@ -240,7 +240,7 @@ def _drawing(
 
 
 def _add_trail(scene: mujoco.MjvScene, points: Vector) -> None:
-    """Dots at the given points (k, 3) [m]."""
+    """Add dots at the given points (k, 3) [m] to the scene."""
     radius, colour = TRAIL
     for point in points[: scene.maxgeom - scene.ngeom]:
         mujoco.mjv_initGeom(
@@ -275,9 +275,9 @@ def _egl_context(width: int, height: int) -> "mujoco.egl.GLContext":
 
 
 def _sheet(images: list[Image.Image]) -> Image.Image:
-    """The pictures in reading order."""
+    """One picture of all pictures, in reading order."""
     width, height = images[0].size
-    sheet = Image.new("RGB", (SHEET[0] * width, SHEET[1] * height))
+    sheet = Image.new("RGB", (SHEET_SHAPE[0] * width, SHEET_SHAPE[1] * height))
     for index, image in enumerate(images):
-        sheet.paste(image, (index % SHEET[0] * width, index // SHEET[0] * height))
+        sheet.paste(image, (index % SHEET_SHAPE[0] * width, index // SHEET_SHAPE[0] * height))
     return sheet

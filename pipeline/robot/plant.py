@@ -23,16 +23,16 @@ STRING_DAMPING_RATIO = 0.05
 
 @dataclass(frozen=True)
 class PlantTruth:
-    """What was drawn or hidden; the controller never sees it.
+    """True values that were drawn or hidden in the plant; the controller never sees them.
 
     Attributes:
         mass: true mass of the load [kg].
         bias: zero error of the load cell [N].
-        latency: of the load cell [s].
+        latency: latency of the load cell [s].
         link_scale: factor on mass and inertia of the link behind each joint (n,).
         length: from the string's upper end to the load's centre, hanging at rest [m].
-        string_length: the same for the string without pull [m].
-        hidden: value of every effect that is there.
+        string_length: length of the unstretched string to the load's centre [m].
+        hidden: value of every present effect.
     """
 
     mass: float
@@ -45,17 +45,17 @@ class PlantTruth:
 
 
 class Plant:
-    """MuJoCo's model and state of arm, string and load, with what was drawn and hidden.
+    """MuJoCo's model and state of arm, string and load, with the drawn and hidden values.
 
     Args:
         robot: the arm.
-        settings: of the plant.
+        settings: settings of the plant.
         hidden: value of every effect.
-        rng: what is uncertain is drawn from.
+        rng: source of the drawn values.
 
     Attributes:
-        line: of the arm.
-        model, data: MuJoCo's.
+        line: line of the arm.
+        model, data: MuJoCo's model and state.
         dofs: index of each joint in MuJoCo's velocity, and for hinges in its position (n,).
         pivot, load: positions of the string's upper end and of the load's centre, views of MuJoCo's state (3,) [m].
         mass: true mass of the load [kg].
@@ -110,13 +110,13 @@ class LoadString:
         self._model.tendon_lengthspring[self._tendon, 1] = length
 
     def pull(self, data: mujoco.MjData) -> float:
-        """What MuJoCo's tendon pulls with [N] at the state that it last evaluated."""
+        """Pull of MuJoCo's tendon [N] at the state that was evaluated last."""
         if not self._elastic:
             return float(data.sensordata[self._sensor])
         return max(0.0, self._stiffness * (float(data.ten_length[self._tendon]) - self.length))
 
     def damping(self, data: mujoco.MjData) -> float:
-        """What inner damping adds to the pull of an elastic string [N]; it may slacken it but never push."""
+        """Contribution of inner damping to an elastic string's pull [N]; it may slacken the string but never push."""
         pull = self.pull(data) if self._elastic else 0.0
         return max(self._damping * float(data.ten_velocity[self._tendon]), -pull) if pull > 0.0 else 0.0
 
@@ -142,7 +142,7 @@ class LoadForces:
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
 
     def apply(self) -> None:
-        """Set the forces for the state at which MuJoCo stands."""
+        """Set the forces on the load for MuJoCo's present state."""
         if not self._active:
             return
         pivot, load = self._plant.velocities()
@@ -175,7 +175,7 @@ class LoadForces:
         frame = np.array([line.direction, np.cross(UP, line.direction), UP])
         string, relative = frame @ (plant.load - plant.pivot), frame @ (load - pivot)
         length, angle = math.sqrt(string @ string), math.atan2(-string[0], -string[2])
-        along = np.array([-math.cos(angle), 0.0, math.sin(angle)])  # the load's way as the angle grows
+        along = np.array([-math.cos(angle), 0.0, math.sin(angle)])  # direction of the load's motion as the angle grows
         rate = float(along @ relative) / math.hypot(string[0], string[2])
         place = frame @ (plant.load - line.origin)
         swing = Swing(float(plant.data.time), plant.mass, length, angle, rate, place, frame @ load)
@@ -188,7 +188,7 @@ class LoadForces:
 
 
 class JointEffects:
-    """Sets MuJoCo's dry friction and the spring torques for the state at which it stands.
+    """Sets dry friction and spring torques in MuJoCo for its present state.
 
     Dry friction stays a constraint of MuJoCo's solver, which holds a joint at rest exactly; only its bound changes.
 
@@ -206,7 +206,7 @@ class JointEffects:
             raise InputError(
                 f"hidden effect 'gravity_spring': no spring is known for robot '{robot.name}'; leave it out"
             )
-        # The robot's springs are given by the effort that they add to a measurement; they pull the other way.
+        # The robot's springs are defined by the effort that they add to a measurement; their torque has the other sign.
         self._springs = [
             (int(plant.dofs[robot.joint_names.index(s.joint)]), -strength * s.sine, -strength * s.cosine)
             for s in robot.springs
@@ -225,9 +225,9 @@ class JointEffects:
 
 
 def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
-    """Put the arm at `q` (n,) [rad] and the load where it hangs, and make the string as long as that takes.
+    """Put the arm at `q` (n,) [rad] with the load hanging at rest, and set the string's length accordingly.
 
-    The string gives way under the load; its length without pull is found such that the load hangs at
+    The string stretches under the load; its unstretched length is chosen such that the load hangs at
     ``settings.length`` exactly, which is what a ruler measures. A start angle then turns it about the pivot.
 
     Returns:
@@ -253,7 +253,7 @@ def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
         turned = turn.apply(down)
         # The pull, and with it the stretch, falls with the cosine of the angle.
         _place_load(plant, pivot, turned, rest + (settings.length - rest) * float(turned @ down))
-    data.qvel[:] = data.qacc[:] = 0.0  # the torque holds the arm, which these evaluations were without
+    data.qvel[:] = data.qacc[:] = 0.0  # these evaluations were made without the torque that holds the arm
     return torque
 
 
@@ -273,7 +273,7 @@ def _place_load(plant: Plant, pivot: Vector, direction: Vector, distance: float)
 
 
 def _string_length(plant: Plant, string: LoadString, torque: Vector, weight: float) -> float:
-    """Length without pull [m] at which the string carries `weight` [N] over the wanted length; linear."""
+    """Unstretched length [m] with which the string has the wanted length under `weight` [N]; linear."""
     model, data, distance = plant.model, plant.data, plant.settings.length
     trial = mujoco.MjData(model)
     trial.qpos[:] = data.qpos

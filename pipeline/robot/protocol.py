@@ -20,8 +20,8 @@ class JointState:
     Attributes:
         time: when the reading was taken [s].
         q: joint positions (n,) [rad].
-        v: joint velocities (n,) [rad/s]; all of them nan where the robot does not tell them.
-        tau: joint efforts, what the motors exert (n,) [N m]; likewise.
+        v: joint velocities (n,) [rad/s]; all nan where the robot does not report them.
+        tau: torques of the motors (n,) [N m]; all nan where the robot does not report them.
     """
 
     time: float
@@ -68,7 +68,7 @@ class RobotInterface(Protocol):
         ...
 
     def advance(self, duration: float) -> None:
-        """Let `duration` seconds pass: a simulated robot computes them, a real one waits."""
+        """Let `duration` seconds pass: a simulated robot computes this time, a real one waits."""
         ...
 
     def joint_state(self) -> JointState:
@@ -81,12 +81,12 @@ class RobotInterface(Protocol):
 
 
 class RealRobot(RobotInterface, Protocol):
-    """An arm that goes on by itself, reached over some link; use it in a ``with`` block.
+    """A real arm, which moves on by itself and is reached over a connection; use it in a ``with`` block.
 
-    At its end the arm stands, enabled and holding. Commands pass a gate of its own, see `pipeline.motion.gate`.
+    At the block's end the arm holds, enabled. Commands pass a gate of its own, see `pipeline.motion.gate`.
 
     Attributes:
-        statistics: what was measured of the link.
+        statistics: measured delays of the connection.
     """
 
     statistics: "LinkStatistics"
@@ -112,10 +112,10 @@ class RealRobot(RobotInterface, Protocol):
         ...
 
     def announce(self, phase: str) -> None:
-        """Show others what goes on, where the robot has a way to."""
+        """Publish the progress for others, where the robot can do so."""
         ...
 
     @property
     def recorder(self) -> "Callable[..., Recorder]":
-        """Makes a recorder of a trial; `Recorder`, or one that also shows others what it records."""
+        """Class of a trial's recorder: `Recorder`, or one that also publishes what it records."""
         ...

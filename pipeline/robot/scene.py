@@ -25,7 +25,7 @@ CONTACT_SOLREF = (0.005, 1.0)
 def add_load(
     spec: mujoco.MjSpec, tool: mujoco.MjsBody, offset: Vector, settings: PlantSettings, mass: float, inertia: float
 ) -> None:
-    """A free sphere; with an inertia of its own, a sphere sliding on a massless bar that turns about the pivot.
+    """Add the load: a free sphere; with an inertia of its own, it slides on a massless bar that turns about the pivot.
 
     Without it the string holds the sphere's centre and the sphere does not turn with it.
     """
@@ -53,7 +53,7 @@ def add_load(
 
 
 def add_string(spec: mujoco.MjSpec, length: float) -> None:
-    """A cord that only pulls: a tendon with an upper limit of its length."""
+    """Add the string, which only pulls: a tendon with an upper limit of its length."""
     string = spec.add_tendon(name="string", width=0.0015, rgba=[0.1, 0.1, 0.1, 1])
     string.wrap_site("pivot")
     string.wrap_site("load")
@@ -69,7 +69,7 @@ def add_string(spec: mujoco.MjSpec, length: float) -> None:
 
 
 def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
-    """Replace the limit by a spring [m/N] that acts beyond the string's length only."""
+    """Replace the string's limit by a spring of a compliance [m/N] that acts beyond the string's length only."""
     string = model.tendon("string").id
     model.tendon_lengthspring[string] = model.tendon_range[string]
     model.tendon_limited[string] = 0
@@ -79,7 +79,7 @@ def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
 
 
 def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
-    """Four walls and a floor, fixed in the world, aligned with the line."""
+    """Add the box: four walls and a floor, fixed in the world, aligned with the line."""
     up = np.array([0.0, 0.0, 1.0])
     axes = np.column_stack([line.direction, line.across, up])
     middle = line.origin - box.rim * up + box.middle * line.direction
@@ -110,7 +110,7 @@ RIGID_ARMATURE = 1e6
 def build_scene(
     robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], mass: float, link_scale: Vector
 ) -> mujoco.MjModel:
-    """Model of the plant; string and load are named ``string`` and ``load``, the attachment ``pivot``.
+    """MuJoCo model of the plant; string and load are named ``string`` and ``load``, the attachment ``pivot``.
 
     Args:
         robot: the arm.
@@ -124,7 +124,7 @@ def build_scene(
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
     line = robot.line
-    if abs(line.direction[2]) > 1e-6:  # a swing along it would not be the paper's
+    if abs(line.direction[2]) > 1e-6:  # a swing along this line would not be the paper's
         raise InputError(
             f"robot '{robot.name}': the line's direction {line.direction} is not horizontal; give one with z = 0"
         )
@@ -156,7 +156,7 @@ def build_scene(
 
 
 def arm_only(robot: urdf.Robot, keep: tuple[str, ...] = ()) -> ET.Element:
-    """URDF with shapes of the kinds to `keep` only, in which only the arm's joints move: the rest stands at zero."""
+    """URDF with shapes of the kinds to `keep` only; only the arm's joints move, and all others are fixed at zero."""
     root = ET.fromstring(robot.urdf_xml)
     for link in root.iter("link"):
         for kind in {"visual", "collision"}.difference(keep):
@@ -183,7 +183,7 @@ def _set_options(spec: mujoco.MjSpec, line: urdf.Line, tilt: float) -> None:
 
 
 def _add_motors(spec: mujoco.MjSpec, robot: urdf.Robot, settings: PlantSettings, gripper_lag: float) -> None:
-    """A motor per joint with the force ``ctrl - stiffness q - damping v``.
+    """Add a motor per joint with the force ``ctrl - stiffness q - damping v``.
 
     In this form MuJoCo integrates the stiff part implicitly and clamps the sum at the URDF's effort limit;
     `devices` computes ``ctrl``. The encoders lead the gripper by `gripper_lag` [s] and the servo regulates what they
@@ -201,7 +201,7 @@ def _add_motors(spec: mujoco.MjSpec, robot: urdf.Robot, settings: PlantSettings,
 def _tune_joints(
     model: mujoco.MjModel, robot: urdf.Robot, settings: PlantSettings, hidden: Mapping[str, float], link_scale: Vector
 ) -> None:
-    """Friction, rotor and link inertia of each joint, which MuJoCo reads from its model at every step."""
+    """Set friction, rotor and link inertia of each joint, which MuJoCo reads from its model at every step."""
     servo = settings.servo
     share = effort_share(robot)
     for i, name in enumerate(robot.joint_names):

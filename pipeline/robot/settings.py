@@ -1,4 +1,4 @@
-"""What the simulated robot is: load, string, servo, sensors, box; and which settings and postures are refused."""
+"""Settings of the simulated robot (load, string, servo, sensors, box), and checks of settings and postures."""
 
 import math
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ class ServoSettings:
 
 @dataclass(frozen=True)
 class ReadingSettings:
-    """Encoders and effort sensing, as on recordings of the real Baxter; one value per joint where several.
+    """Encoders and effort sensors, as in recordings of the real Baxter; a value for all joints or one per joint.
 
     Attributes:
         resolution: step of the encoder [rad], 2 pi / 2^14 on Baxter.
@@ -107,11 +107,11 @@ class CellSettings:
 
 @dataclass(frozen=True)
 class PlantSettings:
-    """The whole simulated robot. What is drawn per seed is in `SimulatedRobot.truth`.
+    """Settings of the whole simulated robot. Values that are drawn per seed are in `SimulatedRobot.truth`.
 
     Attributes:
         length: from the string's upper end to the load's centre, hanging at rest [m].
-        mass: what the load's label says [kg].
+        mass: nominal mass of the load [kg].
         mass_spread: relative standard deviation of the true mass about the label.
         load_radius: radius of the load, a solid sphere [m].
         start_angle: swing angle at which the load is released at time 0 [rad].

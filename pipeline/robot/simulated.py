@@ -88,16 +88,16 @@ class SimulatedRobot:
 
     @property
     def settings(self) -> PlantSettings:
-        """What it was built from."""
+        """Settings of the plant."""
         return self._plant.settings
 
     @property
     def truth(self) -> PlantTruth:
-        """What was drawn and what is hidden; for reports and verification only."""
+        """True drawn and hidden values; for reports and verification only."""
         return self._truth
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
-        """See `RobotInterface`; the reference is extrapolated until the next one comes.
+        """Follow a reference from now on, which is extrapolated until the next command comes.
 
         Raises:
             InputError: a wrong length, a value that is not finite, beyond a limit of the joints or far from where the
@@ -114,7 +114,7 @@ class SimulatedRobot:
         self._reference.stop(self.time)
 
     def advance(self, duration: float) -> None:
-        """Compute what happens in the next `duration` seconds, in steps of 1 ms.
+        """Simulate the next `duration` seconds, in steps of 1 ms.
 
         Raises:
             InputError: a negative duration, or one that is not finite.
@@ -122,13 +122,13 @@ class SimulatedRobot:
         """
         if not 0.0 <= duration < math.inf:
             raise InputError(f"advance: a duration of {duration} s is not possible; give a finite one from 0")
-        # Parts of a step are carried over, so that many short calls take as long as one.
+        # Fractions of a step are carried over, so that many short calls simulate the same time as one.
         self._until += duration
         while self.time < self._until - TIME_STEP / 2:
             self._step()
 
     def joint_state(self) -> JointState:
-        """Joint positions, velocities and motor torques as measured now; asked twice, the same reading."""
+        """Measured joint positions, velocities and motor torques; two calls at one time return the same reading."""
         if self._reading is None or self._reading.time != self.time:
             dofs = self._plant.dofs
             q, v, a = self._data.qpos[dofs], self._data.qvel[dofs], self._data.qacc[dofs]

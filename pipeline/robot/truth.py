@@ -9,14 +9,14 @@ from pipeline.robot.protocol import Vector
 
 @dataclass(frozen=True)
 class History:
-    """The whole motion at a fixed period.
+    """The true motion, sampled at a fixed period.
 
     Attributes:
         time: (k,) [s].
         q: joint positions (k, n) [rad].
         pivot: the string's upper end in the base frame (k, 3) [m].
         load: the load's centre in the base frame (k, 3) [m].
-        tension: (k,) [N].
+        tension: tension of the string (k,) [N].
     """
 
     time: Vector
@@ -26,7 +26,7 @@ class History:
     tension: Vector
 
     def from_time(self, time: float) -> "History":
-        """What happened from `time` [s] on."""
+        """The part of the motion from `time` [s] on."""
         kept = self.time >= time
         return History(self.time[kept], self.q[kept], self.pivot[kept], self.load[kept], self.tension[kept])
 

@@ -1,4 +1,4 @@
-"""ROS over rosbridge: the connection, what is read from topics, the twin.
+"""ROS over rosbridge: the connection, the topics that are read, and the twin (a simulated Baxter on ROS).
 
 Nothing is imported here: ``pipeline.ros.bridge`` (the connection), ``pipeline.ros.topics`` (which topics a robot has),
 ``pipeline.ros.twin`` (a simulated Baxter on the other side) are imported by name. The robot itself is

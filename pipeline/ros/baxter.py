@@ -1,4 +1,4 @@
-"""How Baxter is enabled and stopped: ``baxter_core_msgs/AssemblyState``, and the requests that it follows."""
+"""Enabling and stopping Baxter: ``baxter_core_msgs/AssemblyState``, and the requests that change it."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ STATE_PERIOD = 0.02
 """Least time between two states of the robot that the bridge passes on [s]."""
 ASK_EVERY = 0.1
 """Requests are repeated, as in the robot's SDK, until the state follows [s]."""
-FIRST_STATE, RESET, ENABLE = 3.0, 3.0, 10.0
+POWER_STATE_TIMEOUT, RESET, ENABLE = 3.0, 3.0, 10.0
 """Longest time until the first state, and until the robot is reset and enabled [s]; homing may go on before that."""
 PRESSED, RELEASED = 1, 3
 """Of the red button, ``estop_button``; 0 is untouched, 2 unknown."""
@@ -22,15 +22,15 @@ SOURCES = {0: "", 1: " by the red button", 2: " by software", 3: " by a fault of
 
 @dataclass(frozen=True)
 class AssemblyState:
-    """One ``baxter_core_msgs/AssemblyState``.
+    """Contents of one message ``baxter_core_msgs/AssemblyState``.
 
     Attributes:
         enabled: whether the motors are on.
-        ready: whether it is not homing; robots before SDK 1.2 do not say and count as ready.
-        error: a fault, which may be harmless while it is enabled.
-        stopped: by an emergency stop, until it is reset.
-        estop_button: the red button.
-        estop_source: who stopped it.
+        ready: whether the robot is not homing; robots before SDK 1.2 do not report it and count as ready.
+        error: whether there is a fault, which may be harmless while the robot is enabled.
+        stopped: whether an emergency stop holds, until it is reset.
+        estop_button: state of the red button.
+        estop_source: number of the cause of the stop.
     """
 
     enabled: bool = False
@@ -42,7 +42,7 @@ class AssemblyState:
 
     @classmethod
     def read(cls, message: Mapping[str, Any]) -> "AssemblyState":
-        """From the message; what is missing counts as not enabled, stopped, not pressed."""
+        """Read a message; missing fields count as not enabled, stopped, button not pressed."""
         button, source = (message.get(name) for name in ("estop_button", "estop_source"))
         return cls(
             enabled=message.get("enabled") is True,
@@ -55,12 +55,12 @@ class AssemblyState:
 
     @property
     def reset(self) -> bool:
-        """Whether nothing is left of a stop or an error."""
+        """Whether no stop and no error is left after a reset."""
         return not (self.enabled or self.stopped or self.error or self.estop_button or self.estop_source)
 
     @property
     def trouble(self) -> str | None:
-        """Why it does not follow commands; None where it does."""
+        """Sentence on why the robot does not follow commands; None where it does."""
         if self.stopped:
             return f"the robot was stopped{SOURCES.get(self.estop_source, '')}: look why, then start again"
         if not self.enabled:
@@ -72,8 +72,8 @@ class Power:
     """Watches whether Baxter is enabled, and enables it.
 
     Args:
-        bridge: connected.
-        name: above the topics, ``/robot``.
+        bridge: connected bridge.
+        name: name space of the topics, such as ``/robot``.
     """
 
     def __init__(self, bridge: Bridge, name: str) -> None:
@@ -86,7 +86,7 @@ class Power:
 
     @property
     def trouble(self) -> str | None:
-        """Why the robot does not follow commands; None where it does."""
+        """Sentence on why the robot does not follow commands now; None where it does."""
         state = self._state
         return "the robot has not said whether it is enabled" if state is None else state.trouble
 
@@ -94,10 +94,10 @@ class Power:
         """Reset the robot where it was stopped, and enable it.
 
         Raises:
-            InputError: it says nothing, its red button is pressed, or it does not follow.
+            InputError: the robot sends no state, its red button is pressed, or it does not react.
         """
-        if not self._wait(lambda _state: True, FIRST_STATE):
-            raise InputError(f"{self._name}/state: nothing arrived within {FIRST_STATE:g} s: is the robot on?")
+        if not self._wait(lambda _state: True, POWER_STATE_TIMEOUT):
+            raise InputError(f"{self._name}/state: nothing arrived within {POWER_STATE_TIMEOUT:g} s: is the robot on?")
         state = self._state
         assert state is not None, "a state was waited for"
         if state.estop_button == PRESSED:
@@ -109,7 +109,7 @@ class Power:
     def _ask(
         self, what: str, message: Mapping[str, Any], done: Callable[[AssemblyState], bool], patience: float, failed: str
     ) -> None:
-        """Repeat a request until the state follows."""
+        """Repeat a request until the robot's state shows that it was followed."""
         for _ in range(round(patience / ASK_EVERY)):
             if self._wait(done, 0.0):
                 return

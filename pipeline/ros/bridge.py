@@ -1,4 +1,4 @@
-"""A rosbridge client: JSON over one websocket. What cannot be sent now is never sent.
+"""A rosbridge client: JSON over one websocket. A message that cannot be sent now is never sent.
 
 rosbridge keeps Nagle's algorithm on, whatever its settings say, and holds a message back until the one before is
 acknowledged. The client therefore acknowledges at once (``TCP_QUICKACK``): a round trip then takes 1 ms, not 11 ms.
@@ -34,20 +34,20 @@ class BridgeError(ArmdynError):
 
 
 class Bridge(Closing):
-    """One connection to rosbridge. Any thread may publish; what arrives is handed out in a thread of its own.
+    """One connection to rosbridge. Any thread may publish; messages that arrive are handed out in a separate thread.
 
     Nothing is queued: a message is handed to the operating system at once, or the connection ends. A connection that
     was lost stays lost, so that nothing moves again because a cable was plugged in.
 
     Args:
-        uri: such as ``ws://robot:9090``.
+        uri: address, such as ``ws://robot:9090``.
         clock: gives the times of reception [s].
 
     Attributes:
-        failure: a sentence once the connection is lost, else None.
+        failure: a sentence once the connection is lost, otherwise None.
 
     Raises:
-        InputError: the address cannot be used, or nobody answers there.
+        InputError: the address cannot be used, or no bridge answers there.
     """
 
     def __init__(self, uri: str, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -65,31 +65,31 @@ class Bridge(Closing):
 
     @property
     def time(self) -> float:
-        """The clock of the times of reception [s]."""
+        """Present time on the clock that gives times of reception [s]."""
         return self._clock()
 
     def subscribe(self, topic: str, kind: str, take: Take, *, throttle: float = 0.0, every: bool = False) -> None:
         """Have `take` called with every message of a topic.
 
         Args:
-            topic: such as ``/robot/joint_states``.
-            kind: its type, such as ``sensor_msgs/JointState``.
-            take: see `Take`.
-            throttle: least time between two messages [s]; those between are left out by the bridge.
-            every: whether a bridge that is late passes on every message; else the newest.
+            topic: name, such as ``/robot/joint_states``.
+            kind: type of its messages, such as ``sensor_msgs/JointState``.
+            take: function that gets each message and its time of reception [s].
+            throttle: shortest time between two messages [s]; the bridge drops those in between.
+            every: whether a late bridge passes on every message; otherwise only the newest.
         """
         self._takers[topic].append(take)
-        # A queue of one keeps the newest message; without a queue all are passed on.
+        # A queue of length one keeps the newest message; without a queue all messages are passed on.
         queue, rate = 0 if every else 1, round(1e3 * throttle)
         self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue, "throttle_rate": rate})
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        """Say that we shall publish. For a second the bridge repeats messages to new subscribers: wait before moving.
+        """Announce a topic to publish. For a second the bridge repeats messages to new subscribers: wait before moving.
 
         Args:
-            topic: such as ``/robot/limb/right/joint_command``.
-            kind: its type.
-            latch: whether the last message is kept for those who subscribe later.
+            topic: name, such as ``/robot/limb/right/joint_command``.
+            kind: type of its messages.
+            latch: whether the last message is kept for later subscribers.
         """
         self._send({"op": "advertise", "topic": topic, "type": kind, "queue_size": 1, "latch": latch})
 
@@ -97,7 +97,7 @@ class Bridge(Closing):
         """Send one message now.
 
         Raises:
-            InputError: a value is not finite, or not of a kind that JSON has; nothing was sent.
+            InputError: a value is not finite, or of a type that JSON lacks; nothing was sent.
             BridgeError: the connection is lost.
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
@@ -106,9 +106,9 @@ class Bridge(Closing):
         """Call a service and wait for its answer.
 
         Args:
-            service: such as ``/rosapi/topics``.
-            arguments: by name.
-            patience: how long to wait [s].
+            service: name, such as ``/rosapi/topics``.
+            arguments: arguments by name.
+            patience: longest time to wait [s].
 
         Raises:
             InputError: no answer, or the service failed.
@@ -131,13 +131,13 @@ class Bridge(Closing):
         return values if isinstance(values, Mapping) else {}
 
     def close(self) -> None:
-        """Say goodbye and end the thread; a second call does nothing."""
+        """Close the connection and end the thread; a second call does nothing."""
         from websockets.exceptions import InvalidState
 
         with self._lock, suppress(InvalidState):
             self._protocol.send_close()
             self._flush()
-        # The other side says goodbye when it has read everything; what is cut off before may be lost.
+        # The other side closes when it has read everything; an earlier end may lose messages.
         self._thread.join(GOODBYE)
         self._lose("it was closed here")
         self._thread.join(CONNECTING)
@@ -151,7 +151,7 @@ class Bridge(Closing):
             raise InputError("ROS needs the package 'websockets': run pip install 'armdyn[ros]'") from error
         try:
             address = parse_uri(self.uri)
-        except (InvalidURI, ValueError) as error:  # a port of five nines, half of an IPv6 address
+        except (InvalidURI, ValueError) as error:  # the port is too large, or an IPv6 address is incomplete
             raise InputError(f"'{self.uri}' is not the address of a rosbridge: write ws://HOST:9090") from error
         if address.secure:
             raise InputError(f"{self.uri}: encrypted connections are not supported: write ws://HOST:PORT")
@@ -164,11 +164,11 @@ class Bridge(Closing):
             self._flush()
             while self._protocol.handshake_exc is None and not self._protocol.events_received():
                 left = deadline - time.monotonic()
-                if left <= 0.0:  # a byte now and then is no answer
+                if left <= 0.0:  # a server that sends single bytes for ever is no bridge
                     raise TimeoutError(0, f"its greeting takes longer than {CONNECTING:g} s")
                 self._socket.settimeout(left)
                 self._feed(self._read())
-        except (OSError, UnicodeError) as error:  # a name that no name server takes
+        except (OSError, UnicodeError) as error:  # no name server accepts the name
             error = error if isinstance(error, OSError) else OSError(0, "no host has such a name")
             raise InputError(
                 f"{self.uri}: no rosbridge answers there ({error.strerror or error}): start it with 'roslaunch "
@@ -182,7 +182,7 @@ class Bridge(Closing):
     def _read(self) -> bytes:
         """Read once and acknowledge at once; empty where the other side has ended the connection."""
         data = self._socket.recv(RECEIVE)
-        if hasattr(socket, "TCP_QUICKACK"):  # Linux; it has to be asked for after every read
+        if hasattr(socket, "TCP_QUICKACK"):  # Linux only; the option must be set again after every read
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         return data
 
@@ -193,7 +193,7 @@ class Bridge(Closing):
             self._protocol.receive_eof()
 
     def _flush(self) -> None:
-        """Hand everything to the operating system; the connection is lost where it does not accept it."""
+        """Hand all data to the operating system; the connection is lost where the system does not accept them."""
         try:
             for data in self._protocol.data_to_send():
                 if data:
@@ -244,7 +244,7 @@ class Bridge(Closing):
                 if not data or self._protocol.close_expected():
                     self._lose("it was closed on the other side")
         except Exception as error:
-            # Also what a subscriber raises: a message that cannot be read must not go unnoticed.
+            # Errors of a subscriber too: a message that cannot be read must not go unnoticed.
             self._lose(f"{type(error).__name__}: {error}")
         finally:
             self._socket.close()
@@ -277,5 +277,5 @@ class Bridge(Closing):
 
 
 def _integer(text: str) -> int | float:
-    """Of JSON, which allows any number of digits: what no 64 bits hold is a float, and infinite where it is large."""
+    """An integer of JSON, which has any number of digits: beyond 64 bits it becomes a float, infinite if too large."""
     return int(text) if len(text) < 20 else float(text)

@@ -1,4 +1,4 @@
-"""What Baxter's own controller makes of the messages that it is sent, for the twin.
+"""A model of Baxter's own controller for the twin: its reaction to messages.
 
 Commands while it is disabled have no effect, no command for the timeout makes it hold where it is, and a command that
 is not a number is ignored. Modes other than the two position modes are ignored as well.
@@ -19,21 +19,21 @@ from pipeline.ros.topics import MODES
 
 ENABLE_TAKES = 0.1
 """From the request to being enabled [s]."""
-DISABLED = AssemblyState(ready=False)
+DISABLED_STATE = AssemblyState(ready=False)
 
 Message = Mapping[str, Any]
 
 
 @dataclass
 class CommandLog:
-    """What the twin was sent, for whoever tests a commander.
+    """Log of the commands that the twin received, for tests of programs that send commands.
 
     Attributes:
-        ignored: commands that were not followed: not a number, unknown joints, another mode, or while it was disabled.
-        clipped: commands beyond a joint's range.
-        timeouts: how often no command came for the timeout.
+        ignored: number of ignored commands: not a number, unknown joints, another mode, or while it was disabled.
+        clipped: number of commands beyond a joint's range.
+        timeouts: number of times that no command came within the timeout.
         received: time of each command that was followed, on this computer's monotonic clock [s].
-        positions: that each of them asked for (n,) [rad].
+        positions: positions that each followed command requested (n,) [rad].
     """
 
     ignored: int = 0
@@ -44,22 +44,22 @@ class CommandLog:
 
 
 class BaxterController:
-    """Enabling and stops, and the reference that the joints follow.
+    """Baxter's controller: enabling, stops, and the reference that the joints follow.
 
     Args:
-        q: where the arm stands (n,) [rad].
-        names: of its joints.
-        limits: of its joints.
+        q: present posture of the arm (n,) [rad].
+        names: names of its joints.
+        limits: limits of its joints.
 
     Attributes:
         state: whether it is enabled or stopped.
-        log: what it was sent.
-        target: posture that was asked for last (n,) [rad].
+        log: received commands.
+        target: posture that was requested last (n,) [rad].
     """
 
     def __init__(self, q: Vector, names: tuple[str, ...], limits: urdf.Limits) -> None:
         self._names, self._limits = names, limits
-        self.state, self.log = DISABLED, CommandLog()
+        self.state, self.log = DISABLED_STATE, CommandLog()
         self.target = self._reference = q
         self._v = self._a = np.zeros_like(q)
         self._timeout, self._ratio, self._raw, self._changed = 0.2, 0.3, True, False
@@ -69,12 +69,12 @@ class BaxterController:
     def reference(
         self, now: float, duration: float, measured: Callable[[], Vector]
     ) -> tuple[Vector, Vector, Vector] | None:
-        """What the joints follow for the next `duration` seconds (n,) each; None where it stays as it is.
+        """Reference of the joints for the next `duration` seconds, (n,) each; None where it does not change.
 
         Args:
-            now: time of the commands' clock [s].
-            duration: [s].
-            measured: gives where the arm is (n,) [rad].
+            now: present time on the commands' clock [s].
+            duration: length of the stretch of time [s].
+            measured: returns the arm's posture (n,) [rad].
         """
         if self._enabled_at is not None and now >= self._enabled_at:
             self.state, self._enabled_at = AssemblyState(enabled=True), None
@@ -105,42 +105,42 @@ class BaxterController:
             self.state = replace(self.state, estop_button=RELEASED)
 
     def take_enable(self, message: Message, now: float) -> None:
-        """``set_super_enable``, a Bool."""
+        """Take a message of ``set_super_enable``, a Bool: enable or disable the arm."""
         if message.get("data") is not True:
             self.state, self._enabled_at = replace(self.state, enabled=False, ready=False), None
         elif not (self.state.stopped or self.state.enabled) and self._enabled_at is None:
             self._enabled_at = now + ENABLE_TAKES
 
     def take_reset(self, _message: Message, _now: float) -> None:
-        """``set_super_reset``."""
+        """Take a message of ``set_super_reset``: reset a stop."""
         if self.state.estop_button != PRESSED:
-            self.state = DISABLED
+            self.state = DISABLED_STATE
 
     def take_stop(self, _message: Message, _now: float) -> None:
-        """``set_super_stop``."""
+        """Take a message of ``set_super_stop``: stop by software."""
         self.press(button=2, source=2)
 
     def take_timeout(self, message: Message, _now: float) -> None:
-        """``joint_command_timeout``, a Float64 [s]."""
+        """Take a message of ``joint_command_timeout``, a Float64 [s]."""
         value = message.get("data")
         if isinstance(value, float | int) and isfinite(value) and value > 0:
             self._timeout = float(value)
 
     def take_speed_ratio(self, message: Message, _now: float) -> None:
-        """``set_speed_ratio``, a Float64."""
+        """Take a message of ``set_speed_ratio``, a Float64: the share of the speed limits."""
         value = message.get("data")
         if isinstance(value, float | int) and isfinite(value):
             self._ratio = min(max(float(value), 0.0), 1.0)
 
     def take_feed_forward(self, message: Message, _now: float) -> None:
-        """``inverse_dynamics_command``: velocity and acceleration of the next command, kept within the limits."""
+        """Take ``inverse_dynamics_command``: velocity and acceleration of the next command, clipped to the limits."""
         v, a = (self._vector(message.get(name)) for name in ("velocities", "accelerations"))
         if v is not None and a is not None:
             self._v = np.clip(v, -self._limits.velocity, self._limits.velocity)
             self._a = np.clip(a, -self._limits.acceleration, self._limits.acceleration)
 
     def take_command(self, message: Message, now: float) -> None:
-        """``joint_command``: go to a posture, at once (raw positions) or within the speed ratio."""
+        """Take ``joint_command``: go to a posture, at once (raw positions) or within the speed ratio."""
         q, names, mode = self._vector(message.get("command")), message.get("names"), message.get("mode")
         known = isinstance(names, list) and sorted(map(str, names)) == sorted(self._names)
         if q is None or not known or mode not in MODES.values() or not self.state.enabled:
@@ -155,6 +155,6 @@ class BaxterController:
         self._last, self._raw, self._changed = now, mode == MODES["raw_position"], True
 
     def _vector(self, given: object) -> Vector | None:
-        """One finite number per joint; None where it is anything else."""
+        """Vector with one finite number per joint; None for any other input."""
         vector = finite(given)
         return vector if vector is not None and vector.shape == (len(self._names),) else None

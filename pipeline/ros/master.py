@@ -1,4 +1,4 @@
-"""The ROS master: whether it is still there, and how long a message takes to it and back.
+"""The ROS master: a watch on whether it still answers, and the round-trip time of messages.
 
 Its death goes unnoticed, because connections between nodes live without it. The bridge looks a service up at the
 master for every call, so that a call shows whether the master answers. On ROS 2, which has no master, it always does.
@@ -22,10 +22,10 @@ GONE = "communicate with master"
 
 
 class MasterWatch:
-    """A thread that asks until it is closed.
+    """A thread that asks the ROS master repeatedly until it is closed.
 
     Attributes:
-        trouble: a sentence once the master is gone, else None.
+        trouble: a sentence once the master is gone, otherwise None.
     """
 
     def __init__(self, bridge: Bridge) -> None:
@@ -36,7 +36,7 @@ class MasterWatch:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread after the call under way."""
+        """End the thread after its present call."""
         self._closed.set()
 
     def _ask(self) -> None:
@@ -44,8 +44,8 @@ class MasterWatch:
             try:
                 self._bridge.call(SERVICE)
             except BridgeError:
-                return  # the bridge itself says that it is lost
-            except InputError as error:  # no such service, or no answer: the messages themselves show what is late
+                return  # the bridge itself reports that it is lost
+            except InputError as error:  # no such service, or no answer: the messages themselves show delays
                 if GONE in str(error):
                     self.trouble = f"{self._bridge.uri}: the ROS master is gone: restart master and bridge"
                     return
@@ -54,9 +54,9 @@ class MasterWatch:
 TOPIC = "/armdyn/ping"
 PINGS = 50
 """How many pings are sent."""
-EVERY = 0.01
+PING_PERIOD = 0.01
 """Time between two pings [s]: the bridge's delays depend on it."""
-PATIENCE = 3.0
+PING_TIMEOUT = 3.0
 """Longest time to the first answer and after the last ping [s]."""
 ENOUGH = 0.5
 """Share of the pings that come back through a bridge that works."""
@@ -64,10 +64,10 @@ _names = count()
 
 
 def round_trip(bridge: Bridge) -> Spread:
-    """Send pings at 100 Hz and see when they come back [s].
+    """Round-trip times [s] of pings that are sent at 100 Hz.
 
     Raises:
-        InputError: fewer than half come back; a bridge that pauses for 60 ms keeps one of the six sent meanwhile.
+        InputError: fewer than half of them return; a bridge that pauses for 60 ms keeps one of six pings.
     """
     topic = f"{TOPIC}_{next(_names)}"
     sent: dict[int, float] = {}
@@ -83,17 +83,17 @@ def round_trip(bridge: Bridge) -> Spread:
 
     bridge.advertise(topic, "std_msgs/Float64")
     bridge.subscribe(topic, "std_msgs/Float64", take)
-    for _ in range(round(PATIENCE / 0.05)):  # until publisher and subscriber have found each other
+    for _ in range(round(PING_TIMEOUT / 0.05)):  # wait until publisher and subscriber are connected
         bridge.publish(topic, {"data": -1.0})
         if heard.wait(0.05):
             break
     for number in range(PINGS):
         sent[number] = bridge.time
         bridge.publish(topic, {"data": float(number)})
-        time.sleep(EVERY)
-    end = time.monotonic() + PATIENCE
+        time.sleep(PING_PERIOD)
+    end = time.monotonic() + PING_TIMEOUT
     while len(took) < PINGS and time.monotonic() < end:
-        time.sleep(EVERY)
+        time.sleep(PING_PERIOD)
     spread = Spread.of(took.values())
     if spread is None or spread.count < ENOUGH * PINGS:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Joint states and load cell of a ROS robot as a run; nothing is sent to the robot."""
+"""Record joint states and load cell of a ROS robot as a run; no command is sent."""
 
 import threading
 import time
@@ -38,17 +38,17 @@ def record_run(
     calibration: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Run, tuple[str, ...]]:
-    """Record for a while and write the run.
+    """Record joint states and load cell for some seconds, and write the run.
 
     Args:
-        uri: of the bridge.
-        arm: whose joints are recorded; where it has a line, its coordinate and height are too.
-        topics: what the arm is called.
+        uri: address of the bridge.
+        arm: arm whose joints are recorded; where it has a line, the tool's coordinate and height are recorded too.
+        topics: names of the arm's topics.
         output: the CSV file; its settings are written beside it.
-        seconds: how long.
+        seconds: duration of the recording [s].
         port: serial port of the load cell; None where there is none.
-        calibration: of the load cell; the user's own if not given.
-        progress: told the share that is done.
+        calibration: calibration of the load cell; the user's own if not given.
+        progress: called with the share that is done.
 
     Returns:
         The run, which a signal may have ended early, and a sentence on what became of the messages and on everything
@@ -56,7 +56,7 @@ def record_run(
 
     Raises:
         InputError: no bridge, no states of these joints, no load cell.
-        TaskFailedError: what is recorded stopped coming; what came before is written.
+        TaskFailedError: messages stopped arriving; the earlier ones are written.
     """
     heard = _Heard(topics.joint_states)
     forces: list[ForceSample] = []
@@ -96,13 +96,13 @@ def record_run(
 
 
 class _Heard:
-    """Joint states as they come: from the bridge's thread, read from any.
+    """Joint states collected in the bridge's thread; any thread may read them.
 
     Args:
-        topic: they come from.
+        topic: topic of the joint states.
 
     Attributes:
-        latest: when the newest came, s on our clock.
+        latest: time of reception of the newest message, on our clock [s].
     """
 
     def __init__(self, topic: str) -> None:
@@ -115,7 +115,7 @@ class _Heard:
         self.latest = -inf
 
     def take(self, message: Message, now: float) -> None:
-        """Take in one message, received at a time of our clock, s."""
+        """Store one message that was received at a time of our clock [s]."""
         with self._changed:
             self.latest = now
             names = message.get("name")
@@ -134,15 +134,15 @@ class _Heard:
                 self._unread[self._topic] += 1
 
     def begin(self, start: float) -> None:
-        """Keep what comes from a time of our clock, s, on."""
+        """Begin to keep messages, from a time of our clock [s] on."""
         with self._changed:
             self._start = start
 
     def wait_for(self, names: Sequence[str]) -> None:
-        """Wait until every one of these joints was heard of.
+        """Wait until messages have named every one of these joints.
 
         Raises:
-            InputError: one was never sent.
+            InputError: a joint was never sent.
         """
         with self._changed:
             if self._changed.wait_for(lambda: set(names) <= self._names.keys(), FIRST_STATE):
@@ -155,7 +155,7 @@ class _Heard:
         )
 
     def columns(self) -> tuple[dict[str, Column], Account, list[str]]:
-        """What came since the beginning, on our clock."""
+        """Kept joint states as columns, with times on our clock."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
         unread = self._unread[self._topic]
@@ -163,12 +163,12 @@ class _Heard:
 
 
 def _numbers(values: object) -> list[float] | None:
-    """The numbers of a message; nan for what is none, as JSON has no word for it."""
+    """The numbers of a message; entries that are no numbers become nan, which JSON lacks."""
     return [np.nan if value is None else float(value) for value in values] if isinstance(values, list) else None
 
 
 def cell_notes(cell: LoadCell | None) -> tuple[str, ...]:
-    """A sentence per kind of fault that the load cell had."""
+    """Sentences about the load cell's faults, one per kind."""
     if cell is None:
         return ()
     return tuple(f"load cell, {count} times: {fault.value}" for fault, count in cell.status().counts.items() if count)
@@ -183,7 +183,7 @@ def _run(
     calibration: Calibration | None,
     said: list[str],
 ) -> Run:
-    """The channels of the contract; times count from `start` [s]. Whatever was not sent is no channel, and said."""
+    """The recorded run, whose times count from `start` [s], with notes on quantities that the robot did not send."""
     channels: dict[str, Channel] = {}
     sent = {column.channel: column for column in columns.values()}
     for quantity in ("q", "v", "tau"):

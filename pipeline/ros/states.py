@@ -1,4 +1,4 @@
-"""Joint states from a topic: matched by name, dated on our clock, read at the time that is asked for."""
+"""Joint states from a topic: matched by name, dated on our clock, and read at a requested time."""
 
 import threading
 from bisect import bisect_right
@@ -26,7 +26,7 @@ class StampClock:
     """Maps the stamps of another clock to ours.
 
     A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
-    guess of the offset between the clocks, and is forgotten as slowly as clocks part. What is left is the quickest
+    estimate of the offset between the clocks, and is forgotten as slowly as clocks drift. The error is the quickest
     delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more
     than `BURST` is believed when the next one says the same: then a clock was set, else one stamp was wrong.
     """
@@ -35,11 +35,11 @@ class StampClock:
         self._offset, self._at, self._doubted = inf, 0.0, inf
 
     def local(self, stamp: float, received: float) -> float:
-        """When a message was stamped, on our clock [s]: never after it was received.
+        """Time of a message's stamp on our clock [s], never after its reception.
 
         Args:
-            stamp: of the message, on its clock [s].
-            received: on ours [s].
+            stamp: stamp of the message on its own clock [s].
+            received: time of reception on our clock [s].
         """
         shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
         doubted = shortest < inf and given < shortest - BURST
@@ -50,15 +50,15 @@ class StampClock:
 
 
 class JointStates:
-    """The latest states of an arm's joints. Messages come from the bridge's thread, questions from any.
+    """The latest states of an arm's joints. The bridge's thread adds messages; any thread may read.
 
     Other joints, and messages without ours (a gripper's, on the same topic), are left out.
 
     Args:
-        names: of the arm's joints, in the order of every joint vector.
+        names: names of the arm's joints, in the order of every joint vector.
 
     Attributes:
-        unreadable: messages with our joints whose values are missing or not finite.
+        unreadable: number of messages with our joints whose values are missing or not finite.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -70,7 +70,7 @@ class JointStates:
         self.unreadable = 0
 
     def take(self, message: Mapping[str, Any], received: float) -> None:
-        """Take in one ``sensor_msgs/JointState``, received at a time of our clock [s]."""
+        """Store one ``sensor_msgs/JointState`` that was received at a time of our clock [s]."""
         index = self._index(message.get("name"))
         if index is None:
             return
@@ -80,7 +80,7 @@ class JointStates:
                 self.unreadable += 1
                 return
             if self._states and state.time <= self._states[-1].time:
-                return  # repeated, or overtaken by a later one
+                return  # the message is repeated, or a later one came first
             self._states.append(state)
             self._changed.notify_all()
 
@@ -91,7 +91,7 @@ class JointStates:
             return self._states[-1] if self._states else None
 
     def wait_for_younger(self, time: Callable[[], float], patience: float) -> None:
-        """Wait until the newest state is of a time [s] that may change meanwhile, or patience [s] ends."""
+        """Wait until the newest state is at or after a time [s], which may change meanwhile, or patience [s] ends."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._states) and self._states[-1].time >= time(), patience)
 
@@ -99,10 +99,10 @@ class JointStates:
         """The newest state, waited for where there is none yet.
 
         Args:
-            topic: they come from, for the message.
+            topic: name of the topic, for the error's text.
 
         Raises:
-            InputError: none came in time.
+            InputError: no state came in time.
         """
         with self._changed:
             self._changed.wait_for(lambda: bool(self._states), FIRST_STATE)
@@ -131,7 +131,7 @@ class JointStates:
         return _between(states[after - 1], states[after], time) if after else states[0]
 
     def _index(self, names: object) -> list[int] | None:
-        """Where our joints stand in a message; None where one of them does not."""
+        """Indices of our joints in a message; None where one of them is missing."""
         if not isinstance(names, list):
             return None
         if self._order is None or self._order[0] != names:
@@ -145,7 +145,7 @@ class JointStates:
         stamp = stamp_of(message)
         if q is None or not isfinite(stamp):
             return None
-        # A driver may leave either out. A reading that says neither speed nor effort is still one of the posture: what
+        # A driver may omit speed or effort. A message without both is still a reading of the posture: a quantity that
         # was not sent is missing, not 0.
         v, tau = (
             _values(message[name], index) if message.get(name) else np.full(len(index), nan)
@@ -156,45 +156,45 @@ class JointStates:
         return JointState(self._stamps.local(stamp, received) if stamp > 0.0 else received, q, v, tau)
 
 
-LATE = 5
+LATE_CYCLES = 5
 """A cycle may begin late now and then; only when so many in a row are late was one left out."""
-FAR = 3.0
+MAX_CAUGHT_UP_PERIODS = 3.0
 """Periods behind that are caught up at once."""
 
 
 class EvenTimes:
-    """Even times to read at, for a loop whose cycles begin a little late now and then, or are left out.
+    """Evenly spaced reading times for a loop whose cycles sometimes begin a little late or are left out.
 
     Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods.
 
     Args:
-        period: of the loop [s].
+        period: period of the loop [s].
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._last: float | None = None
-        self._behind: deque[float] = deque(maxlen=LATE)
+        self._behind: deque[float] = deque(maxlen=LATE_CYCLES)
 
     def next(self, wanted: float) -> float:
-        """When to read in this cycle [s]: one period after the last time, unless that is far from `wanted` [s]."""
+        """Reading time of this cycle [s]: one period after the last one, unless that is far from `wanted` [s]."""
         if self._last is None:
             self._last = wanted
             return wanted
         behind = (wanted - self._last) / self._period - 1.0
-        if behind < -0.5:  # asked twice in one cycle
+        if behind < -0.5:  # called twice in one cycle
             return self._last
         self._behind.append(behind)
         steps = 1
-        if behind >= FAR or (len(self._behind) == LATE and min(self._behind) > 0.9):
-            steps += int(behind if behind >= FAR else min(self._behind) + 0.1)
+        if behind >= MAX_CAUGHT_UP_PERIODS or (len(self._behind) == LATE_CYCLES and min(self._behind) > 0.9):
+            steps += int(behind if behind >= MAX_CAUGHT_UP_PERIODS else min(self._behind) + 0.1)
             self._behind.clear()
         self._last += steps * self._period
         return self._last
 
 
 def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
-    """Where the joints of these names are now, by the states that a bridge passes on; nothing is sent to the arm.
+    """Present positions of the named joints, from the states that a bridge passes on; no command is sent.
 
     Raises:
         InputError: no bridge, or no state of these joints in time.
@@ -211,14 +211,14 @@ def stamp_of(message: Mapping[str, Any]) -> float:
     stamp = header.get("stamp") if isinstance(header, Mapping) else None
     if not isinstance(stamp, Mapping):
         return 0.0
-    try:  # ROS 1 says secs and nsecs, ROS 2 sec and nanosec
+    try:  # the fields are secs and nsecs in ROS 1, sec and nanosec in ROS 2
         return float(stamp.get("secs", stamp.get("sec", 0))) + 1e-9 * float(stamp.get("nsecs", stamp.get("nanosec", 0)))
     except (TypeError, ValueError):
         return float("nan")
 
 
 def finite(given: object) -> Vector | None:
-    """Numbers of a message as an array; None where one of them is none, or not finite."""
+    """Numbers of a message as an array; None where an entry is no number, or not finite."""
     try:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -234,7 +234,7 @@ def _values(given: object, index: list[int]) -> Vector | None:
 
 
 def _between(a: JointState, b: JointState, time: float) -> JointState:
-    """Cubic Hermite in the positions, linear in velocities and efforts; a straight line where no velocity was sent."""
+    """State between two states: positions by a cubic Hermite (a line without velocities), the rest linearly."""
     h = b.time - a.time
     u, mean = (time - a.time) / h, (b.q - a.q) / h
     before, after = (np.where(np.isnan(v), mean, v) for v in (a.v, b.v))

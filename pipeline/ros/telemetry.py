@@ -1,4 +1,4 @@
-"""What a trial publishes for others to see, on standard message types: rqt, Foxglove and rosbag read them.
+"""Messages that a trial publishes for observers, of standard types that rqt, Foxglove and rosbag read.
 
 ``/armdyn/estimate``: ``std_msgs/Float64MultiArray``, length and its standard deviation [m].
 ``/armdyn/reference``: ``sensor_msgs/JointState``, the commanded joints.
@@ -17,33 +17,37 @@ from pipeline.robot.protocol import ForceSample, Vector
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.topics import time_message
 
-ESTIMATE, REFERENCE, LOAD_FORCE, PHASE = (f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase"))
-EVERY = 0.04
+ESTIMATE, REFERENCE_TOPIC, LOAD_FORCE, PHASE = (
+    f"/armdyn/{n}" for n in ("estimate", "reference", "load_force", "phase")
+)
+MIN_PUBLISH_PERIOD = 0.04
 """Least time between two messages on a topic [s]; the recording has every sample."""
 LAYOUT = {"dim": [{"label": "length [m], std [m]", "size": 2, "stride": 2}], "data_offset": 0}
 
 
 class Telemetry:
-    """Publishes; what cannot be published is left out, because whoever moves the arm notices a lost bridge himself."""
+    """Publishes messages about a trial; failures are ignored, because the program that moves the arm notices them."""
 
     def __init__(self, bridge: Bridge, names: Sequence[str]) -> None:
         self._bridge, self._names = bridge, list(names)
         self._next: dict[str, float] = {}
         self._phase = ""
         bridge.advertise(ESTIMATE, "std_msgs/Float64MultiArray", latch=True)
-        bridge.advertise(REFERENCE, "sensor_msgs/JointState")
+        bridge.advertise(REFERENCE_TOPIC, "sensor_msgs/JointState")
         bridge.advertise(LOAD_FORCE, "geometry_msgs/WrenchStamped")
         bridge.advertise(PHASE, "std_msgs/String", latch=True)
 
     def reference(self, q: Vector, v: Vector) -> None:
-        """What the joints were told (n,) [rad, rad/s]."""
-        if self._due(REFERENCE):
+        """Publish the commanded joint positions and velocities (n,) [rad, rad/s]."""
+        if self._due(REFERENCE_TOPIC):
             position, velocity = q.tolist(), v.tolist()
             header = {"stamp": time_message(time.time())}
-            self._say(REFERENCE, {"header": header, "name": self._names, "position": position, "velocity": velocity})
+            self._say(
+                REFERENCE_TOPIC, {"header": header, "name": self._names, "position": position, "velocity": velocity}
+            )
 
     def load_force(self, samples: Sequence[ForceSample]) -> None:
-        """What the load cell measured last [N]."""
+        """Publish the load cell's last force [N]."""
         if samples and self._due(LOAD_FORCE):
             force = {"x": 0.0, "y": 0.0, "z": samples[-1].force}
             self._say(LOAD_FORCE, {
@@ -51,11 +55,11 @@ class Telemetry:
             })  # fmt: skip
 
     def estimate(self, length: float, std: float) -> None:
-        """The length and its standard deviation [m]."""
+        """Publish the estimated length and its standard deviation [m]."""
         self._say(ESTIMATE, {"layout": LAYOUT, "data": [length, std]})
 
     def phase(self, name: str) -> None:
-        """What is going on."""
+        """Publish the present phase of the trial."""
         if name != self._phase:
             self._phase = name
             self._say(PHASE, {"data": name})
@@ -64,7 +68,7 @@ class Telemetry:
         now = time.monotonic()
         if now < self._next.get(topic, now):
             return False
-        self._next[topic] = now + EVERY
+        self._next[topic] = now + MIN_PUBLISH_PERIOD
         return True
 
     def _say(self, topic: str, message: Mapping[str, Any]) -> None:
@@ -80,7 +84,7 @@ class PublishingRecorder(Recorder):
         self._telemetry = telemetry
 
     def record(self, channel: str, time: float, value: float) -> None:
-        """Take one sample, see `Recorder.record`."""
+        """Record one sample, and publish it where it is a new estimate."""
         super().record(channel, time, value)
         if channel == "estimate.length_std":
             self._telemetry.estimate(float(self.channel("estimate.length").value[-1]), value)

@@ -1,4 +1,4 @@
-"""Which topics an arm has, from the table ``[ros]`` of its settings file, and how a command is worded on them."""
+"""Topics of an arm, from the table ``[ros]`` of its settings file, and the messages of commands."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,18 +33,18 @@ _Seconds = Annotated[float, Check(lambda seconds: 0.02 <= seconds <= 1.0, "give 
 
 @dataclass(frozen=True)
 class RosTopics:
-    """What an arm is called on ROS.
+    """Names and types of an arm's topics on ROS.
 
     Attributes:
-        joint_states: of type ``sensor_msgs/JointState``.
-        command: what moves the arm.
-        type: its type.
-        mode: of a ``JointCommand``, see `MODES`.
-        feed_forward: of type ``trajectory_msgs/JointTrajectoryPoint``, with every command; None sends none.
-        timeout: where the robot is told how long it may be without a command, ``std_msgs/Float64``; None: it is not.
-        command_timeout: what it is told [s]. The robot then holds where it is.
-        speed_ratio: where the share of the speed limits is set, ``std_msgs/Float64``; None: it is not.
-        enabling: name above Baxter's ``state``, ``set_super_enable`` and ``set_super_reset``; None: there is no such.
+        joint_states: topic of type ``sensor_msgs/JointState``.
+        command: topic of commands that move the arm.
+        type: type of these commands.
+        mode: mode of a ``JointCommand``, see `MODES`.
+        feed_forward: topic of type ``trajectory_msgs/JointTrajectoryPoint``, with every command; None sends none.
+        timeout: topic that sets the longest time without a command, ``std_msgs/Float64``; None for no such topic.
+        command_timeout: longest time without a command [s], after which the robot holds its posture.
+        speed_ratio: topic that sets the share of the speed limits, ``std_msgs/Float64``; None for no such topic.
+        enabling: name space of Baxter's ``state``, ``set_super_enable`` and ``set_super_reset``; None without them.
         horizon: how far ahead the point of a ``JointTrajectory`` is [s].
     """
 
@@ -61,7 +61,7 @@ class RosTopics:
 
 
 def settings_file(robot: str) -> Path:
-    """The settings file of a known robot, or the one that is named."""
+    """The settings file of a known robot, or the file with a given name."""
     return SETTINGS / f"{robot}.toml" if robot in known_robots() else Path(robot)
 
 
@@ -69,7 +69,7 @@ def read_topics(file: Path) -> RosTopics:
     """The table ``[ros]`` of a robot's settings file.
 
     Raises:
-        InputError: it is missing, or an entry has the wrong form.
+        InputError: the table is missing, or an entry has the wrong form.
     """
     table = read_toml(file, "; give a robot's settings file").get("ros")
     if not isinstance(table, dict):
@@ -79,11 +79,11 @@ def read_topics(file: Path) -> RosTopics:
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:
-    """What moves the arm to a posture.
+    """Message that commands the arm to a posture.
 
     Args:
-        topics: of the arm.
-        names: of its joints.
+        topics: topics of the arm.
+        names: names of its joints.
         q: positions (n,) [rad].
         v: velocities (n,) [rad/s].
         a: accelerations (n,) [rad/s^2].
@@ -98,7 +98,7 @@ def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vecto
 
 
 def point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[str, Any]:
-    """A ``trajectory_msgs/JointTrajectoryPoint`` so many seconds ahead."""
+    """A ``trajectory_msgs/JointTrajectoryPoint`` that is to be reached after some seconds."""
     return {
         "positions": q.tolist(),
         "velocities": v.tolist(),
@@ -108,13 +108,13 @@ def point_message(q: Vector, v: Vector, a: Vector, ahead: float = 0.0) -> dict[s
 
 
 def time_message(seconds: float) -> dict[str, int]:
-    """A ROS time or duration."""
+    """A time or a duration as a ROS message."""
     whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
     return {"secs": whole, "nsecs": rest}
 
 
 def positions_in(message: Mapping[str, Any], kind: CommandKind) -> tuple[Any, ...]:
-    """The positions that a command asks for, whoever sent it; empty where it asks for none."""
+    """Positions that a command message of any sender requests; empty where it requests none."""
     if kind is CommandKind.TRAJECTORY:
         points = message.get("points") or [{}]
         return tuple(points[-1].get("positions") or ())

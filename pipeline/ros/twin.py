@@ -16,7 +16,7 @@ import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.emulator import OFFSET, SCALE, EmulatedPort
+from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort
 from pipeline.processes import Closing, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -25,7 +25,7 @@ from pipeline.ros.bridge import Bridge, BridgeError
 from pipeline.ros.controller import BaxterController
 from pipeline.ros.topics import RosTopics, time_message
 
-STEP = 0.002
+TWIN_STEP_SECONDS = 0.002
 """Time between two looks at what has arrived [s]."""
 STATE_EVERY = 0.01
 """Time between two joint states [s]."""
@@ -35,7 +35,7 @@ FAR_BEHIND = 0.5
 """A computer that is this late [s] cannot run the twin in real time; the time is left out, and said."""
 NEVER = 1e6
 """The plant itself never times out [s]: the twin does, as the robot would."""
-OTHERS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")), "torso_t0")
+OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0", "s1", "w0", "w1", "w2")), "torso_t0")
 """Joints of Baxter that do not move here, among its joint states."""
 
 
@@ -43,18 +43,18 @@ class Twin(Closing):
     """A simulated Baxter on ROS; `run` keeps it alive.
 
     Args:
-        uri: of the bridge.
+        uri: address of the bridge.
         description: the arm.
-        topics: what it is called; they must be Baxter's.
-        q_start: where it begins (n,) [rad].
-        settings: of the plant.
-        hidden: effects that nobody's model knows.
-        seed: of everything random.
+        topics: topics of the arm, which must be Baxter's.
+        q_start: initial posture (n,) [rad].
+        settings: settings of the plant.
+        hidden: hidden effects, which the user's model does not contain.
+        seed: seed of everything random.
         stamp_offset: by how much the robot's clock is ahead of this computer's [s].
 
     Attributes:
         robot: the plant.
-        controller: what becomes of the messages, and their log.
+        controller: Baxter's controller, which handles the messages and logs them.
         port: the microcontroller's end of the load cell's line.
         start: this computer's monotonic time at the plant's time 0, once it runs [s].
         behind: time that this computer lost [s].
@@ -73,7 +73,7 @@ class Twin(Closing):
     ) -> None:
         settings = settings or PlantSettings()
         servo = replace(settings.servo, extrapolate=False, hold_after=NEVER)
-        # The line rounds to counts: a coarser cell would repeat itself more often than its calibration allows.
+        # The serial line rounds to counts: a coarser cell would repeat values more often than its calibration allows.
         settings = replace(settings, servo=servo, cell=replace(settings.cell, resolution=0.0))
         self.robot = SimulatedRobot(description, q_start, settings, hidden, seed)
         self.controller = BaxterController(np.array(q_start, dtype=float), description.joint_names, description.limits)
@@ -83,17 +83,19 @@ class Twin(Closing):
         self.port = EmulatedPort()
         self.bridge = Bridge(uri)
         self.start = self.behind = 0.0
-        self._order = sorted((*OTHERS, *description.joint_names))
+        self._order = sorted((*OTHER_JOINTS, *description.joint_names))
         self._connect()
 
     @property
     def calibration(self) -> Calibration:
-        """Of the emulated load cell."""
-        noise = max(self.robot.settings.cell.noise, SCALE)
-        return Calibration(OFFSET, 0.0, SCALE, 0.0, noise, datetime.now().astimezone().replace(microsecond=0), "twin")
+        """Calibration of the emulated load cell."""
+        noise = max(self.robot.settings.cell.noise, EMULATED_SCALE)
+        return Calibration(
+            EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, datetime.now().astimezone().replace(microsecond=0), "twin"
+        )
 
     def summary(self) -> dict[str, Any]:
-        """What the twin knows and nobody else: the truth, where the load is, and what it was sent."""
+        """True values, the load's position, and the received commands, which only the twin knows."""
         truth, log = self.robot.truth, self.controller.log
         steps = (
             np.abs(np.diff(log.positions, axis=0)) if len(log.positions) > 1 else np.zeros((1, len(truth.link_scale)))
@@ -119,33 +121,33 @@ class Twin(Closing):
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Live in real time until a condition holds; without the bridge the arm holds, as the robot would.
+        """Simulate in real time until a condition holds; without the bridge the arm holds, as the robot would.
 
         Args:
-            until: the condition; looked at every few ms.
+            until: the condition; tested every few ms.
         """
         ask_for_real_time()
         gc.collect()
-        gc.freeze()  # what was loaded stays; looking through it again and again would take 50 ms each time
+        gc.freeze()  # loaded objects stay; the garbage collector would take 50 ms each time to search them
         self.start = time.monotonic() - self.robot.time
         next_state = next_power = self.robot.time
         while not until():
             now = time.monotonic()
             late = now - self.start - self.robot.time
             if late > FAR_BEHIND:
-                self.behind += late - STEP
-                self.start += late - STEP
+                self.behind += late - TWIN_STEP_SECONDS
+                self.start += late - TWIN_STEP_SECONDS
             self.live(now, now - self.start)
-            if self.robot.time >= next_state - STEP / 2:
+            if self.robot.time >= next_state - TWIN_STEP_SECONDS / 2:
                 next_state = max(next_state + STATE_EVERY, self.robot.time)
                 self.publish_joints()
-            if self.robot.time >= next_power - STEP / 2:
+            if self.robot.time >= next_power - TWIN_STEP_SECONDS / 2:
                 next_power = max(next_power + POWER_EVERY, self.robot.time)
                 self.publish_power()
-            time.sleep(max(0.0, self.start + self.robot.time + STEP - time.monotonic()))
+            time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 
     def live(self, now: float, until: float) -> None:
-        """Take in what arrived until now [s], and let the plant come to a time of its own clock [s]."""
+        """Handle the messages that arrived until now [s], and simulate the plant up to a time of its own clock [s]."""
         with self._lock:
             arrived, self._inbox = self._inbox, []
         for act in arrived:
@@ -156,18 +158,18 @@ class Twin(Closing):
             self.robot.command(*reference)
         self.robot.advance(span)
         for sample in self.robot.load_cell():
-            self.port.send(self.port.line(round(OFFSET + sample.force / SCALE)))
+            self.port.send(self.port.line(round(EMULATED_OFFSET + sample.force / EMULATED_SCALE)))
 
     def publish_joints(self) -> None:
-        """All joints of Baxter, in alphabetical order."""
+        """Publish the states of all joints of Baxter, in alphabetical order."""
         state = self.robot.joint_state()
-        rows = dict.fromkeys(OTHERS, (0.0, 0.0, 0.0))
+        rows = dict.fromkeys(OTHER_JOINTS, (0.0, 0.0, 0.0))
         rows |= {
             n: (float(q), float(v), float(t))
             for n, q, v, t in zip(self.robot.joint_names, state.q, state.v, state.tau, strict=True)
         }
         position, velocity, effort = zip(*(rows[name] for name in self._order), strict=True)
-        # Of the plant's time: what a busy computer sends late is still what was measured then.
+        # Stamped with the plant's time: a busy computer sends late, but the measurement belongs to that time.
         stamp = self._epoch + self.start + self.robot.time
         self._publish(self._topics.joint_states, {
             "header": {"stamp": time_message(stamp)},
@@ -175,7 +177,7 @@ class Twin(Closing):
         })  # fmt: skip
 
     def publish_power(self) -> None:
-        """Whether it is enabled or stopped."""
+        """Publish whether the robot is enabled or stopped."""
         self._publish(f"{self._topics.enabling}/state", vars(self.controller.state))
 
     def _publish(self, topic: str, message: Mapping[str, Any]) -> None:
@@ -200,7 +202,7 @@ class Twin(Closing):
                 bridge.subscribe(topic, kind, self._later(act), every=True)
 
     def _later(self, act: Callable[[Mapping[str, Any], float], None]) -> Callable[[Mapping[str, Any], float], None]:
-        """Messages arrive in the bridge's thread; they are acted on between two steps of the plant."""
+        """Store a message from the bridge's thread; it is handled between two steps of the plant."""
 
         def put(message: Mapping[str, Any], _received: float) -> None:
             with self._lock:
@@ -209,6 +211,6 @@ class Twin(Closing):
         return put
 
     def between_steps(self, act: Callable[[], None]) -> None:
-        """Have something done between two steps of the plant, from any thread."""
+        """Have a function called between two steps of the plant; any thread may request this."""
         with self._lock:
             self._inbox.append(lambda _now: act())

@@ -1,4 +1,4 @@
-"""How a trial ends: the arm comes to rest, whatever has happened, and why is told in one sentence for a person."""
+"""The end of a trial: the arm comes to rest in every case, and one sentence tells a person why the trial ended."""
 
 import signal
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.robot.protocol import RobotInterface
 
-LONGEST = 3.0
+MAX_BRAKING_SECONDS = 3.0
 """Braking from the highest speed takes 0.3 s; after this time [s] the robot is told to brake on its own."""
 SETTLED_FOR = 0.3
 """How long the arm is watched at rest [s]: its servo is soft, and the end of the motion belongs to the recording."""
@@ -17,7 +17,7 @@ SETTLED_FOR = 0.3
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended.
+    """The end of a trial: success, and a sentence for a person.
 
     Attributes:
         success: whether the load came to rest in the box.
@@ -33,24 +33,24 @@ class Ending:
 def come_to_rest(
     drive: DriveNode, measurement: MeasurementNode, robot: RobotInterface, beat: Callable[[], None] | None = None
 ) -> list[str]:
-    """Brake along the line within its limits, then hold; where that fails, let the robot brake on its own.
+    """Brake along the line within its limits, then hold; where this fails, the robot brakes on its own.
 
     Only the drive and the measurement run. The time is counted in cycles, because the clock may be what failed.
 
     Args:
-        drive: that sends the commands.
-        measurement: that records how the arm comes to rest.
-        robot: that is told to hold at the end.
-        beat: tells a watchdog in every cycle that this goes on; None where there is none.
+        drive: node that sends the commands.
+        measurement: node that records the braking.
+        robot: robot that is commanded to hold at the end.
+        beat: called in every cycle to reset a watchdog; None where there is no watchdog.
 
     Returns:
-        A sentence for everything that failed on the way; empty where nothing did.
+        A sentence for every failure while braking; empty where nothing failed.
     """
     failed: list[str] = []
     drive.stop()
     _brake(drive, measurement, robot, beat, failed)
     try:
-        # Also after a perfect stop: from here on the robot holds without this program.
+        # Needed after a perfect stop too: from here on the robot holds its posture without this program.
         drive.halt()
     except Exception as error:
         failed.append(f"the robot did not take the command to stop ({type(error).__name__}: {error})")
@@ -60,7 +60,7 @@ def come_to_rest(
         except Exception as error:
             failed.append(f"how the arm came to rest was not watched to the end ({type(error).__name__}: {error})")
             break
-        with suppress(Exception):  # it has been noted why the trial ended; this only completes the recording
+        with suppress(Exception):  # the trial's end is explained already; this only completes the recording
             measurement.step(robot.time)
     return failed
 
@@ -72,11 +72,11 @@ def _brake(
     beat: Callable[[], None] | None,
     failed: list[str],
 ) -> None:
-    """Send braking references until the arm is told to stand still."""
+    """Send braking references until the commanded motion is at rest."""
     try:
         sent = drive.sent_at
         due = sent is None or robot.time - sent >= drive.period / 2
-        for _ in range(round(LONGEST / drive.period)):
+        for _ in range(round(MAX_BRAKING_SECONDS / drive.period)):
             if drive.at_rest:
                 return
             if beat is not None:
@@ -99,5 +99,5 @@ _SENTENCES = {
 
 
 def sentence_of_signal(number: int) -> str:
-    """What a signal means."""
+    """Sentence that tells a person what a signal means."""
     return _SENTENCES[signal.Signals(number).name]

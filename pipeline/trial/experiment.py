@@ -27,7 +27,7 @@ from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState,
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
-from pipeline.nodes.drive import LATEST, DriveNode
+from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
 from pipeline.nodes.learning import EstimatorNode, SacNode
 from pipeline.nodes.measurement import MeasurementNode, channel_units
 from pipeline.nodes.scheduler import Node, Scheduler, Watchdog
@@ -41,11 +41,11 @@ from pipeline.trial.settings import ProtocolSettings
 
 REST = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
-CALM = 0.6
+CALM_SECONDS = 0.6
 """Time between settling and swing [s]."""
-LOOK = 1.5
+LANDING_SECONDS = 1.5
 """Time after the finish in which the load must come to rest in the box [s]."""
-FRESH = 0.1
+FIRST_READING_SECONDS = 0.1
 """Time before the first cycle on a real clock [s], in which the robot's latest readings arrive."""
 THINKING = 10.0
 """Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
@@ -69,7 +69,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """When a phase began and ended [s]."""
+    """Begin and end of a phase of the protocol [s]."""
 
     phase: Phase
     start: float
@@ -77,15 +77,15 @@ class PhaseSpan:
 
 
 class _StopError(ArmdynError):
-    """The trial ends here, with this sentence."""
+    """Raised to end the trial with a sentence for a person."""
 
 
 class _InterruptedError(BaseException):
-    """A signal came while something was computed at once; of no kind that the computation would handle."""
+    """A signal arrived during a computation in the loop; no library handles this class by mistake."""
 
 
 def recorded_channels(joint_names: tuple[str, ...]) -> dict[str, str]:
-    """Channels that an experiment records, with their units."""
+    """Units of the channels that an experiment records, by channel."""
     reference = {"reference.x": "m", "reference.v": "m/s", "reference.a": "m/s^2"}
     return {**channel_units(joint_names), **reference, "estimate.length": "m", "estimate.length_std": "m"}
 
@@ -94,15 +94,15 @@ class Experiment:
     """One trial on a robot that is given.
 
     Args:
-        rig: the robot, and what belongs to it.
-        recorder: for the channels of `recorded_channels`.
-        settings: of the protocol.
-        progress: told what is going on.
-        begin: where the gripper stands on the line [m].
+        rig: the robot with its description, table and load cell.
+        recorder: recorder for the channels of `recorded_channels`.
+        settings: settings of the protocol.
+        progress: called to report the progress.
+        begin: initial position of the gripper on the line [m].
 
     Attributes:
-        phases: what went on when.
-        interrupted: number of the signal that asks for its end; None while none does.
+        phases: every phase with its begin and end.
+        interrupted: number of the signal that requests the end; None before a signal arrives.
         measurement, estimator, sac, task, drive: the nodes.
         scheduler: runs them.
         watchdog: stops the arm where the loop hangs; None on a simulated clock.
@@ -124,7 +124,7 @@ class Experiment:
         self.interrupted: int | None = None
         limits = LineLimits.from_table(table, JointTorque(description, settings.mass))
         model = settings.starting_model()
-        # A motion begins where the arm stands, not where its file says: so it is checked, and so it is run.
+        # A motion is shifted to begin at the arm's present position, before it is checked and run.
         given, check = settings.motion, CheckSettings(load_mass=settings.mass)
         self._motion = None if given is None else replace(given, s=given.s + (begin - given.s[0]))
         if self._motion is not None:
@@ -148,11 +148,15 @@ class Experiment:
         )
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if rig.real else None
-        self.scheduler = Scheduler(robot, nodes, lambda: THINKING if self.drive.standing else LATEST, each_round)
-        self.watchdog = Watchdog(self.drive.halt, lambda: not self.drive.standing, LATEST) if rig.real else None
+        self.scheduler = Scheduler(
+            robot, nodes, lambda: THINKING if self.drive.standing else MAX_COMMAND_SILENCE, each_round
+        )
+        self.watchdog = (
+            Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE) if rig.real else None
+        )
 
     def run(self) -> Ending:
-        """The whole protocol; the arm is at rest when it returns, and also when it is left by a second Ctrl-C."""
+        """Run the whole protocol; the arm is at rest when it returns, even after a second Ctrl-C."""
         with noted_signals(self._interrupt), ExitStack() as ended:
             try:
                 self._begin(ended)
@@ -161,7 +165,7 @@ class Experiment:
             except (Exception, SystemExit, _InterruptedError) as error:  # a user's effect may call sys.exit
                 ending = self._stopped(error)
             finally:
-                with suppress(Exception):  # the robot holds on its own, whatever becomes of this program
+                with suppress(Exception):  # the robot holds its posture on its own, even if this program dies
                     self._robot.stop()
             try:
                 self.measurement.finish()
@@ -171,7 +175,7 @@ class Experiment:
             return ending
 
     def _begin(self, ended: ExitStack) -> None:
-        """On a real clock: what works beside the loop is started while the arm stands."""
+        """On a real clock, start the worker process and the watchdog while the arm is at rest."""
         ended.callback(self._worker.end)
         if self.watchdog is None:
             return
@@ -179,26 +183,26 @@ class Experiment:
         self._worker.start()
         ended.enter_context(self.watchdog)  # a thread: only now, because the process is a copy of this one
         ended.enter_context(_no_collection())
-        self._robot.advance(FRESH)
+        self._robot.advance(FIRST_READING_SECONDS)
         self.measurement.discard()
         self.scheduler.begin()
 
     def _come_round(self) -> None:
-        """At the beginning of every round on a real clock."""
+        """Work at the beginning of every round of the loop on a real clock."""
         if self.watchdog is not None:
             self.watchdog.beat()
         self._worker.collect()
 
     def channel(self, name: str) -> Channel:
-        """What was recorded of a channel so far."""
+        """Samples of a channel that were recorded so far."""
         return self._recorder.channel(name)
 
     def span(self, phase: Phase) -> PhaseSpan | None:
-        """When a phase took place; None where it did not."""
+        """Begin and end of a phase; None where the phase did not take place."""
         return next((span for span in self.phases if span.phase is phase), None)
 
     def _protocol(self) -> bool:
-        """All phases; whether the load landed."""
+        """Run all phases; returns whether the load landed."""
         c = self.settings
         self._run(Phase.REST, 0.0, REST)
         if c.estimate:
@@ -208,11 +212,11 @@ class Experiment:
         self._run(Phase.SWING, 0.7, self.task.longest_planning + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
-        self._run(Phase.LOOK, 0.95, LOOK)
+        self._run(Phase.LOOK, 0.95, LANDING_SECONDS)
         return self._landed()
 
     def _learn(self) -> None:
-        """Move so that the load cell tells the length: as SAC chooses, or along the motion that was given."""
+        """Move so that the load cell determines the length: as SAC chooses, or along a given motion."""
         c = self.settings
         self.estimator.begin(self._robot.time)
         if self._motion is None:
@@ -226,14 +230,14 @@ class Experiment:
         self._require_estimate()
 
     def _settle(self) -> None:
-        """Bring the load to rest."""
+        """Move so that the load comes to rest."""
         self.task.settle(self.estimator.model, self._swing_state)
         longest = self.task.longest_planning + self.settings.task.settling + 2.0
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)
-        self._run(Phase.CALM, 0.65, CALM)
+        self._run(Phase.CALM, 0.65, CALM_SECONDS)
 
     def _run(self, phase: Phase, share: float, longest: float, until: Callable[[], bool] | None = None) -> None:
-        """Run the nodes for a phase: without a condition for its whole time, else at most that long."""
+        """Run the nodes for a phase: until a condition holds, and at most for the phase's duration."""
         self._progress(phase.value, share)
         start = self._robot.time
         done = self.scheduler.run(lambda: self._reason() is not None or (until is not None and until()), longest)
@@ -245,24 +249,24 @@ class Experiment:
             raise _StopError(f"{phase.value} did not end within {longest:g} s: the arm does not follow")
 
     def _reason(self) -> str | None:
-        """Why the trial must stop now."""
+        """Sentence on why the trial must stop now; empty where it may go on."""
         if self.interrupted is not None:
             return f"{sentence_of_signal(self.interrupted)} at {self._robot.time:.2f} s"
         return self.measurement.fault or self.drive.fault or self._recorder.failure or self._watched
 
     @property
     def _watched(self) -> str | None:
-        """What the watchdog did; None where it did nothing, or there is none."""
+        """Sentence on the watchdog's action; None where it took none, or there is no watchdog."""
         return None if self.watchdog is None else self.watchdog.fault
 
     def _interrupt(self, number: int) -> None:
         if self.interrupted is None:
             self.interrupted = number
-            if self._worker.thinking:  # it changes nothing that must be kept whole, and may take seconds
+            if self._worker.thinking:  # this computation may take seconds, and an interruption leaves no damaged data
                 raise _InterruptedError
 
     def _stopped(self, error: BaseException) -> Ending:
-        """The arm comes to rest first; then it is told why."""
+        """Bring the arm to rest, then return the trial's ending."""
         interrupted = self._reason() if isinstance(error, _InterruptedError) else None
         reason = interrupted or sentence_of(
             error, f"the {self.scheduler.running} node failed at {self._robot.time:.2f} s"
@@ -298,14 +302,14 @@ class Experiment:
     def _swing_state(self, at: float) -> SwingState:
         """Gripper and load at an instant [s], from the measured path and the latest estimate.
 
-        An instant ahead is one of a gripper that stands where it is now; the load swings on under it.
+        For an instant in the future, the gripper is assumed to stand where it is now while the load continues to swing.
         """
         model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
         self.measurement.update_path()
         path = run_path(self.measurement.run())
         path = _waiting(path, at - begun) if self._real else path
         speed, angle, rate = model.swing_at_the_end(path)
-        # With a lag the string's upper end is behind the gripper and has another speed.
+        # With a gripper lag the string's upper end follows the gripper late, and has another speed.
         lag = model.gripper_lag(model.physics_theta())
         hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
         return SwingState(hung_at, at_speed, angle, rate, at - begun)
@@ -313,7 +317,7 @@ class Experiment:
     def _check(
         self, trajectory: LineTrajectory, plan: SwingPlan, model: PendulumModel, at: Vector
     ) -> FeasibilityReport:
-        """Judge a motion; the box is left out where the load is meant to go in."""
+        """Check a motion; the box is no obstacle where the load is meant to enter it."""
         c, length = self.settings, model.value("length")
         swing = Swing(plan.time, plan.angle, np.append(plan.tension, plan.tension[-1]), length, c.load_radius)
         return check_line(self.table, self.description, trajectory, CheckSettings(load_mass=c.mass), swing, at=at)
@@ -321,7 +325,7 @@ class Experiment:
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Leave Python's collection of cyclic garbage until the end: it stops the loop for 20 to 50 ms at a time."""
+    """Disable Python's garbage collector until the block ends: it stops the loop for 20 to 50 ms at a time."""
     was_on = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -333,7 +337,7 @@ def _no_collection() -> Iterator[None]:
 
 
 def _waiting(path: GripperPath, end: float) -> GripperPath:
-    """The path, on which the gripper then stands until `end` [s]."""
+    """The path, extended by a gripper at rest until `end` [s]."""
     steps = max(0, round((end - path.start) / path.dt) - (len(path.x) - 1))
     still = np.zeros(steps)
     height = np.hstack([path.height, np.vstack([np.full(steps, path.height[0, -1]), still, still])])

@@ -1,4 +1,4 @@
-"""The flow of a whole trial on any robot: experiments that find out what the model lacks, if wanted, then the swing."""
+"""The whole trial on any robot: optional experiments that find what the model lacks, then the swing."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -27,14 +27,14 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Trial(Generic[R]):
-    """A trial that has run.
+    """A finished trial.
 
     Attributes:
-        subtitle: what was run, for the report.
+        subtitle: description of the trial for the report.
         experiment: the protocol, with everything that was planned and measured.
-        result: what it came to.
-        robot: that moved.
-        history: the true motion, of a simulated robot; None where nobody knows it.
+        result: outcome of the trial.
+        robot: robot that moved.
+        history: true motion of a simulated robot; None where it is unknown.
     """
 
     subtitle: str
@@ -44,13 +44,13 @@ class Trial(Generic[R]):
     history: "Callable[[], History] | None" = None
 
     def report(self) -> "Document":
-        """The report; of a simulated trial with the true motion of the load."""
+        """Report of the trial; for a simulated trial it shows the true motion of the load."""
         from pipeline.trial.report import report_of
 
         return report_of(self.experiment, self.result, self.subtitle, self._executed())
 
     def swing_history(self) -> "History | None":
-        """What really happened from the swing on; None where there was none, or nobody knows it."""
+        """True motion from the swing on; None where there was no swing, or the motion is unknown."""
         started = self.experiment.task.started
         return None if self.history is None or started is None else self.history().from_time(started)
 
@@ -70,13 +70,13 @@ class Trial(Generic[R]):
 def perform(
     rig: Rig, settings: ProtocolSettings, out: Path | None, progress: Progress
 ) -> tuple[Experiment, TrialResult]:
-    """One whole trial; what it leaves behind is written.
+    """Perform one whole trial, and write its recordings and model.
 
     Args:
         rig: the robot.
-        settings: of the protocol.
+        settings: settings of the protocol.
         out: directory for recordings and model; None keeps nothing.
-        progress: told what is going on.
+        progress: called to report the progress.
     """
 
     def tell(what: str, share: float = 0.0) -> None:

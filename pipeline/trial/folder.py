@@ -1,4 +1,4 @@
-"""Where a trial writes: into a folder of its own, and from there into the user's in one go, when everything is there.
+"""Output folders of a trial: it writes to a temporary folder, whose files then replace the user's together.
 
 A trial that is killed leaves what the user had as it was, and its recording in a folder ``unfinished-...`` beside it.
 """
@@ -19,16 +19,16 @@ OF_THE_LAST = ("report.html", "swing.png", "swing.gif")
 """What is made from a recording: of an older one it must not stand beside a new one."""
 OF_A_TRIAL = (*OF_THE_LAST, "model.toml", "trial.*", "experiment_*")
 """Patterns of all that a trial writes."""
-MOST = 1000
+MAX_PARALLEL_TRIALS = 1000
 """Trials at once that write beside each other."""
 
 
 @contextmanager
 def gather_files(out: Path | None) -> Iterator[Path]:
-    """A folder to write to; at the end, also by an exception, its files take the place of those in `out` together.
+    """A temporary folder to write to; when the block ends or raises, its files replace those in `out` together.
 
     Args:
-        out: None where nothing is kept.
+        out: folder of the user; None where nothing is kept.
 
     Raises:
         InputError: `out` cannot be written to.
@@ -48,19 +48,19 @@ def gather_files(out: Path | None) -> Iterator[Path]:
 
 
 def _move(folder: Path, out: Path) -> None:
-    """First goes what was made from the last recording: no report may stand beside another recording than its own."""
+    """Move the files; old reports are removed first, so that no report lies beside a recording that is not its own."""
     for name in OF_THE_LAST:
         (out / name).unlink(missing_ok=True)
     for file in sorted(folder.iterdir()):
         target = out / file.name
-        # Through a link, and with the rights of the file that is there.
+        # Links are followed, and the existing file's permissions are kept.
         target = target.resolve() if target.is_symlink() else target
         if target.is_file():
             with suppress(OSError):
                 shutil.copymode(target, file)
         try:
             file.replace(target)
-        except OSError:  # the link leads to another disk
+        except OSError:  # the link points to another disk
             shutil.move(file, target)
     folder.rmdir()
 
@@ -69,18 +69,20 @@ def _move(folder: Path, out: Path) -> None:
 def own_folder(
     given: Path | None, usual: Path, what: str = "trial", writes: Iterable[str] = OF_A_TRIAL
 ) -> Iterator[Path]:
-    """The folder that this process alone writes to, until the block ends.
+    """Lock a folder, so that only this process writes to it until the block ends.
 
     Args:
-        given: by the user; None for the usual one, or where another trial writes there, that with a number.
-        usual: such as ``out/trial``, then ``out/trial-2``.
-        what: writes there, for the message.
-        writes: patterns of the names of what it writes.
+        given: folder named by the user; None for the usual one, with a number where another trial writes to that.
+        usual: default folder, such as ``out/trial``, then ``out/trial-2``.
+        what: name of the writer, for the message.
+        writes: patterns of the names of the written files.
 
     Raises:
         InputError: another trial writes to the given folder, it cannot be written to, or would lose what was read.
     """
-    choices = [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MOST))]
+    choices = (
+        [given] if given else [usual, *(usual.with_name(f"{usual.name}-{n}") for n in range(2, MAX_PARALLEL_TRIALS))]
+    )
     for folder in choices:
         with _refused(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -92,20 +94,20 @@ def own_folder(
                 yield folder
                 return
         finally:
-            os.close(descriptor)  # which also unlocks, as the end of the process does
+            os.close(descriptor)  # closing the file also unlocks it, as the end of the process does
     raise InputError(f"another {what} writes to {choices[0]}: wait for it, or choose another folder")
 
 
 def _locked(descriptor: int) -> bool:
     try:
         import fcntl
-    except ImportError:  # Windows: two trials in one folder are not kept apart
+    except ImportError:  # on Windows two trials in one folder are not separated
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks, such as some network drives
+    except OSError:  # the file system has no locks, as on some network drives
         return True
     return True
 

@@ -1,4 +1,4 @@
-"""The robot finds out by itself what its model lacks: swing, diagnose, design the next motion, till one verdict stands.
+"""Investigation: the robot finds what its model lacks by experiments (swing, diagnose, design the next motion).
 
 Each swing is an experiment of its own that leaves the load at rest; between two of them the arm stands and the
 recordings are thought over. It knows neither whether the robot is simulated nor where its recordings go.
@@ -33,7 +33,7 @@ from pipeline.trial.settings import ProtocolSettings
 
 SECONDS = 8.0
 """Of a designed motion."""
-LIMITS = GripperLimits(swing=0.5)
+SWING_LIMITS = GripperLimits(swing=0.5)
 """A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
 by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
 LEAST_STD = 1e-3
@@ -46,7 +46,7 @@ Swing = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", Ending
 
 
 class Stop(Enum):
-    """Why an investigation ended; the value is what a person should read."""
+    """Reason why an investigation ended; the value is a sentence for a person."""
 
     EXPLAINED = "nothing is missing"
     NAMED = "one verdict stands"
@@ -70,21 +70,21 @@ class SwingExperiment(Experiment):
         return True
 
     def recording(self, name: str) -> Run:
-        """What was measured while it learnt; its noise is measured as well, with what the arm adds to the cell's."""
+        """Recording of the learning phase; its noise is measured too, and includes the arm's contribution."""
         self.measurement.update_path()
         return replace(self.measurement.run(), name=name, noise={})
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One experiment of an investigation, and what it taught.
+    """One experiment of an investigation, and its results.
 
     Attributes:
         run: the recording.
-        proposal: the experiment as it was designed, with what was expected; None for the first.
-        diagnosis: of all runs so far.
-        belief: by effect, of those that have been in question.
-        gap: by how much the second best of them fits worse than the best, on the scale of chi2; None for one alone.
+        proposal: the designed experiment with its expected results; None for the first.
+        diagnosis: diagnosis from all runs so far.
+        belief: probability of each effect that has been a candidate.
+        gap: increase of chi2 from the best to the second-best effect; None where there is only one.
         close: effects that fit nearly as well as those that the diagnosis names; see `rivals.contested`.
     """
 
@@ -97,7 +97,7 @@ class Stage:
 
     @property
     def candidates(self) -> tuple[str, ...]:
-        """Effects that may be missing; empty where nothing is, or nothing known."""
+        """Effects that may be missing; empty where none is missing, or no known effect explains the runs."""
         if self.diagnosis.verdict is Verdict.EXPLAINED:
             return ()
         search = self.diagnosis.search
@@ -107,20 +107,20 @@ class Stage:
 
     @property
     def residual(self) -> float:
-        """Root mean square of what the best model leaves of the force, over its noise."""
+        """Root mean square of the best model's force residual, divided by the force's noise."""
         return float(np.sqrt(self.diagnosis.search.last.fit.chi2_per_sample))
 
 
 @dataclass(frozen=True, eq=False)
 class Investigation:
-    """What the robot found out.
+    """Result of an investigation.
 
     Attributes:
         stages: experiments in order.
-        stop: why there was none more.
-        model: with what was found; None where nothing was to be added.
-        ending: of an experiment that was ended before its time; None elsewhere.
-        place: where the gripper stands now [m].
+        stop: reason why the experiments ended.
+        model: model with the found effects; None where none was added.
+        ending: ending of an experiment that was stopped early; None otherwise.
+        place: present position of the gripper [m].
         signal: number of the signal that ended it; None where none did.
     """
 
@@ -133,7 +133,7 @@ class Investigation:
 
     @property
     def sentence(self) -> str:
-        """The story in a line."""
+        """The investigation's result in one sentence."""
         count = len(self.stages)
         what = ", ".join(self.stages[-1].candidates) if self.stages else ""
         made = f"after {count} experiment{'s' if count != 1 else ''}"
@@ -147,17 +147,17 @@ def investigate(
     table: LineTable,
     say: Callable[[str], None],
 ) -> Investigation:
-    """Swing, diagnose, design, and again.
+    """Repeat experiments (swing, diagnose, design the next motion) until the missing effects are known.
 
     Args:
-        settings: of the trial that follows; `investigate` is how many experiments there are at most.
+        settings: settings of the trial that follows; `investigate` is the largest number of experiments.
         swing: makes one experiment.
-        arm: that moves.
-        table: of its line.
-        say: told what is going on.
+        arm: arm that moves.
+        table: IK table of the arm's line.
+        say: called to report the progress.
 
     Raises:
-        InputError: there is not one experiment to make.
+        InputError: the number of experiments is below one.
     """
     if settings.investigate < 1:
         raise InputError(f"--investigate {settings.investigate}: allow at least one experiment")
@@ -193,7 +193,7 @@ def investigate(
             stop = Stop.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
-            proposal = designed_motion(rivals, SECONDS, LIMITS, seed=number)
+            proposal = designed_motion(rivals, SECONDS, SWING_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
@@ -210,18 +210,18 @@ S = TypeVar("S", bound=ProtocolSettings)
 
 
 def settings_after(settings: S, found: Investigation) -> S:
-    """Settings of the trial that follows, with what was found."""
+    """Settings of the trial that follows an investigation, with the found model."""
     settings = replace(settings, hangs_still=False)
     if found.model is None:
         return settings
     length = found.model.parameters["length"]
-    # The string is still the same: what was learnt of it stays known, but no better than a ruler knows it.
+    # The string is the same: its learnt length stays known, but no better than a ruler measures it.
     model = found.model.with_prior("length", length.value, max(length.std or 0.0, LEAST_STD))
     return replace(settings, model=model, length_guess=length.value)
 
 
 def ending_before(experiment: Experiment, found: Investigation | None) -> Ending | None:
-    """How the trial ended where an experiment before it was ended before its time; None where it may go on."""
+    """Ending of the trial where an earlier experiment was stopped early; None where the trial may go on."""
     if found is None or found.ending is None:
         return None
     experiment.interrupted = found.signal
@@ -229,7 +229,7 @@ def ending_before(experiment: Experiment, found: Investigation | None) -> Ending
 
 
 def model_in_question(settings: ProtocolSettings) -> PendulumModel:
-    """The model that is held against the recordings: the robot's, but drag is a question and no nuisance.
+    """The model that is compared with the recordings: the robot's, with drag as a candidate, not as a nuisance.
 
     Its start is nearly at rest, and not held there: the robot may have left the load swaying.
     """
@@ -245,18 +245,20 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
         return Stop.EXPLAINED
     if rivals is not None:
         return None
-    # A rival that has won stands, also where the arm leaves more than the noise of its load cell.
+    # A rival that has won is kept, even where the arm adds more residual than the load cell's noise.
     won = gap is not None and gap > TIE_CHI2
     nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
     return Stop.UNKNOWN if nothing and not won else Stop.NAMED
 
 
 def _promising(proposal: Proposal) -> bool:
-    """Whether the motion may tell at least one pair apart."""
-    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(np.any(proposal.outlook.chi2_increase > WORTH))
+    """Whether a motion may distinguish at least one pair of rivals."""
+    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(
+        np.any(proposal.outlook.chi2_increase > MIN_EXPECTED_GAP)
+    )
 
 
-WORTH = 12.0
+MIN_EXPECTED_GAP = 12.0
 """Rise of chi2 from which a motion is worth making: twice the margin of a tie."""
 
 
@@ -267,7 +269,7 @@ def _names(rivals: Rivals, study: Study) -> list[tuple[str, ...]]:
 
 
 def _believed(study: Study, questions: Sequence[tuple[str, ...]]) -> tuple[dict[str, float], float | None]:
-    """By rival of all experiments so far how probable it is, and how far the second best is behind."""
+    """Probability of each rival after all experiments so far, and the chi2 gap from the best to the second best."""
     if len(questions) < 2:
         return {}, None
     rivals = refitted(study, questions)

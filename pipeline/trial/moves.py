@@ -20,7 +20,7 @@ JOINT_SPEED = 0.2
 """Largest joint speed on the way to the start posture [rad/s]: somebody beside the arm can step back."""
 LINE_SPEED = 0.1
 """Largest speed in the rehearsal [m/s]."""
-SHORTEST = 2.0
+MIN_MOVE_SECONDS = 2.0
 """Least time of one such motion [s]: the load shall not begin to swing."""
 LOOKED_AT = 0.02
 """Spacing of the postures that are looked at along the line [m]; the check looks between them, too."""
@@ -34,12 +34,12 @@ Posture = tuple[Vector, Vector, Vector]
 
 
 def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
-    """From one posture to another, all joints together, without jerk at either end.
+    """Postures from one posture to another: all joints move together, smoothly at both ends.
 
     Args:
-        arm: whose joints.
-        start: (n,) [rad].
-        goal: (n,) [rad].
+        arm: arm that moves.
+        start: first posture (n,) [rad].
+        goal: last posture (n,) [rad].
     """
     way = goal - start
     time, u = _beat(float(np.max(np.abs(way))), JOINT_SPEED)
@@ -50,7 +50,7 @@ def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
 
 
 def sweep(table: LineTable) -> LineTrajectory:
-    """Slowly from one end of the line to the other: every posture that it has, `LOOKED_AT` apart at most."""
+    """Postures of a slow motion from one end of the line to the other, at most `LOOKED_AT` apart."""
     begin, end = float(table.s[0]), float(table.s[-1])
     u = np.linspace(0.0, 1.0, int(np.ceil(FASTEST_SHARE * (end - begin) / LOOKED_AT)) + 1)
     duration = FASTEST_SHARE * (end - begin) / LINE_SPEED
@@ -59,11 +59,11 @@ def sweep(table: LineTable) -> LineTrajectory:
 
 
 def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
-    """Along the whole stretch that a trial uses and back to its middle, slowly.
+    """Slow motion along the whole stretch that a trial uses, and back to its middle.
 
     Args:
-        table: of the line.
-        finish: where a trial ends, over the box [m].
+        table: IK table of the line.
+        finish: position over the box at which a trial ends [m].
     """
     stops = (0.0, max(-FORERUN, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
     whole: LineTrajectory | None = None
@@ -79,16 +79,16 @@ def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
 def play(
     robot: RobotInterface, motion: Iterable[Posture], total: float, progress: Callable[[float], None] | None = None
 ) -> None:
-    """Command a checked motion, cycle by cycle; a late cycle makes it longer, never faster.
+    """Command a checked motion, cycle by cycle; a late cycle makes the motion longer, never faster.
 
     Args:
-        robot: that moves.
+        robot: robot that moves.
         motion: a posture per cycle.
-        total: how long it takes [s].
-        progress: told the share that is done.
+        total: duration of the motion [s].
+        progress: called with the share that is done.
 
     Raises:
-        TaskFailedError: it was interrupted, or the robot refused; the arm is brought to rest.
+        TaskFailedError: the motion was interrupted, or the robot refused; the arm is brought to rest.
     """
     signals: list[int] = []
     with noted_signals(signals.append):
@@ -108,15 +108,15 @@ def play(
 
 
 def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture]:
-    """The postures of a motion along the line."""
+    """The arm's postures during a motion along the line."""
     for state in motion:
         joints = table.joint_motion(state.s, state.v, state.a)
         yield joints.q, joints.v, joints.a
 
 
 def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
-    """Sample times [s] of a minimum-jerk motion over a way, and the share of its time that has passed."""
-    duration = max(SHORTEST, FASTEST_SHARE * way / fastest)
+    """Sample times [s] of a minimum-jerk motion over a distance, and the elapsed share of its duration at each."""
+    duration = max(MIN_MOVE_SECONDS, FASTEST_SHARE * way / fastest)
     count = int(np.ceil(duration / PERIOD))
     number = np.arange(count + 1, dtype=float)
     return PERIOD * number, number / count

@@ -1,4 +1,4 @@
-"""A trial on a real arm: checks everything that can be checked, asks, moves there, and runs the protocol."""
+"""A trial on a real arm: check everything, ask the operator, move to the start posture, and run the protocol."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ THERE = 5e-3
 """How far from the start posture a joint may be to count as there [rad]."""
 WEIGHT_ERROR = 0.2
 """Share of the load's weight by which the load cell may be off at rest: more means another load, or calibration."""
-CALM = 2.0
+CALM_NOISE_FACTOR = 2.0
 """Standard deviations of one sample that the force may vary by at rest, over `CALM_TIME`."""
 CALM_TIME, CALM_PATIENCE = 2.0, 60.0
 """How long the load must hang still, and how long that is waited for [s]."""
@@ -41,14 +41,14 @@ OPEN_CELL = 6.0
 
 @dataclass(frozen=True)
 class Link:
-    """How the robot is reached.
+    """Connection to a robot and its load cell.
 
     Attributes:
-        address: where it is.
-        connect: to it.
-        arm: its description.
+        address: address of the robot.
+        connect: function that connects to the robot.
+        arm: description of the arm.
         port: serial port of the load cell; None where there is none.
-        calibration: of the load cell; None where there is none.
+        calibration: calibration of the load cell; None where there is none.
     """
 
     address: str
@@ -60,12 +60,12 @@ class Link:
 
 @dataclass(frozen=True)
 class OperatorPrompts:
-    """What a person is told and asked.
+    """Messages and questions to the operator.
 
     Attributes:
-        tell: show a sentence.
-        may_move: whether the arm may move now; the sentence says how.
-        landed: whether the load came to rest in the box.
+        tell: shows a sentence.
+        may_move: asks whether the arm may move now; the sentence describes the motion.
+        landed: asks whether the load came to rest in the box.
     """
 
     tell: Callable[[str], None]
@@ -79,7 +79,7 @@ RealTrial = Trial[RealRobot]
 def run_real(
     settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, out: Path | None, progress: Progress
 ) -> RealTrial:
-    """One whole trial on a robot.
+    """Run one whole trial on a real robot.
 
     Raises:
         InputError: something is not in order before the first motion.
@@ -116,10 +116,10 @@ def run_real(
 def rehearse(
     settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, progress: Progress
 ) -> tuple[LinkStatistics, float]:
-    """Move along the whole line slowly, without the load; nothing is learnt.
+    """Move slowly along the whole line without the load, as a rehearsal; nothing is learnt.
 
     Returns:
-        What was measured, and the farthest that a joint was from its command [rad].
+        The recording, and the largest distance of a joint from its command [rad].
 
     Raises:
         InputError: something is not in order before the first motion.
@@ -144,7 +144,7 @@ def rehearse(
 
 @contextmanager
 def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
-    """The robot, with its load cell where there is one, on one clock; this process serves it from now on."""
+    """Connect the robot and its load cell, if any, with one clock, until the block ends."""
     begun = monotonic()
 
     def clock() -> float:
@@ -156,7 +156,7 @@ def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
             cell = stack.enter_context(LoadCell(link.port, link.calibration, clock=clock))
         robot = stack.enter_context(link.connect(cell, clock))
         gc.collect()
-        gc.freeze()  # what was loaded stays; looking through it again and again would stop a motion for 50 ms
+        gc.freeze()  # loaded objects stay; the garbage collector would stop a motion for 50 ms to search them
         if not ask_for_real_time():
             prompts.tell("this program runs with ordinary priority: close others, or allow real time (docs/robot.md)")
         if robot.statistics.round_trip is not None:
@@ -165,7 +165,7 @@ def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
 
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
-    """The load hangs on the load cell, and the load cell shows its weight."""
+    """Check that the load cell shows the weight of the load."""
     weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_TIME, OPEN_CELL)
     if not len(seen):
         raise InputError(f"load cell: no sample within {OPEN_CELL:g} s: check cable and port")
@@ -178,7 +178,7 @@ def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
 
 
 def _forces(robot: RealRobot, seconds: float, patience: float) -> np.ndarray:
-    """(n,) forces of so many seconds from the first sample on [N]; empty where none comes in time [s]."""
+    """(n,) forces [N] during some seconds from the first sample; empty where no sample comes in time."""
     forces: list[float] = []
     end = robot.time + patience
     while robot.time < end:
@@ -199,7 +199,7 @@ def _go_to_start(
     say: Progress,
     then: str = "swings the load",
 ) -> None:
-    """Ask, enable the arm, and move it from where it is to the start posture."""
+    """Ask the operator, enable the arm, and move it from its present posture to the start posture."""
     here, goal = robot.newest_state().q, table.posture(0.0).q
     away = float(np.max(np.abs(goal - here)))
     motion = approach(arm, here, goal)
@@ -225,7 +225,7 @@ def _go_to_start(
 
 
 def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> None:
-    """The load must hang still before anything is learnt from it."""
+    """Wait until the load hangs still, before anything is learnt from its motion."""
     end = robot.time + CALM_PATIENCE
     spread = np.inf
     while robot.time < end:
@@ -234,7 +234,7 @@ def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> No
         if not len(seen):
             break
         spread = float(np.std(seen))
-        if spread <= CALM * c.force_noise:
+        if spread <= CALM_NOISE_FACTOR * c.force_noise:
             return
     raise TaskFailedError(
         f"the load does not hang still: the force varies by {1e3 * spread:.0f} mN, its noise is "

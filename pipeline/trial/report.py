@@ -22,13 +22,13 @@ from pipeline.trial.result import TrialResult
 
 
 def report_of(experiment: Experiment, result: TrialResult, subtitle: str, executed: SwingTrace | None) -> Document:
-    """The report of a trial that has run; what a stopped trial did not come to is left out.
+    """The report of a finished trial; phases that a stopped trial did not reach are left out.
 
     Args:
-        experiment: that has run.
-        result: what it came to.
-        subtitle: what was run.
-        executed: the swing as it was; None where nobody saw it.
+        experiment: the finished protocol.
+        result: outcome of the trial.
+        subtitle: description of the trial.
+        executed: the swing that was observed; None where it was not observed.
     """
     sections: list[Section] = []
     figures = _estimate_figures(result)
@@ -48,7 +48,7 @@ def report_of(experiment: Experiment, result: TrialResult, subtitle: str, execut
         taut = "taut" if least > 0.0 else "the string went slack"
         figures.append(KeyFigure("Least tension", number(least, "N"), taut))
     reference, actual = experiment.channel("reference.x"), experiment.channel("gripper_x")
-    if len(reference) and len(actual):  # else it ended before it began
+    if len(reference) and len(actual):  # otherwise the phase ended before it began
         wanted = np.interp(actual.time, reference.time, reference.value)
         sections.append(gripper_section(actual.time, wanted, actual.value, phases))
         error = float(np.sqrt(np.nanmean((actual.value - wanted) ** 2)))
@@ -105,7 +105,7 @@ def _estimate_figures(result: TrialResult) -> list[KeyFigure]:
 
 
 def _predicted(experiment: Experiment) -> FloatArray:
-    """What the model with the last estimate says of every measured force along the measured path; nan before that."""
+    """Forces predicted by the model with the last estimate along the measured path; nan before the path begins."""
     recorded, start = experiment.channel("load_force"), experiment.estimator.start
     predicted = np.full(len(recorded), np.nan)
     if start is not None:

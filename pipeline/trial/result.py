@@ -31,21 +31,21 @@ class TrialResult(Ending):
     """The outcome of one trial: how it ended, and its numbers.
 
     Attributes:
-        length_guess: at the start [m].
-        length_true: [m]; None where nobody knows it.
-        length_estimate: used for the plan [m].
-        length_std: [m]; 0 where nothing was estimated.
+        length_guess: length at the start [m].
+        length_true: true length [m]; None where it is unknown.
+        length_estimate: length used for the plan [m].
+        length_std: standard deviation of the length [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
         peak: largest magnitudes while the length was learnt, or during the swing where it was not: "x", "v" and "a" of
             the gripper [m, m/s, m/s^2], "swing_angle" of the model along the measured path [rad]; None where unknown.
         minimum_tension: smallest measured force before the swing ended [N]; None where none was measured.
-        feasible: whether the plan passed the check; None where it did not come to a plan.
-        swing: the plan; None where it did not come to one.
-        model: with the last estimate.
-        timing: of the nodes.
+        feasible: whether the plan passed the check; None where there was no plan.
+        swing: the plan; None where there was none.
+        model: model with the last estimate.
+        timing: computing times of the nodes.
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
         recording: the MCAP file, None where nothing was kept.
-        signal: number of the signal that ended it; None where none did.
+        signal: number of the signal that ended the trial; None where none did.
         missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
         investigation: what the robot found out before; None where it did not look.
         notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
@@ -71,7 +71,7 @@ class TrialResult(Ending):
 
     @property
     def repair_command(self) -> str | None:
-        """The command that finds what the model lacks; None where it succeeded, was interrupted, or has no data."""
+        """Text of the command that finds what the model lacks; None after success, an interruption, or without data."""
         if self.success or not self.estimates or self.recording is None or self.signal is not None:
             return None
         kept = self.recording.parent
@@ -80,7 +80,7 @@ class TrialResult(Ending):
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The contract's ``armdyn.trial/1``."""
+        """JSON ``armdyn.trial/1`` of the outcome."""
         updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
@@ -110,12 +110,12 @@ def result_of(
     recording: Path | None,
     investigation: Investigation | None = None,
 ) -> TrialResult:
-    """The outcome of an experiment that has run.
+    """The outcome of a finished experiment.
 
     Args:
-        experiment: that has run.
-        ending: how it ended.
-        length_true: [m]; None where nobody knows it.
+        experiment: the finished protocol.
+        ending: how the experiment ended.
+        length_true: true length [m]; None where it is unknown.
         recording: the MCAP file; None where nothing was kept.
         investigation: what the robot found out before; None where it did not look.
     """
@@ -146,7 +146,7 @@ def result_of(
 
 
 def _peaks(experiment: Experiment) -> dict[str, float | None]:
-    """Largest magnitudes while learning, or in the swing where nothing was learnt."""
+    """Largest magnitudes of the gripper's motion while learning, or during the swing where nothing was learnt."""
     span = experiment.span(Phase.LEARN if experiment.settings.estimate else Phase.SWING)
     peaks: dict[str, float | None] = dict.fromkeys(("x", "v", "a", "swing_angle"))
     if span is not None:
@@ -159,18 +159,18 @@ def _peaks(experiment: Experiment) -> dict[str, float | None]:
 
 
 def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
-    """Of the model with the last estimate along the measured path; None where there is no path or no such angle."""
+    """Largest swing angle [rad] of the model with the last estimate along the measured path; None where unknown."""
     if experiment.estimator.start is None:
         swing = experiment.task.swing
         return float(np.max(np.abs(swing.angle))) if swing else None
     try:
         run = experiment.measurement.run()
-    except InputError:  # it ended before anything was measured
+    except InputError:  # the trial ended before anything was measured
         return None
     path, model = run_path(run), experiment.estimator.model
     try:
         angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
-    except ArithmeticError:  # a model that cannot be computed, which then also ended the trial
+    except ArithmeticError:  # the model cannot be computed, which also ended the trial
         return None
     angles = angles[: int((span.end - span.start) / path.dt)]
     return float(np.max(np.abs(angles))) if len(angles) and np.isfinite(angles).all() else None
@@ -189,15 +189,15 @@ def open_recording(
     description: str,
     name: str = TRIAL,
 ) -> Iterator[Recorder]:
-    """The recorder of a trial; what is raised in the block passes on, and the recording is complete all the same.
+    """The recorder of a trial; the recording is completed even where the block raises an exception.
 
     Args:
         kind: makes a recorder.
-        folder: where it goes.
-        joints: of the arm.
+        folder: folder of the recording.
+        joints: names of the arm's joints.
         settings: whose noise and mass the recording states.
         description: a line for a person.
-        name: of the file, without its ending.
+        name: name of the file, without its ending.
     """
     recorder = kind(
         folder / f"{name}.mcap",
@@ -209,13 +209,13 @@ def open_recording(
     try:
         yield recorder
     except BaseException:
-        with suppress(ArmdynError, OSError):  # completing it must not hide what happened
+        with suppress(ArmdynError, OSError):  # an error while completing it must not hide the first one
             recorder.close()
         raise
 
 
 def finish_recording(experiment: Experiment, ending: Ending, recorder: Recorder, folder: Path) -> Ending:
-    """Complete the recording and write the model; what cannot be written is added to how the trial ended."""
+    """Complete the recording and write the model; files that cannot be written are reported in the trial's ending."""
     problems = []
     try:
         recorder.close()

@@ -1,4 +1,4 @@
-"""A robot that is ready for a trial, with everything that belongs to it: what a driver gives and the trial runs on."""
+"""A robot that is ready for a trial, with its description, table and load cell; a driver provides it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Rig:
     """A robot, simulated or real, at the start posture with its load at rest.
 
     Attributes:
-        robot: what moves and measures; its clock is the one that an experiment's nodes run on.
+        robot: interface that moves and measures; its clock is the one that an experiment's nodes run on.
         real: whether time, and with it the arm, goes on while this program computes. Then long work is done beside the
             loop, and a watchdog stops an arm whose loop hangs. Else how long a computation takes changes no result.
         arm: its description.

@@ -1,4 +1,4 @@
-"""What a trial is given: settings of the protocol and of the simulation, and the model that the robot starts with."""
+"""Settings of a trial's protocol and of its simulation, and the model with which the robot starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from pipeline.motion.gate import PERIOD
 from pipeline.nodes.task import TaskSettings
 from pipeline.robot.settings import PlantSettings
 
-SHORTEST, LONGEST = 0.05, 2.0
+MIN_STRING_LENGTH, MAX_STRING_LENGTH = 0.05, 2.0
 """Lengths that are possible [m]: Baxter's line is 0.85 m long and 1.0 m above the floor."""
 
 NUISANCES: dict[str, tuple[str, float, float]] = {
@@ -38,22 +38,22 @@ SWAYS = {"initial_angle": 0.05, "initial_rate": 0.2}
 
 @dataclass(frozen=True)
 class ProtocolSettings:
-    """A trial on any robot.
+    """Settings of the protocol, for a trial on any robot.
 
     Attributes:
-        length_guess: what the robot believes at the start, pivot to the load's centre [m].
-        mass: of the load, as weighed [kg].
-        mass_std: of the weighing [kg].
-        load_radius: of the load [m].
+        length_guess: first guess of the length from pivot to the load's centre [m].
+        mass: weighed mass of the load [kg].
+        mass_std: standard deviation of the weighing [kg].
+        load_radius: radius of the load [m].
         force_noise: standard deviation of one sample of the load cell [N].
         estimate: whether to learn the length before the swing.
-        estimation_time: of the motion that SAC chooses [s].
+        estimation_time: duration of the motion that SAC chooses [s].
         certain_enough: the largest standard deviation of the length with which the swing is tried [m].
         model: equations and parameters used by estimator, SAC and planner; the default one when not given.
         task: the swing.
-        motion: along the line, a sample per cycle, from which the length is learnt in place of what SAC chooses.
+        motion: motion along the line, a sample per cycle, that replaces SAC's choice for learning the length.
         hangs_still: whether the load hangs at rest at first; after other swings it only nearly does.
-        investigate: experiments, at most, by which the robot first finds out what its model lacks; 0 for none.
+        investigate: largest number of experiments by which the robot first finds what its model lacks; 0 for none.
     """
 
     length_guess: float = 0.328
@@ -96,7 +96,7 @@ class ProtocolSettings:
         model = model.with_prior("mass", self.mass, self.mass_std)
         model = model.with_values({"length": self.length_guess})
         rest = model.rest_angle()
-        # The load hangs at rest at first; where an effect pulls it aside, its angle is as uncertain as the effect.
+        # The load hangs at rest at first; where an effect deflects it, its angle is as uncertain as the effect.
         model = model.with_values({"initial_angle": rest, "initial_rate": 0.0})
         if not self.hangs_still:
             for name, at in (("initial_angle", rest), ("initial_rate", 0.0)):
@@ -110,10 +110,10 @@ class ProtocolSettings:
 
 @dataclass(frozen=True)
 class TrialSettings(ProtocolSettings):
-    """A trial on the simulated robot.
+    """Settings of a trial on the simulated robot.
 
     Attributes:
-        length: the truth in the simulation [m].
+        length: true length in the simulation [m].
         hidden: effects of the simulated robot that the model does not know, None for their typical size.
         seed: of everything random in the simulation.
         plant: the simulated robot; its length, mass and load come from here.
@@ -134,8 +134,8 @@ class TrialSettings(ProtocolSettings):
 
 
 def _check_length(name: str, value: float) -> None:
-    if not (isfinite(value) and SHORTEST <= value <= LONGEST):
+    if not (isfinite(value) and MIN_STRING_LENGTH <= value <= MAX_STRING_LENGTH):
         raise InputError(
-            f"{name} {value:g} m: give a length between {SHORTEST:g} and {LONGEST:g} m, from the pivot to the load's "
-            "centre"
+            f"{name} {value:g} m: give a length between {MIN_STRING_LENGTH:g} and {MAX_STRING_LENGTH:g} m, "
+            "from the pivot to the load's centre"
         )

@@ -23,13 +23,13 @@ def simulate(
     through: Callable[[SimulatedRobot], RobotInterface] = lambda robot: robot,
     real: bool = False,
 ) -> SimulatedTrial:
-    """One whole trial on the simulated robot; the recording and the model are written where settings say so.
+    """Run one whole trial on the simulated robot; recording and model are written where the settings name a folder.
 
     Args:
-        settings: of protocol and simulation.
-        progress: told what is going on.
-        through: what stands between the robot and the protocol, such as a fault that is tried; nothing if not given.
-        real: whether the protocol treats it as a robot that goes on by itself, see `Rig`.
+        settings: settings of protocol and simulation.
+        progress: called to report the progress.
+        through: wraps the robot, for example to simulate a fault; None for no wrapper.
+        real: whether the protocol treats the robot as one that moves on by itself, see `Rig`.
 
     Raises:
         InputError: settings that cannot be used.
@@ -60,5 +60,5 @@ def simulate(
 
 
 def run_trial(settings: TrialSettings, progress: Progress | None = None) -> TrialResult:
-    """The outcome of one whole trial on the simulated robot, see `simulate`."""
+    """Run one whole trial on the simulated robot, and return its outcome; see `simulate`."""
     return simulate(settings, progress).result

@@ -23,14 +23,14 @@ PAPER_WITHOUT = (0.368, 0.388)
 
 @dataclass(frozen=True)
 class TableRow:
-    """One guess over all seeds.
+    """Results of one guess over all seeds.
 
     Attributes:
-        length_guess: [m].
+        length_guess: guess of the length [m].
         succeeded_without: whether each seed succeeded without estimation.
-        succeeded_with: whether each succeeded with estimation.
-        length_estimates: [m], one per seed.
-        length_stds: as reported [m].
+        succeeded_with: whether each seed succeeded with estimation.
+        length_estimates: estimated length of each seed [m].
+        length_stds: reported standard deviation of each seed [m].
     """
 
     length_guess: float
@@ -57,12 +57,12 @@ class TableRow:
 
 @dataclass(frozen=True)
 class TableOne:
-    """The paper's Table I.
+    """Results of all guesses, as in the paper's Table I.
 
     Attributes:
-        seeds: trials per guess and way.
-        length: the truth [m].
-        rows: by guess.
+        seeds: number of trials per guess, with and without estimation each.
+        length: true length [m].
+        rows: results by guess.
     """
 
     seeds: int
@@ -93,7 +93,7 @@ class TableOne:
         return float(np.mean([list(column) == wanted for column in columns]))
 
     def as_json(self) -> dict[str, Any]:
-        """The contract's ``armdyn.table/1``."""
+        """JSON ``armdyn.table/1`` of the table."""
         return {
             "schema": "armdyn.table/1",
             "seeds": self.seeds,

@@ -1,1 +1,1 @@
-"""A 3-D view of what moved: an arm, a load on its string, a path; the same in one offline page and on the workbench."""
+"""A 3-D view of a motion (arm, load on its string, path), as an offline page or on the workbench."""

@@ -1,4 +1,4 @@
-"""Scenes of motions: an arm by its joints, a load by the gripper and the angle of its string, both of a trial."""
+"""Scenes of motions: an arm from its joints, a load from gripper and string angle, and both for a trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from armdyn.model import Model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from pipeline.box import Box
-from pipeline.view.scene import DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
+from pipeline.view.scene import BODY_DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
 from pipeline.view.shapes import Links
 from urdf import Line, Robot
 
@@ -25,13 +25,13 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Swing:
-    """A load on a string.
+    """Motion of a load on a string.
 
     Attributes:
         gripper: position of the string's upper end along its line; None where it does not move.
-        angle: of the string, 0 hanging [rad].
-        length: [m].
-        height: of the upper end; None where it stays.
+        angle: angle of the string, 0 hanging [rad].
+        length: length of the string [m].
+        height: height of the string's upper end; None where it is constant.
         note: where angle and length come from; empty where both were recorded.
     """
 
@@ -45,12 +45,12 @@ class Swing:
 def arm_scene(
     title: str, kind: str, links: Links, time: FloatArray, q: FloatArray, marks: Sequence[Mark] = (), note: str = ""
 ) -> Scene:
-    """An arm that moves.
+    """Scene of a moving arm.
 
     Args:
-        title: of the view.
+        title: title of the view.
         kind: see `Scene`.
-        links: what is drawn.
+        links: shapes of the links to draw.
         time: (n,) [s].
         q: (n, joints) [rad or m].
         marks: see `Scene`.
@@ -68,7 +68,7 @@ def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """(n,) times and (n, joints) positions of an arm's joints; a joint that was not recorded stays at home.
 
     Raises:
-        InputError: none was recorded.
+        InputError: no joint was recorded.
     """
     known = [f"q.{joint}" for joint in robot.joint_names if f"q.{joint}" in run.channels]
     if not known:
@@ -85,20 +85,20 @@ def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 def swing_scene(title: str, kind: str, swing: Swing) -> Scene:
-    """A load on a string below a gripper that moves along a line, from left to right."""
+    """Scene of a load on a string below a gripper that moves along a line, from left to right."""
     at = _frames_of(swing)
     pivot = np.column_stack([_follow(at, swing.gripper), np.zeros(len(at)), _follow(at, swing.height)])
     load = pivot + swing.length * _hanging(at, swing, np.array([1.0, 0.0, 0.0]))
     low, high = float(pivot[:, 0].min()) - 0.15, float(pivot[:, 0].max()) + 0.15
     rail = Body("rail", [block((high - low, 0.012, 0.012), STEEL)],
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
-    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), DARK)], moved(pivot)),
+    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
               Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
     return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 
 
 def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | None) -> Scene:
-    """An arm that swings a load along its line, and the box that the load is meant for."""
+    """Scene of an arm that swings a load along its line into a box."""
     robot, at = links.robot, _frames_of(swing)
     postures = _at(at, *joint_motion(run, robot))
     line = robot.line
@@ -112,15 +112,15 @@ def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | Non
 
 
 def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
-    """How the load of a run swings: as measured, else as a model says.
+    """Motion of a run's load: the measured angle, or a model's prediction where none was measured.
 
     Args:
         run: the recording.
-        model: that knows the length, and the angle where none was measured; None for none.
-        fit: of that model to runs of which this is one; it is made where it is needed and not given.
+        model: model that gives the length, and the angle where none was measured; None for no model.
+        fit: fit of that model to runs that include this one; it is computed where it is needed and not given.
 
     Raises:
-        InputError: the angle was not measured, and no model says it.
+        InputError: the angle was not measured, and no model predicts it.
     """
     values: Mapping[str, float] = {} if model is None else {n: model.value(n) for n in model.names}
     angle, note = run.channels.get("swing_angle"), ""
@@ -141,7 +141,7 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
 
 
 def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, Mapping[str, float]]:
-    """The angle that a model says, and the values of its parameters."""
+    """Angle predicted by a model, and the values of its parameters."""
     if fit is None:
         from armdyn.identify.study import Study
 
@@ -177,7 +177,7 @@ def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _walls(line: Line, box: Box) -> list[Mesh]:
-    """The box, in the frame of the line's origin."""
+    """Meshes of the box, in the frame of the line's origin."""
     axes = np.column_stack([line.direction, line.across, UP])
     middle = -box.rim * UP + box.middle * line.direction
     walls = []

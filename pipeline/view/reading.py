@@ -22,16 +22,16 @@ ON_TABLE = 0.15
 
 
 def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = None) -> Scene:
-    """What a file shows.
+    """The scene of a file's motion.
 
     Args:
         path: a run (CSV, MCAP), a trajectory of joints or along a robot's line (CSV), a table (npz), or the folder or
             MCAP file of a trial.
-        model: of the load, or of the arm whose joints were recorded.
-        robot: whose joints these are; the known one that has them if neither it nor an arm's model is given.
+        model: model of the load, or of the arm whose joints were recorded.
+        robot: robot with these joints; by default that of the arm's model, or the known robot that has these joints.
 
     Raises:
-        InputError: the file cannot be read, or does not say what moves.
+        InputError: the file cannot be read, or does not name what moves.
     """
     if path.is_dir():
         path = _trial_in(path)
@@ -64,7 +64,7 @@ def _trial_in(folder: Path) -> Path:
 
 
 def _model_beside(path: Path, model: Model | None) -> Model | None:
-    """The model that was given, else the one that a trial left beside its recording."""
+    """The given model, or else the one that a trial wrote beside its recording."""
     beside = path.parent / "model.toml"
     if model is not None or not beside.is_file():
         return model
@@ -80,7 +80,7 @@ def _is_line(path: Path) -> bool:
 
 
 def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
-    """A motion of the joints or along the robot's line, with what a check says and marks where a limit is passed."""
+    """Scene of a trajectory of joints or along the robot's line, with the check's verdict and marks at violations."""
     from ik import default_table
     from pipeline.motion.feasibility import CheckSettings, check_joints, check_line
     from pipeline.motion.feasibility.read import read_trajectory
@@ -108,7 +108,7 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:
-    """The postures of a table, from one end of its path to the other and back."""
+    """Scene of a table's postures, from one end of its path to the other and back."""
     from ik import PathTable
 
     table = PathTable.load(path, robot)

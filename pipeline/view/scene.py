@@ -1,4 +1,4 @@
-"""What a 3-D view shows, bodies with their poses over time, strings, a trail, marked stretches; and its offline page.
+"""A 3-D scene (bodies with poses over time, strings, a trail, marked stretches of time) and its offline page.
 
 The page is drawn by three.js, which the package trimesh brings along.
 """
@@ -23,7 +23,7 @@ from pipeline.report.page import packed, page_head
 
 MOST_FRAMES = 1200
 """Poses that a view holds; what lies between them is interpolated."""
-GREY, STEEL, DARK, LOAD, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
+BODY_GREY, STEEL, BODY_DARK, LOAD_COLOUR, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
 
 
 class Mesh(NamedTuple):
@@ -33,21 +33,21 @@ class Mesh(NamedTuple):
         vertices: (n, 3) in the frame of its body [m].
         faces: (m, 3) indices of vertices.
         colour: as ``#RRGGBB``.
-        opacity: 1 for what cannot be seen through.
+        opacity: 1 for opaque, 0 for invisible.
     """
 
     vertices: FloatArray
     faces: np.ndarray
-    colour: str = GREY
+    colour: str = BODY_GREY
     opacity: float = 1.0
 
 
 class Body(NamedTuple):
-    """What moves as one.
+    """A rigid body with its motion.
 
     Attributes:
-        name: of the link or load.
-        meshes: its shape.
+        name: name of the link or load.
+        meshes: shape of the body.
         poses: (k, 7) position [m] and quaternion x, y, z, w in the world for every frame; (1, 7) where it stands still.
     """
 
@@ -60,9 +60,9 @@ class Mark(NamedTuple):
     """A stretch of time that is worth a look.
 
     Attributes:
-        start: [s].
-        end: [s].
-        text: why.
+        start: begin [s].
+        end: end [s].
+        text: reason, for a person.
     """
 
     start: float
@@ -75,14 +75,14 @@ class Scene:
     """A motion in space; the z axis points up.
 
     Attributes:
-        title: what it is.
+        title: title of the view.
         kind: "run", "table", "trajectory" or "trial".
-        time: (k,) of the frames [s].
-        bodies: what is drawn.
+        time: (k,) times of the frames [s].
+        bodies: bodies to draw.
         cords: ends of each string, (k, 2, 3) [m].
         trail: (k, 3) the path of the load or the tool [m]; None for none.
         marks: stretches of time.
-        note: what a viewer must know, such as that an angle is the model's.
+        note: facts that a viewer must know, such as that an angle is the model's.
     """
 
     title: str
@@ -95,7 +95,7 @@ class Scene:
     note: str = ""
 
     def data(self) -> dict[str, Any]:
-        """What the page's script draws; numbers are in base64 of little-endian 32-bit floats and integers."""
+        """The scene as JSON for the page's script; numbers are little-endian 32-bit floats and integers in base64."""
         return {
             "title": self.title,
             "note": self.note,
@@ -116,22 +116,22 @@ def frames(start: float, end: float) -> FloatArray:
 
 
 def standing(position: FloatArray | Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:
-    """(1, 7) the pose of what stands still at a position (3,) [m]."""
+    """(1, 7) pose of a body at rest at a position (3,) [m]."""
     return np.array([[*position, 0.0, 0.0, 0.0, 1.0]])
 
 
 def moved(positions: FloatArray) -> FloatArray:
-    """(k, 7) poses of what is carried along (k, 3) positions [m] without turning."""
+    """(k, 7) poses of a body that moves along (k, 3) positions [m] without turning."""
     return np.column_stack([positions, np.zeros((len(positions), 3)), np.ones(len(positions))])
 
 
-def ball(radius: float, colour: str = LOAD) -> Mesh:
-    """A ball about the origin."""
+def ball(radius: float, colour: str = LOAD_COLOUR) -> Mesh:
+    """Mesh of a ball about the origin."""
     return _of(trimesh.creation.icosphere(subdivisions=3, radius=radius), colour)
 
 
-def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = GREY) -> Mesh:
-    """A rod with round ends between two points (3,) [m]."""
+def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = BODY_GREY) -> Mesh:
+    """Mesh of a rod with round ends between two points (3,) [m]."""
     if np.linalg.norm(end - start) < 1e-6:
         sphere = ball(radius, colour)
         return Mesh(sphere.vertices + start, sphere.faces, colour)
@@ -141,7 +141,7 @@ def capsule(start: FloatArray, end: FloatArray, radius: float, colour: str = GRE
 
 
 def block(extents: Sequence[float], colour: str = STEEL, opacity: float = 1.0) -> Mesh:
-    """A box about the origin with edge lengths (3,) [m]."""
+    """Mesh of a box about the origin with edge lengths (3,) [m]."""
     return _of(trimesh.creation.box(extents=np.asarray(extents)), colour, opacity)
 
 
@@ -159,27 +159,27 @@ def _floats(values: FloatArray) -> str:
 
 
 TEMPLATES = Path(__file__).parent / "templates"
-KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
+SCENE_KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
 
 
 def scene_script() -> str:
-    """Defines ``armdynScene(place, data)``."""
+    """JavaScript that defines ``armdynScene(place, data)``."""
     return (TEMPLATES / "scene.js").read_text(encoding="utf-8")
 
 
 def scene_style() -> str:
-    """Style sheet of a scene."""
+    """CSS style sheet of a scene."""
     return (TEMPLATES / "scene.css").read_text(encoding="utf-8")
 
 
 def view_page(scene: Scene, command: str = "") -> str:
-    """The page as HTML; it needs no network."""
+    """HTML page of a scene; it works offline."""
     own = (TEMPLATES / "view.css").read_text(encoding="utf-8")
     seconds = f"{scene.time[-1] - scene.time[0]:.1f} s"
     return Template((TEMPLATES / "view.html").read_text(encoding="utf-8")).substitute(
         head=page_head(scene.title, scene_style() + own),
         title=escape(scene.title),
-        subtitle=escape(f"{KINDS[scene.kind]}, {seconds}"),
+        subtitle=escape(f"{SCENE_KINDS[scene.kind]}, {seconds}"),
         note=escape(scene.note),
         footer=escape(f"armdyn {__version__}" + (f" · {command}" if command else "")),
         scene=scene_script(),
@@ -203,10 +203,10 @@ BEGIN, END = "/**\n * @license", "\n"
 
 @cache
 def three_js() -> str:
-    """The library as one script that defines ``THREE``; MIT licence, its notice included.
+    """The library three.js as one script that defines ``THREE``, with the notice of its MIT licence.
 
     Raises:
-        InputError: trimesh brings it in another form.
+        InputError: trimesh contains three.js in another form.
     """
     import io
     import zipfile
@@ -221,5 +221,5 @@ def three_js() -> str:
         script = page[start : page.index(END, body)]
     except (OSError, KeyError, ValueError, AttributeError) as error:
         raise InputError(f"trimesh brings no three.js ({error}): install trimesh 4.5 or later") from error
-    # Inside JavaScript's strings and in comments a tag that ends a script would end ours.
+    # A tag that ends a script would end ours even inside JavaScript's strings and comments.
     return script.replace("</script", "<\\/script")

@@ -11,16 +11,16 @@ import trimesh
 import yourdfpy
 
 from armdyn.recording.channels import FloatArray
-from pipeline.view.scene import DARK, GREY, STEEL, Body, Mesh, capsule
+from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Body, Mesh, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import quiet
 
 MOST_TRIANGLES = 40_000
 """Of a whole arm: a page of about 1 MB, which a small computer turns smoothly."""
-STANDING = 0.3
+RESTING_TRIANGLE_SHARE = 0.3
 """Share of them for what does not move, such as a torso."""
-FINEST, COARSEST, COARSER = 0.003, 0.06, 1.4
+FINEST_CELL, COARSEST, COARSER = 0.003, 0.06, 1.4
 """Edge of the cells within which vertices of heavy meshes become one [m], and its growth from one try to the next."""
 LARGEST_FILE = 20e6
 """bytes; a mesh beyond it takes longer to read than a person waits for a view."""
@@ -30,12 +30,12 @@ SLENDER, THIN, THICK = 0.15, 0.012, 0.06
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """What is drawn of an arm.
+    """Shapes of an arm's links for drawing.
 
     Attributes:
-        robot: whose links these are.
-        meshes: per joint of the reduced model, the world first: what it moves, in the frame of that joint.
-        note: what was left out; empty for nothing.
+        robot: robot of the links.
+        meshes: per joint of the reduced model, the world first: meshes that it moves, in the frame of that joint.
+        note: what was left out; empty where nothing was.
     """
 
     robot: Robot
@@ -43,7 +43,7 @@ class Links:
     note: str = ""
 
     def bodies(self, q: FloatArray) -> list[Body]:
-        """The links at postures q, (k, n) [rad or m]."""
+        """Bodies of the links at postures q, (k, n) [rad or m]."""
         model = self.robot.model
         data, poses = model.createData(), np.empty((len(q), model.njoints, 7))
         for i, posture in enumerate(q):
@@ -62,17 +62,17 @@ class Links:
 
 
 def links_of(robot: Robot) -> Links:
-    """The meshes of an arm where its URDF has some that can be read, else rods."""
+    """Meshes of an arm where its URDF has readable ones, otherwise rods."""
     found, missing = _visuals(robot)
     if not any(found[1:]):
         return Links(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
-    still = round(STANDING * MOST_TRIANGLES)
+    still = round(RESTING_TRIANGLE_SHARE * MOST_TRIANGLES)
     return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MOST_TRIANGLES - still)], note)
 
 
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
-    """Per joint the shapes that its links show, as fine as they are; how many cannot be read."""
+    """Visual shapes of the links per joint, in full detail, and the number of unreadable ones."""
     model, found, missing = robot.model, [list[Mesh]() for _ in range(robot.model.njoints)], 0
     with quiet():
         file = BytesIO(robot.urdf_xml.encode())
@@ -97,7 +97,7 @@ def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
 
 
 def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ...]) -> list[trimesh.Trimesh] | None:
-    """What a visual shows, in the frame of its origin; None where its mesh cannot be read."""
+    """Mesh of a URDF's visual, in the frame of its origin; None where the mesh cannot be read."""
     try:
         if geometry.box is not None:
             return [trimesh.creation.box(extents=geometry.box.size)]
@@ -115,14 +115,14 @@ def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ..
         for part in whole:
             part.vertices = part.vertices * (1.0 if geometry.mesh.scale is None else geometry.mesh.scale)
         return whole if all(np.isfinite(part.vertices).all() for part in whole) else None
-    except Exception:  # whatever a reader of meshes may raise of a damaged file
+    except Exception:  # a reader of meshes may raise any error for a damaged file
         return None
 
 
 def _main_colour(part: trimesh.Trimesh) -> str:
     material = getattr(part.visual, "material", None)
     rgba = material.main_color if material is not None else getattr(part.visual, "main_color", None)
-    return GREY if rgba is None or not part.visual.defined else _hex(rgba)
+    return BODY_GREY if rgba is None or not part.visual.defined else _hex(rgba)
 
 
 def _hex(rgba: Sequence[float]) -> str:
@@ -130,8 +130,8 @@ def _hex(rgba: Sequence[float]) -> str:
 
 
 def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
-    """Meshes with at most so many triangles together, the cells as fine as that allows."""
-    cell, made = FINEST, [list(of_joint) for of_joint in meshes]
+    """Meshes simplified to at most a number of triangles together, with cells as fine as this allows."""
+    cell, made = FINEST_CELL, [list(of_joint) for of_joint in meshes]
     while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < COARSEST:
         made = [[_clustered(mesh, cell) for mesh in of_joint] for of_joint in made]
         cell *= COARSER
@@ -139,7 +139,7 @@ def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
 
 
 def _clustered(mesh: Mesh, cell: float) -> Mesh:
-    """Vertices within a cell become their mean, and triangles that vanish are left out.
+    """A simplified mesh: vertices in one cell are merged to their mean, and vanishing triangles are left out.
 
     Source: Rossignac & Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
@@ -152,7 +152,7 @@ def _clustered(mesh: Mesh, cell: float) -> Mesh:
 
 
 def _rods(robot: Robot) -> list[list[Mesh]]:
-    """Per joint a rod to each joint that follows, and from the last one to the tool."""
+    """Rods in place of meshes: from each joint to the next ones, and from the last joint to the tool."""
     model, origin = robot.model, np.zeros(3)
     ends = [list[FloatArray]() for _ in range(model.njoints)]
     for joint in range(1, model.njoints):
@@ -163,7 +163,7 @@ def _rods(robot: Robot) -> list[list[Mesh]]:
     radius = float(np.clip(SLENDER * longest, THIN, THICK))
     found = []
     for j, of_joint in enumerate(ends):
-        colour = DARK if j == 0 else GREY if j % 2 else STEEL
+        colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL
         own = [capsule(origin, end, radius if j else 1.2 * radius, colour) for end in of_joint]
         found.append(own or [capsule(origin, origin, radius, colour)])
     return found

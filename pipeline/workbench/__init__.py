@@ -1,1 +1,1 @@
-"""The page on which a person puts effects into a model and watches the error fall; the state is apart from the page."""
+"""The web page on which a user adds effects to a model and sees the error fall; its state is separate."""

@@ -1,4 +1,4 @@
-"""What works beside the page: a thread that reads, fits and writes for opened files, and a process for a search."""
+"""Background work of the page: a thread that reads, fits and writes for opened files, and a process for a search."""
 
 import asyncio
 import os
@@ -37,7 +37,7 @@ class Session:
         self._ready = self._thread.submit(lambda: bench.result().expansion)
 
     async def opened(self) -> tuple[CheckedStudy, Workbench]:
-        """Both, as soon as the model as given can be shown.
+        """Inputs and workbench, as soon as the given model can be shown.
 
         Raises:
             InputError: a file cannot be used.
@@ -45,11 +45,11 @@ class Session:
         return await asyncio.wrap_future(self._given), await asyncio.wrap_future(self._bench)
 
     async def ready(self) -> None:
-        """Returns when effects can be foretold."""
+        """Wait until the change by an effect can be predicted."""
         await asyncio.wrap_future(self._ready)
 
     async def do(self, work: Callable[[], T]) -> T:
-        """The answer of something slow."""
+        """Run a slow function in the session's thread, and return its answer."""
         return await asyncio.wrap_future(self._thread.submit(work))
 
 
@@ -60,7 +60,7 @@ def _first_look(given: Future[CheckedStudy]) -> Workbench:
 
 
 def key_of(inputs: Inputs) -> tuple[object, ...]:
-    """Tells files, as they are now, from others."""
+    """Key of input files that changes with their contents."""
     roles = (("model", [inputs.model]), ("fit", inputs.runs), ("held out", inputs.held_out or []),
              ("effects", [inputs.effects] if inputs.effects else []))  # fmt: skip
     return inputs.trust_data, *(
@@ -69,17 +69,17 @@ def key_of(inputs: Inputs) -> tuple[object, ...]:
 
 
 class Search:
-    """One question in a process of its own; takes from a second to minutes.
+    """One search in a separate process; it takes from a second to minutes.
 
     Args:
-        work: what is asked, `diagnosed` or `discovered`.
+        work: the search, `diagnosed` or `discovered`.
         inputs: files of model and runs.
-        effects: labels of effects that are put into the model first.
+        effects: labels of effects that are added to the model first.
         tell: see `Tell`; the answer is that of `work`.
     """
 
     def __init__(self, work: Work, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
-        # Not forked: the server has threads, whose locks a copy of it would keep for ever.
+        # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
         arguments = (work, inputs, tuple(effects), theirs)
@@ -90,7 +90,7 @@ class Search:
         Thread(target=self._listen, args=(mine, tell), daemon=True).start()
 
     def stop(self) -> None:
-        """End it, and tell nobody."""
+        """End the search without an answer."""
         self._stopped = True
         self._process.kill()
 
@@ -107,9 +107,9 @@ class Search:
 
 
 def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
-    """In the process: what it finds goes through the pipe."""
+    """Main function of the process: it sends its answer through a pipe."""
     begin_child()
-    os.nice(5)  # the page comes first
+    os.nice(5)  # the page's process has priority
     try:
         answers.send(("done", work(inputs, effects, lambda what: answers.send(("progress", what)))))
     except Exception as error:
@@ -117,7 +117,7 @@ def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Conne
 
 
 def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """The JSON of `armdyn diagnose` of a model with some effects put in, and their labels, ``beside``.
+    """JSON of `armdyn diagnose` for a model with some added effects, whose labels are in ``beside``.
 
     Raises:
         InputError: something cannot be used.
@@ -130,7 +130,7 @@ def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]
 
 
 def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """What `armdyn discover` finds beside some effects: a ``sentence``, ``labels`` to tick, ``text`` of a file of laws.
+    """Laws found by `armdyn discover` beside some effects: a ``sentence``, ``labels`` to tick, ``text`` of their file.
 
     Raises:
         InputError: something cannot be used.

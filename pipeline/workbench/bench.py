@@ -1,4 +1,4 @@
-"""A model held against runs, with effects that are put in and taken out: the state of the page, without the page."""
+"""State of the workbench's page: a model compared with runs, with effects that are added and removed."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,8 +33,8 @@ class Atom:
     """One effect on one joint.
 
     Attributes:
-        effect: its name.
-        joint: where; ``""`` where it acts on the whole model.
+        effect: name of the effect.
+        joint: name of the joint; ``""`` where the effect acts on the whole model.
     """
 
     effect: str
@@ -42,19 +42,19 @@ class Atom:
 
     @property
     def label(self) -> str:
-        """As commands take it."""
+        """Label of the effect in the form that commands read."""
         return f"{self.effect}:{self.joint}" if self.joint else self.effect
 
 
 @dataclass(frozen=True)
 class Knob:
-    """A parameter that a person can turn.
+    """A parameter with a slider.
 
     Attributes:
-        parameter: with its unit and bounds; its value is the present one.
+        parameter: parameter with unit and bounds; its value is the present one.
         std: standard deviation; None where none is known.
-        low: lowest value to turn it to.
-        high: highest.
+        low: lowest value of the slider.
+        high: highest value of the slider.
     """
 
     parameter: Parameter
@@ -65,16 +65,16 @@ class Knob:
 
 @dataclass(frozen=True, eq=False)
 class TickedModel:
-    """The model with the effects that are ticked.
+    """The model with the ticked effects.
 
     Attributes:
-        effects: what is ticked, in that order.
-        how: "foretold" from sums, "fitted", or "by hand".
+        effects: ticked effects, in the order of ticking.
+        how: "foretold" (predicted from sums), "fitted", or "by hand".
         curves: every training and held-out run and channel, as given and now.
-        stale: whether runs that were not fitted still show the model as given.
-        knobs: its parameters.
-        others: error by channel of runs that took no part in the fit; empty where it is not known yet.
-        places: where it fails, the worst first; empty where that is not known yet, or only noise is left.
+        stale: whether runs that were not fitted still show the given model.
+        knobs: parameters with sliders.
+        others: error by channel on runs outside the fit; empty where it is not known yet.
+        places: where the model fails, the worst first; empty where unknown, or where the residual is only noise.
     """
 
     effects: tuple[Atom, ...]
@@ -87,13 +87,13 @@ class TickedModel:
 
 
 class Workbench:
-    """A model, runs and a catalogue, opened.
+    """A model, runs and a catalogue of effects that a page has opened.
 
     Attributes:
-        study: the same.
-        first: fit of the model as given.
-        atoms: what can be ticked.
-        present: what the model as given has.
+        study: model, runs and catalogue.
+        first: fit of the given model.
+        atoms: effects that can be ticked.
+        present: effects of the given model.
     """
 
     def __init__(self, study: Study) -> None:
@@ -111,20 +111,20 @@ class Workbench:
 
     @cached_property
     def expansion(self) -> LinearScorer | None:
-        """Sums around the fit of an arm as given, which say at once what sets of effects would do; None for others.
+        """Sums at the fit of a given arm, which predict the result of any set of effects at once; None for others.
 
-        Exact for effects that are linear. Made when it is first asked for: the model as given is shown before.
+        Predictions are exact for linear effects. Sums are computed at the first use, after the given model is shown.
         """
         return self.study.scorer(self.first) if self.study.model.linear else None
 
     @cached_property
     def opening(self) -> TickedModel:
-        """The model as given."""
+        """The state with the given model and no ticked effect."""
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
 
     def effects_of(self, effects: Sequence[Atom]) -> list[Effect]:
-        """As `repair.add` takes them: joints together that have the same effect.
+        """Effects in the form of `repair.add`: the joints of one effect are together.
 
         Raises:
             UnknownNameError: one of them cannot be ticked.
@@ -132,7 +132,7 @@ class Workbench:
         return [self.study.effects[c.effect].on(*c.joints) for c in group_by_effect(self._candidates_of(effects))]
 
     def predict(self, effects: Sequence[Atom]) -> TickedModel:
-        """What these effects would do, at once.
+        """Predict the result of adding effects, at once.
 
         Raises:
             UnknownNameError: one of them cannot be ticked.
@@ -141,7 +141,7 @@ class Workbench:
             return self.opening
         chosen = self._candidates_of(effects)
         if self.expansion is None:
-            # Near the fit of the model as given a pendulum is linear too; a refit follows.
+            # Near the fit of the given model a pendulum is nearly linear too; a refit follows.
             values = linear_fit(self.first, [name for c in chosen for name in c.names])
             blocks, moved = self.study.problem.blocks(self.first.values), values - self.first.values
             residuals = {(b.run, b.channel): b.misfit - b.noise * (b.sensitivities @ moved) for b in blocks}
@@ -160,7 +160,7 @@ class Workbench:
         return self._state(effects, "foretold", residuals, knobs)
 
     def refit(self, effects: Sequence[Atom]) -> TickedModel:
-        """What these effects do, fitted to all samples; takes from a tenth of a second to several.
+        """The result of adding effects, fitted to all samples; it takes 0.1 s to several seconds.
 
         Raises:
             UnknownNameError: one of them cannot be ticked.
@@ -172,7 +172,7 @@ class Workbench:
         return replace(state, places=localise(fit))
 
     def fit(self, effects: Sequence[Atom]) -> Fit:
-        """The minimum with these effects, made once; of an arm from the nearest fit and what the sums say."""
+        """The cached fit with these effects; for an arm it starts from the nearest fit and the sums' prediction."""
         key = frozenset(effects)
         if key not in self._fits:
             study, chosen = self.study, self._candidates_of(effects)
@@ -205,7 +205,7 @@ class Workbench:
         return self._state(effects, "by hand", _residuals(blocks), knobs)
 
     def missing_force(self, state: TickedModel) -> tuple[ForceCurve, ...]:
-        """What the model as given cannot explain; where known, what it cannot as ticked, and what that explains."""
+        """Missing force of the given model; where known, that of the ticked model, and what its effects explain."""
         given = self._unexplained
         if not state.effects or any(u.joint is None for u in given):
             if not state.effects or state.how != "fitted":
@@ -221,7 +221,7 @@ class Workbench:
         )
 
     def motion(self, effects: Sequence[Atom]) -> tuple[RollOut, ...]:
-        """How an arm with these effects, fitted, moves by what its joints were told or given; nothing of others."""
+        """Motion of an arm with fitted effects under the recorded commands or torques; empty for other models."""
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
         if not isinstance(model, ArmModel):
@@ -257,7 +257,7 @@ class Workbench:
         return TickedModel(tuple(effects), how, tuple(shown), stale, knobs, others or {})
 
     def _others(self, fit: Fit) -> Mapping[str, float]:
-        """Error by channel on held-out runs, else of every run predicted from the others."""
+        """Error by channel on held-out runs, or else of every run predicted from the others."""
         return channel_rmse(self.study.held_out_blocks(fit))
 
     def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
@@ -271,7 +271,7 @@ class Workbench:
         only: Collection[str] | None = None,
         without: Collection[str] = (),
     ) -> Mapping[str, Knob]:
-        """Of the parameters that belong to all runs, at `values` (P,) of the study's unknowns."""
+        """Sliders of the parameters that belong to all runs, at `values` (P,) of the study's unknowns."""
         found = {}
         for column, value in zip(self.study.problem.columns, values.tolist(), strict=True):
             name = column.name

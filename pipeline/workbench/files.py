@@ -1,4 +1,4 @@
-"""Files of a page: those that are dropped onto it, and those that a person keeps of it.
+"""Files of a page: files that are dropped onto it, and files that a user saves from it.
 
 A dropped file goes through the same door as on the command line; kept are the model file, a report, and the model for
 other tools.
@@ -30,7 +30,7 @@ PREFIX = "armdyn-page-"
 
 
 def new_folder() -> tempfile.TemporaryDirectory[str]:
-    """Where the files of one page are kept while it is open."""
+    """New folder for the files of one page while it is open."""
     return tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-", ignore_cleanup_errors=True)
 
 
@@ -41,7 +41,7 @@ def remove_folders() -> None:
 
 
 def remove_abandoned() -> None:
-    """Remove what workbenches that were killed have left."""
+    """Remove the folders of workbenches that were killed."""
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*-*"):
         number = folder.name.removeprefix(PREFIX).partition("-")[0]
         if number.isdecimal() and not is_running(int(number)):
@@ -49,10 +49,10 @@ def remove_abandoned() -> None:
 
 
 class Writable:
-    """Where pages may write: below the folder that the workbench was started in, and over their own files only.
+    """Places where pages may write: below the folder in which the workbench was started, and over their own files.
 
     Args:
-        folder: that it was started in.
+        folder: folder in which the workbench was started.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -63,11 +63,11 @@ class Writable:
         """Refuse a file that may not be written.
 
         Args:
-            file: to be written.
+            file: file to write.
             over: whether a file that a page has written may be replaced.
 
         Raises:
-            InputError: it is elsewhere, is there, or is not as a page left it.
+            InputError: the file is elsewhere, exists already, or was changed since a page wrote it.
         """
         target = file.resolve()
         if not target.is_relative_to(self._folder):
@@ -83,7 +83,7 @@ class Writable:
         may_replace(target)
 
     def note(self, file: Path) -> None:
-        """A page has written this file."""
+        """Remember that a page has written this file."""
         self._written[file.resolve()] = _digest(file)
 
 
@@ -98,12 +98,12 @@ def is_temporary(file: Path) -> bool:
 
 
 class Dropped(NamedTuple):
-    """What a file turned out to be.
+    """A dropped file and its kind.
 
     Attributes:
         kind: "run", "model" or "sidecar".
-        path: that is used from now on.
-        said: for a person.
+        path: file that is used from now on.
+        said: sentence for a person.
     """
 
     kind: str
@@ -112,10 +112,10 @@ class Dropped(NamedTuple):
 
 
 def place_for(folder: Path, name: str) -> Path:
-    """Where a dropped file goes: its own name, without anything that would lead elsewhere.
+    """Path of a dropped file: its own name, without parts that would lead to another folder.
 
     Raises:
-        InputError: nothing is left of the name.
+        InputError: the name is empty after that.
     """
     plain = re.sub(r"[^\w .+()-]", "_", Path(name.replace("\\", "/")).name).strip(" .")
     if not plain:
@@ -124,14 +124,14 @@ def place_for(folder: Path, name: str) -> Path:
 
 
 def read_dropped(path: Path, joints: Sequence[str] = ()) -> Dropped:
-    """Read a dropped file, and say what it is.
+    """Read a dropped file, and determine its kind.
 
     Args:
-        path: where it was put.
-        joints: of the arm, where there is one: columns that are only numbered get their names.
+        path: place of the file.
+        joints: names of the arm's joints, where there is one, for columns that are only numbered.
 
     Raises:
-        InputError: it cannot be used, in one sentence.
+        InputError: the file cannot be used; the message is one sentence.
     """
     suffix = path.suffix.lower()
     if suffix in (".urdf", ".xml"):
@@ -142,12 +142,12 @@ def read_dropped(path: Path, joints: Sequence[str] = ()) -> Dropped:
 
 
 def pendulum(folder: Path, mass: str, length: str) -> Path:
-    """The file of a new pendulum.
+    """Write the model file of a new pendulum.
 
     Args:
-        folder: of the page.
-        mass: such as "80 g +/- 0.4 g"; empty where it is not known.
-        length: such as "0.368 m +/- 1 mm"; likewise.
+        folder: folder of the page.
+        mass: mass, such as "80 g +/- 0.4 g"; empty where it is not known.
+        length: length, such as "0.368 m +/- 1 mm"; empty where it is not known.
 
     Raises:
         InputError: a value or unit cannot be read.
@@ -157,10 +157,10 @@ def pendulum(folder: Path, mass: str, length: str) -> Path:
 
 
 def known_arm(folder: Path, robot: str) -> Path:
-    """The file of an arm that is known by name.
+    """Write the model file of an arm that is known by name.
 
     Raises:
-        InputError: there is none of this name.
+        InputError: no arm has this name.
     """
     from armdyn.arm.model import arm_model
 
@@ -195,7 +195,7 @@ def _toml(path: Path) -> Dropped:
 
 
 def _recording(path: Path, joints: Sequence[str]) -> Dropped:
-    """A run as it is, else one made of foreign columns as their names, units and ranges suggest."""
+    """A run as it is, or one made of foreign columns whose names, units and ranges suggest their meaning."""
     try:
         run = read_run(path)
         return Dropped("run", path, f"{path.name}: {_contents(run)}")
@@ -214,7 +214,7 @@ def _recording(path: Path, joints: Sequence[str]) -> Dropped:
             mapping = guess_map([foreign], Joints(tuple(joints)))
         run = imported(foreign, mapping).run
     except InputError as error:
-        # Who meant a run of our own is told what is wrong with it, whoever brings another format what it lacks.
+        # For a run of our own the message says what is wrong; for another format it says what is missing.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error
     target = path.with_name(f"{path.stem}.csv" if path.suffix.lower() != ".csv" else f"{path.stem}_run.csv")
     write_run_csv(run, target)
@@ -238,12 +238,12 @@ def _write_model(path: Path, file: ModelFile) -> Path:
 
 
 def add_laws(folder: Path, own: Path | None, text: str) -> Path:
-    """A file of effects with laws that were discovered, after those of a user's file where there is one.
+    """Write a file of effects with discovered laws, after the effects of the user's file, if any.
 
     Args:
-        folder: of the page.
+        folder: folder of the page.
         own: the user's file; None for none.
-        text: of a file of effects.
+        text: text of a file of effects.
     """
     before = "" if own is None else own.read_text(encoding="utf-8") + "\n\n"
     target = folder / "discovered.py"
@@ -252,13 +252,13 @@ def add_laws(folder: Path, own: Path | None, text: str) -> Path:
 
 
 class Kept(NamedTuple):
-    """What was written.
+    """Files that were saved from a page.
 
     Attributes:
         files: in the order in which they were written.
-        sentence: of the repair, with its error.
+        sentence: sentence on the repair, with its error.
         notes: what a format cannot hold, and whether it is therefore not written.
-        next_step: a command.
+        next_step: text of a useful command.
     """
 
     files: tuple[Path, ...]
@@ -279,22 +279,22 @@ def keep(
     writable: Writable,
     over: bool = False,
 ) -> Kept:
-    """Refit with these effects one after the other, and write what `add` and `export` would.
+    """Refit with effects one after the other, and write the files that `add` and `export` would write.
 
     Args:
-        opened: that were opened.
+        opened: opened input files.
         given: model file and catalogue.
-        bench: the study and what can be ticked.
-        effects: that are ticked.
-        model: file to write.
-        report: likewise; None for none.
-        exported: likewise, its ending says what it is; None for none.
-        writable: where that may be.
-        over: write over what a page has written.
+        bench: the study and the effects that can be ticked.
+        effects: ticked effects.
+        model: model file to write.
+        report: report to write; None for none.
+        exported: file for another tool, whose ending gives the format; None for none.
+        writable: places where files may be written.
+        over: whether files that a page has written may be replaced.
 
     Raises:
-        InputError: a file cannot be written, or is there.
-        TaskFailedError: the fit is lost.
+        InputError: a file cannot be written, or exists already.
+        TaskFailedError: the fit failed.
     """
     from armdyn.document import NextStep
     from armdyn.identify.repair import add, require_found
@@ -340,7 +340,7 @@ def keep(
 
 
 def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:
-    """The model, with a URDF that was dropped onto the page copied beside its file: a page's folder does not last."""
+    """The model, with a dropped URDF copied beside its file, because a page's folder is temporary."""
     if not isinstance(found, ArmModel) or found.arm.file is None or not is_temporary(found.arm.file):
         return found, []
     target = model.parent / found.arm.file.name
@@ -349,7 +349,7 @@ def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) ->
 
 
 def _copied(file: Path, target: Path, writable: Writable, over: bool) -> list[Path]:
-    """The copy of a page's file, beside the model; nothing is written where it is there already."""
+    """Copy of a page's file beside the model; an existing equal copy is kept."""
     if not target.exists() or target.read_bytes() != file.read_bytes():
         writable.check(target, over)
         shutil.copyfile(file, target)

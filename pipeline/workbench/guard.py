@@ -1,4 +1,4 @@
-"""Who may use the page: the browser that opened the address with its token, and no other page in the same browser.
+"""Access control: only the browser that opened the address with its token may use the page, and no other page in it.
 
 A page of elsewhere can make a browser send requests here. It does not know the token, its cookie is not sent with such
 requests (``SameSite=Strict``), it cannot hide where it comes from (``Origin``), and a name of its own that it points to
@@ -30,21 +30,21 @@ class Guard:
     """Lets requests and sockets through to an application, or refuses them.
 
     Args:
-        application: what is guarded.
-        port: that the server listens on.
-        names: that this server is called by; an address in numbers is always one, because no foreign name is in it.
+        application: guarded ASGI application.
+        port: port on which the server listens.
+        names: host names of this server; a numeric address is always allowed, because it contains no foreign name.
 
     Attributes:
-        token: what the address must hold.
+        token: secret that the address must contain.
     """
 
     def __init__(self, application: Application, port: int, names: Collection[str]) -> None:
         self._application, self._names = application, frozenset(name.lower() for name in names)
         self.token = secrets.token_urlsafe(24)
-        self._cookie = f"armdyn-{port}"  # cookies do not know ports
+        self._cookie = f"armdyn-{port}"  # cookies are shared by all ports of a host
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """As ASGI calls it."""
+        """Handle one ASGI connection: pass it to the application, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._application(scope, receive, send)
             return
@@ -61,7 +61,7 @@ class Guard:
             await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
 
     def _refusal(self, sent: dict[str, str], asked: str) -> str | None:
-        """Why a request is not ours; None where it is."""
+        """Reason for refusing a request; None where it is allowed."""
         host = sent.get("host", "")
         if not self._ours(host):
             return "this workbench is not called so"
@@ -113,7 +113,7 @@ class Guard:
 
 
 def _bounded(receive: Receive) -> Receive:
-    """What a client sends, which is gone where it sends more than it may without having said so."""
+    """Receiver of a client's data, which disconnects a client that sends more than its limit."""
     left = LARGEST_UPLOAD
 
     async def receiving() -> Message:

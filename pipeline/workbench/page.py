@@ -1,4 +1,4 @@
-"""What a person clicks on the page, and what follows from it."""
+"""The page's buttons, boxes and sliders, and the actions that they start."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ STILL = 0.25
 
 
 class Page(Tab):
-    """A tab with everything on it that can be clicked; see `Tab` for the arguments, `Writable` for the last."""
+    """A browser tab with its controls; see `Tab` for the arguments, `Writable` for the last."""
 
     def __init__(
         self, client: Client, inputs: Inputs | None, open_session: OpenSession, writable: files.Writable
@@ -57,7 +57,7 @@ class Page(Tab):
             ui.on(name, self._guarded_event(handler))
 
     async def begin(self) -> None:
-        """Show what the command named, as soon as the browser is there."""
+        """Show the files that the command named, as soon as the browser is connected."""
         self._client.run_javascript(
             "document.querySelector('section[aria-label=Files]').append(document.getElementById('drop'))"
         )
@@ -76,7 +76,7 @@ class Page(Tab):
         await self._add([str(args["label"])])
 
     async def _add(self, labels: Sequence[str]) -> None:
-        """Tick effects beside those that are."""
+        """Tick further effects."""
         new = [atom for label in labels for atom in self._atoms(label)]
         await self._tick([*(a for a in self._ticked if a not in new), *new], by_click=False)
 
@@ -84,7 +84,7 @@ class Page(Tab):
         await self._tick([], by_click=False)
 
     async def _tick(self, effects: list[Atom], *, by_click: bool = True) -> None:
-        """Show at once what these effects would do, then what they do."""
+        """Show at once the predicted result of effects, then the fitted one."""
         bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
         if not by_click:
@@ -128,12 +128,12 @@ class Page(Tab):
         self._call("panel", "proposal", "Looking for a formula; what is tried is told under 'What is missing'.")
 
     def _begin(self, work: Work, done: Callable[[Any], Awaitable[None]]) -> None:
-        """Search beside what is ticked, and go on with the answer."""
+        """Start a search beside the ticked effects, and continue with its answer."""
         session, _given, bench = self._opened()
         self._stop_search()
         loop = asyncio.get_running_loop()
 
-        def tell(kind: str, what: Any) -> None:  # from another thread
+        def tell(kind: str, what: Any) -> None:  # called from another thread
             if not loop.is_closed():
                 asyncio.run_coroutine_threadsafe(self._guarded(self._heard(session, kind, what, done)), loop)
 
@@ -160,7 +160,7 @@ class Page(Tab):
         self._call("panel", "ranking", panels.ranking_panel(answer))
 
     async def _proposed(self, answer: Mapping[str, Any]) -> None:
-        """Read the files anew with the laws that were discovered, tick them, and say what they are."""
+        """Read the files again with the discovered laws, tick these laws, and describe them."""
         ticked = self._ticked
         if answer["text"]:
             self._own_effects = files.add_laws(Path(self._folder.name), self._own_effects, str(answer["text"]))
@@ -206,7 +206,7 @@ class Page(Tab):
     async def _dropped(self, event: events.MultiUploadEventArguments) -> None:
         joints = tuple(getattr(self._open.bench.study.model, "joints", ())) if self._open else ()
         problems = []
-        # A model first: its joints name the columns of recordings.
+        # Models come first: their joints name the columns of recordings.
         for file in sorted(event.files, key=lambda file: not file.name.lower().endswith((".urdf", ".xml", ".toml"))):
             try:
                 path = files.place_for(Path(self._folder.name), file.name)
@@ -254,6 +254,6 @@ class Page(Tab):
 
     @staticmethod
     def _atoms(label: str) -> list[Atom]:
-        """One for each joint of a label as commands take it."""
+        """One atom for each joint of an effect's label in the form that commands read."""
         effect, _, joints = label.partition(":")
         return [Atom(effect, joint) for joint in joints.split(",")]

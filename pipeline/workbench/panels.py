@@ -1,4 +1,4 @@
-"""The page's panels as HTML, made of the state; every text is escaped."""
+"""The page's panels as HTML, made from the state; every text is escaped."""
 
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
@@ -25,7 +25,7 @@ MOST_PLACES = 2
 
 
 def effects_panel(bench: Workbench, ticked: Collection[Atom]) -> str:
-    """A line per effect with a box for every joint that it can act on; what the model has is ticked for good."""
+    """Panel of effects: a line per effect with a box per joint; effects of the given model cannot be unticked."""
     names = [atom.joint for atom in (*bench.atoms, *bench.present) if atom.joint]
     short = short_joints(names)
     rows = []
@@ -55,7 +55,7 @@ def _box(atom: Atom, label: str, ticked: bool, fixed: bool) -> str:
 
 
 def short_joints(joints: Sequence[str]) -> dict[str, str]:
-    """Names without what all of them begin with, or end in: ``right_s0`` as ``s0``."""
+    """Short names without the common beginning or ending of all names: ``s0`` for ``right_s0``."""
     words = {name: name.split("_") for name in joints}
     for side in (0, -1):
         while (
@@ -66,7 +66,7 @@ def short_joints(joints: Sequence[str]) -> dict[str, str]:
 
 
 def errors_panel(state: TickedModel) -> str:
-    """Before and after on every kind of run, in the channels' unit."""
+    """Panel of errors before and after on every kind of run, in the channels' unit."""
     units = {curve.channel: curve.unit for curve in state.curves}
     figures = []
     for kind in (FITTED, HELD_OUT):
@@ -84,7 +84,7 @@ def errors_panel(state: TickedModel) -> str:
 
 
 def _where(state: TickedModel, units: Mapping[str, str]) -> str:
-    """The places where it fails most, one for each channel and quantity."""
+    """The places where the model fails most, one for each channel and quantity."""
     worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = full_name(place.channel, units[place.channel])
@@ -109,7 +109,7 @@ def _key(name: str, value: float, unit: str, note: str) -> str:
 
 
 def knobs_panel(state: TickedModel) -> str:
-    """A slider for every parameter of the model."""
+    """Panel with a slider for every parameter of the model."""
     if not state.knobs:
         return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
     return "".join(_slider(name, knob) for name, knob in state.knobs.items())
@@ -127,7 +127,7 @@ def _slider(name: str, knob: Knob) -> str:
 
 
 def ranking_panel(answer: Mapping[str, Any]) -> str:
-    """Candidates, best first, with their errors alone and their ties, each with a button that ticks it.
+    """Panel of candidates, best first, each with its error, its ties and a button that ticks it.
 
     Args:
         answer: JSON of `diagnose`, and ``beside``, labels of the effects that the model had besides.
@@ -159,12 +159,12 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
 
 
 def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Sequence[str]) -> str:
-    """The files of the page; a recording can be fitted, held out, or left out.
+    """Panel of the page's files; a recording can be fitted, held out, or left out.
 
     Args:
-        model: its file; None where there is none yet.
-        runs: each with whether it is held out.
-        said: sentences on files that were dropped.
+        model: file of the model; None where there is none yet.
+        runs: recordings, each with whether it is held out.
+        said: sentences on dropped files.
     """
     rows = [f"<tr><td>model</td><td>{escape(model.name) if model else 'none yet'}</td><td></td></tr>"]
     for i, (path, held_out) in enumerate(runs):
@@ -178,13 +178,13 @@ def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Seq
 
 
 def checks_panel(found: Inspection) -> str:
-    """What the inspection found, the worst first."""
+    """Panel of the inspection's findings, the worst first."""
     tables = checks_section(found.checks).tables
     return f"<p class='sentence'>{escape(found.sentence)}</p>{''.join(map(table_html, tables))}"
 
 
 def kinds_of_export() -> str:
-    """Options of what a model can be written as besides."""
+    """Options of formats in which a model can be exported."""
     options = "".join(
         f"<option value='{ending}'>{escape(made.kind)} ({ending})</option>" for ending, made in formats().items()
     )

@@ -1,4 +1,4 @@
-"""Serves the workbench, on this computer only unless told otherwise, until a signal comes."""
+"""Server of the workbench, for this computer only by default; it runs until a signal comes."""
 
 import signal
 import socket
@@ -28,19 +28,19 @@ from pipeline.workbench.page import TEMPLATES, Page
 HOST = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
-SWITCH = 1e-3
+SWITCH_SECONDS = 1e-3
 """s for which a refit may keep the page's thread waiting at a time."""
-DAY = {"Cache-Control": "max-age=86400"}
+DAY_CACHE = {"Cache-Control": "max-age=86400"}
 IN_ORDER, AT_MOST = 0.3, 0.7
 """s after a signal for which answers that are under way are waited for, and after which the program ends as it is: what
 reads an upload, in a thread, cannot be stopped."""
 
 
 def listening(port: int | None, host: str = HOST) -> socket.socket:
-    """A socket: of the port that is asked for, else of the usual one or any that is free.
+    """A listening socket on the requested port, or by default on the usual port or any free one.
 
     Raises:
-        InputError: the port is taken, or the host is none of this computer.
+        InputError: the port is in use, or the host is no address of this computer.
     """
     for wanted in (USUAL_PORT, 0) if port is None else (port,):
         try:
@@ -59,7 +59,7 @@ def listening(port: int | None, host: str = HOST) -> socket.socket:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this computer can reach what listens there."""
+    """Whether only this computer can reach a server on this host."""
     return host in ("localhost", "::1") or host.startswith("127.")
 
 
@@ -70,9 +70,9 @@ def serve(
 
     Args:
         inputs: files that the page opens; None for none.
-        listen: where.
-        host: as it was asked for.
-        started: told the address, which holds the token.
+        listen: listening socket.
+        host: host as the user gave it.
+        started: called with the address, which contains the token.
         closed: called at the end.
     """
     files.remove_abandoned()
@@ -90,8 +90,8 @@ def serve(
     def begun(address: str) -> None:
         started(address)
         if inputs is not None:
-            # The browser takes a second to come, in which recordings can be read. Not before the address is printed:
-            # reading a URDF keeps what is printed from the terminal.
+            # The browser takes a second to connect, in which recordings are read. Not before the address is printed:
+            # while a URDF is read, nothing is printed to the terminal.
             first.append(open_session(inputs))
 
     async def page(client: Client) -> None:
@@ -101,7 +101,7 @@ def serve(
         await client.connected()
         await own.begin()
 
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_SECONDS)
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
@@ -125,10 +125,10 @@ def _application() -> FastAPI:
     texts = {name: make() for name, make in scripts.items()}
 
     def asset(version: str, name: str) -> Response:
-        del version  # only there so that another version of armdyn is not taken from the browser's cache
+        del version  # in the address so that the browser's cache does not return another version of armdyn
         if name not in texts:
             return Response(status_code=404)
-        return Response(texts[name], media_type="text/javascript", headers=DAY)
+        return Response(texts[name], media_type="text/javascript", headers=DAY_CACHE)
 
     application.get(ASSETS + "/{version}/{name}")(asset)
     ui.run_with(application, title="armdyn workbench", dark=None, tailwind=False, show_welcome_message=False,
@@ -146,7 +146,7 @@ def _head() -> str:
 def _run(
     application: Guard, listen: socket.socket, started: Callable[[], None], closed: Callable[[], None]
 ) -> NoReturn:
-    """Serve until a signal comes; end in order, or as it is where that takes too long."""
+    """Serve until a signal comes; end orderly, or at once where that takes too long."""
     server = uvicorn.Server(uvicorn.Config(application, log_level="critical", timeout_graceful_shutdown=0))
     server.config.timeout_graceful_shutdown = IN_ORDER
     usual, received = server.startup, signal.SIGINT
@@ -158,7 +158,7 @@ def _run(
 
     def end(delay: float = 0.0) -> NoReturn:
         time.sleep(delay)
-        with ending:  # held until the process is gone
+        with ending:  # kept until the process ends
             files.remove_folders()
             closed()
             if received != signal.SIGINT:

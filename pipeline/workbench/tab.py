@@ -1,4 +1,4 @@
-"""One browser tab: which files it has open, what it shows of them, and the motion of a run in three dimensions."""
+"""One browser tab: its open files, what it shows, and the motion of a run in three dimensions."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -31,12 +31,12 @@ OpenSession = Callable[[Inputs], Session]
 
 
 class Opened(NamedTuple):
-    """Files that a tab shows.
+    """Open files of a tab.
 
     Attributes:
-        session: that computes with them.
-        given: what was read.
-        bench: what can be ticked.
+        session: session that computes with the files.
+        given: model and runs as they were read.
+        bench: study and effects that can be ticked.
     """
 
     session: Session
@@ -48,9 +48,9 @@ class Tab:
     """One browser tab.
 
     Args:
-        client: NiceGUI's connection to it.
+        client: NiceGUI's connection to the tab.
         inputs: files that the command named; None for none.
-        open_session: gives the session of files, which tabs with the same files share.
+        open_session: returns the session of some files; tabs with the same files share a session.
     """
 
     def __init__(self, client: Client, inputs: Inputs | None, open_session: OpenSession) -> None:
@@ -66,12 +66,12 @@ class Tab:
         self._open: Opened | None = None
         self._ticked: tuple[Atom, ...] = ()
         self._values: dict[str, float] = {}
-        self._asked = 0  # of the newest answer that is wanted
+        self._asked = 0  # number of the newest request
         self._points = 0
         self._search: Search | None = None
 
     def close(self) -> None:
-        """The tab is gone."""
+        """Clean up after the browser has closed the tab."""
         self._stop_search()
         self._folder.cleanup()
 
@@ -81,7 +81,7 @@ class Tab:
         self._search = None
 
     async def _reopen(self) -> None:
-        """Read the files anew, and show the model as given."""
+        """Read the files again, and show the given model."""
         self._asked += 1
         self._ticked, self._values, self._open = (), {}, None
         self._stop_search()
@@ -103,7 +103,7 @@ class Tab:
         try:
             given, bench = await session.opened()
             if session is not self._session:
-                return  # other files were chosen meanwhile
+                return  # the user chose other files meanwhile
             self._open = Opened(session, given, bench)
             self._call("panel", "checks", panels.checks_panel(given.inspection))
             names = ", ".join(run.name for run in bench.study.runs)
@@ -142,7 +142,7 @@ class Tab:
             self._call("panel", "knobs", panels.knobs_panel(state))
 
     async def _show_missing_force(self, state: TickedModel) -> None:
-        """After the curves, which need not wait for it; nothing where another answer is wanted meanwhile."""
+        """Show the missing force after the curves; nothing is shown where a newer request came."""
         bench, asked = self._opened().bench, self._asked
         await asyncio.sleep(FIRST)
         if asked != self._asked:
@@ -153,7 +153,7 @@ class Tab:
             self._call("missing", shown)
 
     async def _show_motion(self, effects: Sequence[Atom]) -> None:
-        """Last, as an arm's simulator is compiled; of what is fitted, nothing where another answer is wanted."""
+        """Show the fitted motion last, as an arm's simulator is compiled; nothing where a newer request came."""
         bench, asked = self._opened().bench, self._asked
         if not isinstance(bench.study.model, ArmModel):
             return
@@ -167,7 +167,7 @@ class Tab:
         return self._open
 
     async def _working(self, what: str, work: Callable[[], Any]) -> Any:
-        """Do something slow beside the page, and say so."""
+        """Do slow work beside the page, and show a message meanwhile."""
         self._call("busy", what)
         try:
             return await self._opened().session.do(work)
@@ -181,7 +181,7 @@ class Tab:
         return handle
 
     async def _guarded(self, work: Awaitable[None]) -> None:
-        """What goes wrong is one sentence on the page."""
+        """Show an error as one sentence on the page."""
         try:
             await work
         except ArmdynError as error:
@@ -201,15 +201,15 @@ _links: dict[str, Links] = {}
 
 
 def scene_of_run(bench: Workbench, effects: Sequence[Atom], name: str | None) -> Scene:
-    """What moves in a run; a load whose angle was not measured swings as the model with these effects says.
+    """Scene of a run; a load whose angle was not measured swings as the model with some effects predicts.
 
     Args:
         bench: model and runs.
-        effects: that are ticked.
-        name: of the run; the first one where it is None.
+        effects: ticked effects.
+        name: name of the run; None for the first one.
 
     Raises:
-        InputError: nothing in the run says how it moves.
+        InputError: the run does not contain a motion.
     """
     study, model = bench.study, bench.study.model
     run = next((run for run in (*study.runs, *study.held_out) if run.name == name), study.runs[0])

@@ -51,7 +51,7 @@ def test_a_time_beyond_the_calendar_is_refused(folder, refused, year):
 
 
 def test_a_search_over_the_whole_disk_does_not_begin(folder, refused, monkeypatch):
-    monkeypatch.setattr("pipeline.batch.spec.MOST", 20)
+    monkeypatch.setattr("pipeline.batch.spec.MAX_BATCH_FILES", 20)
     for number in range(30):
         (folder / f"{number}.txt").touch()
     (folder / "spec.toml").write_text(f'[[recordings]]\nmodel = "m.toml"\nruns = ["{folder}/**/*.csv"]\n')

@@ -6,7 +6,7 @@ import pytest
 
 from armdyn import user_code
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.effects.effect_checks import STAGES, check_applied, check_declared
+from armdyn.effects.effect_checks import TRIAL_STAGES, check_applied, check_declared
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.physics.user import load_base
@@ -87,14 +87,14 @@ def test_a_file_without_an_effect_of_any_stage_is_refused(tmp_path, text, said):
         load_effects(tmp_path / "mine.py")
 
 
-@pytest.mark.parametrize("name", [name for name, item in CATALOGUE.items() if item.acts_on in STAGES])
+@pytest.mark.parametrize("name", [name for name, item in CATALOGUE.items() if item.acts_on in TRIAL_STAGES])
 def test_the_catalogue_passes(name):
     check_declared([CATALOGUE[name]], Path("catalogue"))
     check_applied(CATALOGUE[name], Path("catalogue"))
 
 
 def test_every_stage_of_the_catalogue_is_tried():
-    assert {item.acts_on for item in CATALOGUE.values()} <= set(STAGES)
+    assert {item.acts_on for item in CATALOGUE.values()} <= set(TRIAL_STAGES)
 
 
 def test_a_good_effect_under_two_names_is_one(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from urdf.find import distribution_file
 from urdf.gripper import gripper_joints
 from urdf.infer import infer
-from urdf.validate import MOVING
+from urdf.validate import MOVING_JOINT_TYPES
 
 LAST = {
     "two fingers, one copies the other": ("panda_description/urdf/panda.urdf", "panda_joint7"),
@@ -42,5 +42,5 @@ def test_a_hand_alone_is_no_gripper():
 def test_two_arms_on_one_trunk_are_no_fingers():
     path = distribution_file("example-robot-data", "baxter_description/urdf/baxter.urdf")
     root = ET.parse(path).getroot()
-    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING}
+    moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") in MOVING_JOINT_TYPES}
     assert moving - gripper_joints(root) >= {f"{side}_{joint}" for side in ("left", "right") for joint in ("s0", "w2")}

@@ -14,7 +14,7 @@ import urdf
 from armdyn.errors import ArmdynError, InputError, TaskFailedError
 from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.faults import Fault
-from pipeline.motion.gate import FRESH, PERIOD, StreamGate
+from pipeline.motion.gate import MAX_STATE_AGE_SECONDS, PERIOD, StreamGate
 from pipeline.motion.transitions import Blend, Brake
 from pipeline.processes import Closing, PromptThread
 from pipeline.record import Recorder
@@ -30,15 +30,15 @@ from pipeline.ros.topics import RosTopics, command_message, point_message, posit
 
 LAG = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
-REPEATED = 1.2
+ADVERTISE_SECONDS = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
-PATIENCE = 2 * PERIOD
-"""How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.LATEST`."""
+STATE_TIMEOUT = 2 * PERIOD
+"""How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
 JUDGED = 0.002
 """From the end of that wait to the gate's verdict, at most [s]."""
 OURS = 300
 """Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
-HELD = 0.3
+HOLD_SECONDS = 0.3
 """How long the last posture is still commanded after braking [s]."""
 SDK_TIMEOUT = 0.2
 """Baxter's own command timeout, restored at the end [s]."""
@@ -133,7 +133,7 @@ class RosRobot(Closing):
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
-            self._states.wait_for_younger(lambda: self.time - FRESH + JUDGED, PATIENCE)
+            self._states.wait_for_younger(lambda: self.time - MAX_STATE_AGE_SECONDS + JUDGED, STATE_TIMEOUT)
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
                 self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
         with self._lock:
@@ -171,7 +171,7 @@ class RosRobot(Closing):
             TaskFailedError: no state has arrived.
         """
         newest, now = self.newest_state(), self.time
-        if now - newest.time > FRESH:
+        if now - newest.time > MAX_STATE_AGE_SECONDS:
             return newest  # its age says that something is wrong
         state = self._states.at(self._reader.next(now - LAG))
         assert state is not None, "there is a newest state"
@@ -245,7 +245,7 @@ class RosRobot(Closing):
         self._states.first(topics.joint_states)
         self._master = MasterWatch(bridge)
         self.statistics.round_trip = round_trip(bridge)
-        self.advance(advertised + REPEATED - self.time)
+        self.advance(advertised + ADVERTISE_SECONDS - self.time)
         if self._foreign:
             raise InputError(f"another program sends commands on {topics.command}: end it first")
 
@@ -309,7 +309,7 @@ class RosRobot(Closing):
     def _brake(self, start: tuple[Vector, Vector, Vector]) -> None:
         """Command the way to rest, cycle by cycle, until it is done, withheld, or a new command comes."""
         brake, due = Brake(start, self._description.limits), self.time
-        for cycle in range(1, round((brake.duration + HELD) / PERIOD) + 1):
+        for cycle in range(1, round((brake.duration + HOLD_SECONDS) / PERIOD) + 1):
             q, v, a = brake.at(cycle * PERIOD)
             due = PERIOD + (due if self._sent_at is None else max(due, self._sent_at))
             self.advance(due - self.time)

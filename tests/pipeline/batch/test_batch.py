@@ -128,7 +128,7 @@ def test_something_unforeseen_in_one_recording_is_its_row_and_is_tried_again(lab
         return usual(given)
 
     monkeypatch.setattr(CheckedStudy, "compare", fails)
-    monkeypatch.setattr("pipeline.batch.workers.START", "fork")  # which takes the change along
+    monkeypatch.setattr("pipeline.batch.workers.START_METHOD", "fork")  # which takes the change along
     armdyn(*BATCH)
     bad = [row for row in rows(lab) if row["problem"]]
     assert bad

@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.cell import SMALLEST_STEP, LoadCell, ReceptionTimes
+from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionTimes
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
 from pipeline.loadcell.faults import Fault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
@@ -267,7 +267,7 @@ def test_times_strictly_increase_and_are_not_in_the_future(pieces):
         assert len(new) == count
         stamps += new
         # Only a clock that stands still pushes them ahead, by a microsecond each.
-        assert all(stamp <= now + len(stamps) * SMALLEST_STEP for stamp in new)
+        assert all(stamp <= now + len(stamps) * MIN_SAMPLE_SPACING for stamp in new)
     assert np.all(np.diff(stamps) > 0)
 
 

@@ -12,7 +12,14 @@ from rich.console import Console
 
 from pipeline.loadcell.faults import Fault, FaultEvent, LoadCellStatus
 from pipeline.loadcell.fit import CalibrationFit, Plateau, Weight
-from pipeline.loadcell.monitor import LATEST, Monitor, calibration_json, calibration_table, monitor_json, monitor_table
+from pipeline.loadcell.monitor import (
+    LATEST_SECONDS,
+    Monitor,
+    calibration_json,
+    calibration_table,
+    monitor_json,
+    monitor_table,
+)
 from pipeline.robot.protocol import ForceSample
 
 STATUS = LoadCellStatus(True, 3, 79.96, (Fault.FROZEN,), {**dict.fromkeys(Fault, 0), Fault.MALFORMED: 2})
@@ -46,7 +53,7 @@ def test_figures_are_those_of_numpy_however_the_samples_come(forces, steps, at):
     values = np.array([sample.force for sample in samples])
     assert (seen.samples, seen.minimum, seen.maximum) == (len(values), values.min(), values.max())
     assert (seen.mean, seen.std) == pytest.approx((values.mean(), values.std(ddof=1)), abs=1e-9)
-    last = values[time >= time[-1] - LATEST]
+    last = values[time >= time[-1] - LATEST_SECONDS]
     force, mean, std = seen.latest
     assert (force, mean) == pytest.approx((values[-1], last.mean()))
     assert std == pytest.approx(last.std(ddof=1), abs=1e-9) if len(last) > 1 else math.isnan(std)

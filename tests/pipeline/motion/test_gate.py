@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, finish_over_box
-from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, RefusalReason, StreamGate
+from pipeline.motion.gate import (
+    MAX_STATE_AGE_SECONDS,
+    MAX_STREAM_START_OFFSET,
+    PERIOD,
+    STREAM_GAP_SECONDS,
+    RefusalReason,
+    StreamGate,
+)
 from pipeline.motion.transitions import minimum_jerk
 from pipeline.robot.protocol import JointState
 
@@ -129,11 +136,11 @@ def test_what_is_not_finite_never_leaves(gate, bad, place):
     ("command", "options", "reason"),
     [
         ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, RefusalReason.WRONG_NUMBER),
-        ((REST,), {"state": at(REST, 0.0), "now": FRESH + 0.001}, RefusalReason.STALE),
+        ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS + 0.001}, RefusalReason.STALE),
         ((REST,), {"state": at(REST, math.nan)}, RefusalReason.STALE),
-        ((REST,), {"state": at(REST, 0.0), "now": FRESH - 0.001}, None),
-        (([NEAR + 0.001, 0.0],), {"state": at(REST)}, RefusalReason.ELSEWHERE),
-        (([NEAR / 2, 0.0],), {"state": at(REST)}, None),
+        ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS - 0.001}, None),
+        (([MAX_STREAM_START_OFFSET + 0.001, 0.0],), {"state": at(REST)}, RefusalReason.ELSEWHERE),
+        (([MAX_STREAM_START_OFFSET / 2, 0.0],), {"state": at(REST)}, None),
         ((REST, [0.1, 0.0]), {}, RefusalReason.ELSEWHERE),
         (([1.0 + 1e-6, 0.0],), {}, RefusalReason.POSITION),
     ],
@@ -150,7 +157,7 @@ def test_a_state_that_grows_old_stops_a_motion_at_once(moving):
 
 
 def test_a_motion_that_paused_does_not_go_on(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + GAP + 0.001) is RefusalReason.GAP
+    assert judge(moving, *smooth(40), now=39 * PERIOD + STREAM_GAP_SECONDS + 0.001) is RefusalReason.GAP
 
 
 def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_sent(moving):

@@ -8,7 +8,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.motion import Gate, LineGate, LineLimits, LineState
-from pipeline.motion.gate import FRESH, GAP, NEAR, PERIOD, REST_SPEED, StreamGate
+from pipeline.motion.gate import (
+    MAX_STATE_AGE_SECONDS,
+    MAX_STREAM_START_OFFSET,
+    PERIOD,
+    REST_SPEED,
+    STREAM_GAP_SECONDS,
+    StreamGate,
+)
 from pipeline.robot.protocol import JointState
 
 from .lines import TWO_JOINTS as LIMITS
@@ -51,14 +58,14 @@ def test_no_stream_of_commands_that_leaves_breaks_a_limit(stream):
         if gate.judge(q, v, a, state, now) is not None:
             continue
         assert np.isfinite([q, v, a]).all()
-        assert wanted["age"] <= FRESH
+        assert wanted["age"] <= MAX_STATE_AGE_SECONDS
         assert np.all(np.abs(q - state.q) <= TRACKING)
         assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
         assert np.all(np.abs(v) <= MORE * LIMITS.velocity)
         assert np.all(np.abs(a) <= MORE * LIMITS.acceleration)
-        if now - at > GAP:
+        if now - at > STREAM_GAP_SECONDS:
             assert standing  # a motion that paused does not go on
-            assert np.all(np.abs(q - state.q) <= NEAR)
+            assert np.all(np.abs(q - state.q) <= MAX_STREAM_START_OFFSET)
             assert np.all(np.abs(v) <= REST_SPEED)
             sent, spacings = [q] * 3, [PERIOD] * 3
         sent, spacings = [*sent[-3:], q], [*spacings[-2:], min(max(now - at, 1e-6), PERIOD)]

@@ -5,7 +5,7 @@ import pytest
 
 from ik.torque import JointTorque
 from pipeline.motion import LineLimits
-from pipeline.motion.gate import TOLERANCE
+from pipeline.motion.gate import LIMIT_TOLERANCE_SHARE
 
 
 @pytest.mark.parametrize("load", [0.0, 0.08, 0.5])
@@ -22,6 +22,6 @@ def test_the_motors_suffice_for_whatever_the_limits_allow(robot, table, load):
         return max(shares)
 
     limits = LineLimits.from_table(table, torque)
-    assert largest(limits) < 1.0 + TOLERANCE
+    assert largest(limits) < 1.0 + LIMIT_TOLERANCE_SHARE
     assert largest(LineLimits.from_table(table)) > 1.05
     assert limits.weakest == LineLimits.from_table(table).weakest  # where joints are the limit, they stay it

@@ -19,8 +19,8 @@ from ros_wire.wire import TracedTwin, Trial, Wire, missing, suspend
 
 import urdf
 from armdyn.run import read_run
-from pipeline.motion.gate import GAP, PERIOD
-from pipeline.robot.drivers.ros import REPEATED
+from pipeline.motion.gate import PERIOD, STREAM_GAP_SECONDS
+from pipeline.robot.drivers.ros import ADVERTISE_SECONDS
 from pipeline.ros.bridge import Bridge
 from pipeline.ros.topics import read_topics, settings_file
 
@@ -77,7 +77,7 @@ def intrude(wire, _twin, _trial):
         seen = []
         bridge.subscribe(TOPICS.command, TOPICS.type.value, lambda message, _now: seen.append(message["command"]))
         bridge.advertise(TOPICS.command, TOPICS.type.value)
-        time.sleep(REPEATED)
+        time.sleep(ADVERTISE_SECONDS)
         message = {"mode": 4, "names": list(names), "command": [q + 0.02 for q in seen[-1]]}
         intrude.began = time.monotonic()
         for _ in range(10):
@@ -119,7 +119,7 @@ def standing_after(trace, fault):
 def largest_share(trace):
     """Largest share of a limit that a command used, over the streams of commands."""
     limits, worst = urdf.load("baxter").limits, 0.0
-    breaks = np.flatnonzero(np.diff(trace["received"]) > GAP) + 1
+    breaks = np.flatnonzero(np.diff(trace["received"]) > STREAM_GAP_SECONDS) + 1
     for q in np.split(trace["positions"], breaks):
         for order, bound in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
             if len(q) > order:

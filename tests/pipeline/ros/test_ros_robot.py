@@ -188,7 +188,7 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
 
 
 def test_a_command_waits_for_a_state_that_is_late_and_goes_after_it(robot, monkeypatch):
-    monkeypatch.setattr(ros_module, "PATIENCE", 10.0)  # of the computer that runs this test
+    monkeypatch.setattr(ros_module, "STATE_TIMEOUT", 10.0)  # of the computer that runs this test
     q, v = stream(robot, 60, speed=0.3)
     robot.arm.silent = True
     for k in range(1, 5):
