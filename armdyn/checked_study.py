@@ -35,6 +35,8 @@ AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
 Say: TypeAlias = Callable[[str], None]
+NULL_DEVIATES = 2.0
+"""Standard deviations from nothing up to which the motion finds an effect absent."""
 
 
 def read_runs(given: Runs) -> list[Run]:
@@ -170,10 +172,22 @@ class CheckedStudy:
         return replace(found, comparison=self._telling(found.comparison))
 
     def repair(self, say: Say | None = None) -> Repair:
-        """Diagnose and add effects until nothing is left to explain."""
+        """Diagnose and add effects until nothing is left to explain.
+
+        Where recordings contain commands, the motion judges: an effect whose values it finds to be nothing, such as a
+        dead band that made up for a wrong delay, is no candidate of a second repair.
+        """
         found = repair(self.study, say)
         self._require_plausible(found.model)
-        return self._moved(found)
+        moved = self._moved(found)
+        absent = _absent(moved) if moved.model is not found.model else frozenset()
+        if not absent:
+            return moved
+        left = tuple(effect for effect in self.effects if effect.name not in absent)
+        runs, held_out, exam = (
+            [run.recording for run in runs] for runs in (self.study.runs, self.study.held_out, self.study.exam)
+        )
+        return replace(self, study=Study(self.study.model, runs, held_out, left, exam), effects=left).repair(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings need them."""
@@ -214,3 +228,11 @@ class CheckedStudy:
     def _require_plausible(self, model: Model) -> None:
         if not self.trusted:
             require_plausible(model, self.inspection.runs, self.study.model)
+
+
+def _absent(found: Repair) -> frozenset[str]:
+    """Names of added effects all of whose values are within two standard deviations of nothing, on every joint."""
+    added = {effect for step in found.path for effect in step.added}
+    values = [p for p in found.model.parameters.values() if p.effect in added]
+    present = {p.effect for p in values if abs(p.value - p.null) > NULL_DEVIATES * (p.std or 0.0)}
+    return frozenset(p.effect for p in values if p.effect not in present)
