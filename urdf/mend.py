@@ -15,7 +15,7 @@ from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
 
-FULL_TURN = 2 * math.pi
+ENDLESS_JOINT_TURN = 2 * math.pi
 
 
 def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
@@ -73,8 +73,8 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
             said = "has no position limits" if unlimited else "is continuous"
             sentences.append(f"joint '{joint.get('name')}' {said}; taken as one turn to either side")
             joint.set("type", "revolute")
-            limit.set("lower", repr(-FULL_TURN))
-            limit.set("upper", repr(FULL_TURN))
+            limit.set("lower", repr(-ENDLESS_JOINT_TURN))
+            limit.set("upper", repr(ENDLESS_JOINT_TURN))
         for key in LIMIT_NAMES:
             limit.set(key, limit.get(key, "0"))
     return sentences

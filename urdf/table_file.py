@@ -19,7 +19,7 @@ MOST_TOLD = 12
 
 
 class TableFileError(ValueError):
-    """A file that is no table: the message, which lacks the file's name, says what is wrong and what to do.
+    """A TOML file that cannot be used: the message, which lacks the file's name, says what is wrong and what to do.
 
     Args:
         problems: one sentence or more, each about another entry.

@@ -26,7 +26,7 @@ JOURNAL = "outcomes.jsonl"
 
 
 class Journal(Closing):
-    """The outcomes of one folder, which this process alone writes to; use it in a ``with`` block.
+    """File of a batch's outcomes in one folder, to which only this process writes; use it in a ``with`` block.
 
     Attributes:
         outcomes: outcomes by the key of their job.

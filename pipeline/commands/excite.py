@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PANEL = "Motions of an arm"
 
 
-MIN_MOTION_SECONDS, MAX_MOTION_SECONDS = 2.0, 600.0
+MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0
 """s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
 MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
@@ -57,7 +57,8 @@ def excite(
     ] = None,
     effects_file: EffectsOption = None,
     seconds: Annotated[
-        float, typer.Option(min=MIN_MOTION_SECONDS, max=MAX_MOTION_SECONDS, help="How long the motion takes [s].")
+        float,
+        typer.Option(min=MIN_EXCITE_SECONDS, max=MAX_EXCITE_SECONDS, help="How long the motion takes [s]."),
     ] = 20.0,
     rate: Annotated[float, typer.Option(min=MIN_SAMPLE_RATE, max=MAX_SAMPLE_RATE, help="Samples per second.")] = 100.0,
     random: Annotated[

@@ -1,4 +1,4 @@
-"""`armdyn table`: the paper's Table I."""
+"""`armdyn table`: success by first guess of the length, with and without estimation (the paper's Table I)."""
 
 from pathlib import Path
 from typing import Annotated

@@ -16,7 +16,7 @@ from urdf.robot import Limits
 
 MAX_VIOLATION_ROWS = 50
 """Violations that a table lists; the file given with --json has them all."""
-MAX_CURVE_POINTS = 1500
+MAX_LIMIT_CURVE_POINTS = 1500
 """Samples per line of a figure."""
 
 
@@ -96,7 +96,7 @@ def used_section(report: FeasibilityReport) -> Section:
         if not bounded.is_two_sided:
             continue
         used, joint = bounded.used.max(axis=1), bounded.used.argmax(axis=1)
-        chunk = -(-used.size // MAX_CURVE_POINTS)  # only the peak of each curve is drawn
+        chunk = -(-used.size // MAX_LIMIT_CURVE_POINTS)  # only the peak of each curve is drawn
         peaks = np.array([i + int(np.argmax(used[i : i + chunk])) for i in range(0, used.size, chunk)])
         figure.add_scatter(
             x=bounded.time[peaks], y=100 * used[peaks], name=_words(bounded.limit), mode="lines",
