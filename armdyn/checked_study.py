@@ -20,6 +20,7 @@ from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion_polish import polished
 from armdyn.identify.repair import Repair, add, fitted_model, repair
+from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
@@ -35,8 +36,6 @@ AnyModel: TypeAlias = Model | str | Path
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
 Say: TypeAlias = Callable[[str], None]
-NULL_DEVIATES = 2.0
-"""Standard deviations from nothing up to which the motion finds an effect absent."""
 
 
 def read_runs(given: Runs) -> list[Run]:
@@ -231,8 +230,8 @@ class CheckedStudy:
 
 
 def _absent(found: Repair) -> frozenset[str]:
-    """Names of added effects all of whose values are within two standard deviations of nothing, on every joint."""
+    """Names of added effects of whose values the motion is nowhere as sure as evidence must be, log 100 nats."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
-    present = {p.effect for p in values if abs(p.value - p.null) > NULL_DEVIATES * (p.std or 0.0)}
+    present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > BELIEF_NATS * (p.std or 0.0) ** 2}
     return frozenset(p.effect for p in values if p.effect not in present)
