@@ -27,10 +27,10 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
     """Choose the effects of an arm: the scorer at its fit as given, the steps to the reported effects, the full model.
 
     Reported are the few effects that remove most of the squared error. All effects of which the evidence is sure are
-    reported, the leading ones first, where they are few as well, or where only noise is left with them, or no small
-    values beside them predict other runs better: then no effect among them is a small error of the kind that every
-    robot description has. Which effects are sure is decided at the fit of all effects, which is nearer to the truth
-    than that of a few.
+    reported, the leading ones first, where they are few as well, or where only noise is left with them, or, of a servo
+    arm, where no small values beside them predict other runs better: then no effect among them is a small error of the
+    kind that every robot description has. Which effects are sure is decided at the fit of all effects, which is nearer
+    to the truth than that of a few.
     """
     around = study.scorer(given.fit)
     found = leading = _to_fixed_point(_first(study, given, say), _leading, say)
@@ -41,7 +41,9 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
         sure = _to_fixed_point(leading, _sure, say)  # a set whose own optimum is far from that of all effects
     first: tuple[Candidate, ...] = ()
-    if full.width == 0.0 or _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
+    # The motion of a servo arm is fitted by what has a name: without a background nothing else would move.
+    complete = full.width == 0.0 and "drive" in study.model.stages
+    if complete or _is_few(sure.whole, leading) or study.predicts_to_noise(sure.fit):
         found = _with_links_looked_at_anew(sure, say)
         first = tuple(c for c in leading.scorer.within(leading.effects) if c in found.whole.effects)
     return around, [given, *found.with_ties(found.steps(say, first))], full
