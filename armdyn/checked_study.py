@@ -179,7 +179,7 @@ class CheckedStudy:
         found = repair(self.study, say)
         self._require_plausible(found.model)
         moved = self._moved(found)
-        absent = _absent(moved) if moved.model is not found.model else frozenset()
+        absent = absent_in_motion(moved) if moved.model is not found.model else frozenset()
         if not absent:
             return moved
         left = tuple(effect for effect in self.effects if effect.name not in absent)
@@ -229,7 +229,7 @@ class CheckedStudy:
             require_plausible(model, self.inspection.runs, self.study.model)
 
 
-def _absent(found: Repair) -> frozenset[str]:
+def absent_in_motion(found: Repair) -> frozenset[str]:
     """Names of added effects of whose values the motion is nowhere as sure as evidence must be, log 100 nats."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]

@@ -117,7 +117,7 @@ def settled(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]) -> dict[
         joints = [joint for joint in servo.joints if any(reads(run, joint, servo) for run in runs)]
         known = servo.gain is not None and servo.gain.std is None and servo.delay is not None
         if joints and not (known and np.isfinite(servo.saturating)):
-            told = _told(name, servo, arm, runs, joints)
+            told = _identified(name, servo, arm, runs, joints)
             found[name] = replace(told, full_at=servo.full_at if np.isfinite(servo.limit) else told.full_at)
             rows += [row for row in _rows(name, told, arm, runs, joints) if row.noise > 0.0]
     if not rows:
@@ -163,8 +163,8 @@ def telling(arm: Arm, joints: Sequence[str]) -> str:
     )
 
 
-def _told(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> Servo:
-    """Drives with the delay and the error where they saturate that their joints say, what is not known of them."""
+def _identified(name: str, servo: Servo, arm: Arm, runs: Sequence[Run], joints: Sequence[str]) -> Servo:
+    """Drives with the delay and the saturation that are not known of them, as the readings of their joints tell."""
     timed = _timed(name, servo, arm, runs, joints)
     if np.isfinite(servo.saturating):
         return timed

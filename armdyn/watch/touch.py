@@ -57,7 +57,6 @@ class Touches:
 
     Attributes:
         going_on: whether the running mean and the slow sums must wait.
-        released: whether what went on has just been found to last; the slow sums begin anew.
     """
 
     def __init__(self, joints: Sequence[str], units: Sequence[str], sound: Sound, per_hour: float, told: float) -> None:

@@ -180,7 +180,8 @@ class _Out:
             self.note(f"to repair the model with what came after: {self._repair(after)}")
 
     def _told(self) -> str:
-        return "a rate of false alarms that was " + ("asked for" if self._sound.seconds is None else "measured")
+        extrapolated = "" if self._sound.seconds is None else ", extrapolated from the sound recordings"
+        return f"the rate of false alarms that was asked for{extrapolated}"
 
     def _repair(self, files: list[Path]) -> str:
         words = ["armdyn", "repair", str(self._model), *map(str, files)]

@@ -62,7 +62,7 @@ def _rows(sheet: ET.Element, strings: list[str]) -> Iterator[list[str]]:
 def _place(reference: str, otherwise: int) -> int:
     """The column of a cell such as ``AB12``, from 0."""
     place = 0
-    for letter in re.match("[A-Z]{0,3}", reference)[0]:  # type: ignore[index]
+    for letter in re.split("[^A-Z]", reference, maxsplit=1)[0][:3]:
         place = 26 * place + ord(letter) - ord("A") + 1
     return place - 1 if place else otherwise
 

@@ -11,7 +11,7 @@ from armdyn.watch.sound import Sample
 
 
 class Log:
-    """Writes samples as they come; a file is complete after every line.
+    """Writes samples as they come; every line is in the file at once, and no later part writes over a file.
 
     Args:
         file: of the first recording; ``run.csv`` is followed by ``run_2.csv``.
@@ -39,7 +39,7 @@ class Log:
 
     def _opened(self) -> TextIO:
         try:
-            stream = self.file.open("w", encoding="utf-8", buffering=1 << 16)
+            stream = self.file.open("w", encoding="utf-8", buffering=1)
         except OSError as error:
             raise InputError(f"cannot write {self.file}: {error.strerror}; choose another place, --log") from error
         stream.write(self._heads + "\n")
@@ -52,10 +52,11 @@ class Log:
         self._stream.write(",".join(cells) + "\n")
 
     def part(self) -> None:
-        """Begin another recording."""
+        """Begin another recording, of the next number that no file has."""
         self.close()
-        self._count += 1
-        self.file = self._first.with_stem(f"{self._first.stem}_{self._count}")
+        while self.file.exists():
+            self._count += 1
+            self.file = self._first.with_stem(f"{self._first.stem}_{self._count}")
         self._stream = self._opened()
 
     def close(self) -> None:

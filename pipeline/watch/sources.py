@@ -5,6 +5,7 @@ import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TextIO
 
@@ -51,7 +52,7 @@ def runs_of(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
 
 def again(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[Sample]]]:
     """By run, what gives its samples, from the first one whenever it is asked."""
-    return [lambda run=run: samples_of(run, model) for run in runs]  # type: ignore[misc]
+    return [partial(samples_of, run, model) for run in runs]
 
 
 def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[Sample]:

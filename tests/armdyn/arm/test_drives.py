@@ -1,5 +1,8 @@
 """Arms that record what they were told and where they went; the truth is simulated by MuJoCo, not by the product."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hidden_effects.servo_arm import generate
@@ -8,10 +11,11 @@ from armdyn.arm.drive_scale import settled
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.readings import mean_held
 from armdyn.arm.rollout import resolution, rolled, windows
-from armdyn.checked_study import CheckedStudy
+from armdyn.checked_study import CheckedStudy, absent_in_motion
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
 from armdyn.experiments.rivals import require_gripper
+from armdyn.parameter import Parameter
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from pipeline.answers import repair_answer
@@ -202,3 +206,13 @@ def test_the_step_of_an_encoder_shows_also_where_its_values_were_rounded_in_degr
     assert resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
     assert resolution(np.sin(time)) == 0.0
     assert resolution(np.zeros(100)) == 0.0
+
+
+@pytest.mark.parametrize(("value", "std", "absent"), [(0.0017, 0.0008, True), (0.12, 0.003, False), (0.0, None, True)])
+def test_an_effect_must_be_as_sure_by_the_motion_as_by_evidence(value, std, absent):
+    name = "dead_band.torque[pan]"
+    parameter = Parameter(name, "N m", value, 0.1, std=std, null=0.0, effect="dead_band", joint="pan")
+    other = replace(parameter, name="given.torque[pan]", effect="given", value=0.0, std=1.0)
+    model = SimpleNamespace(parameters={p.name: p for p in (parameter, other)})
+    found = SimpleNamespace(path=[SimpleNamespace(added=()), SimpleNamespace(added=("dead_band",))], model=model)
+    assert absent_in_motion(found) == (frozenset({"dead_band"}) if absent else frozenset())

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from watch_work import model, samples, work
 
+from armdyn.arm.model import arm_model
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
 from armdyn.watch.sound import measured
 from armdyn.watch.watch import Watch
+from pipeline.watch.log import Log
 from pipeline.watch.page import LivePage
 
 CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
@@ -112,3 +114,14 @@ def test_standard_input_without_a_joint_is_refused(folder, calibrated, refused, 
     monkeypatch.setattr("sys.stdin", io.StringIO("time [s],q.shoulder_pan_joint [rad]\n0,0\n"))
     said = refused("watch", folder / "m.toml", "-", *calibrated[:4], "--json", "-")
     assert "its first line has no q.shoulder_lift_joint" in said
+
+
+def test_no_part_of_a_log_writes_over_a_file(tmp_path):
+    (tmp_path / "day_2.csv").write_text("kept")
+    log = Log(tmp_path / "day.csv", arm_model(robot="ur5"))
+    log.keep((0.0, np.zeros(6), np.zeros(6)))
+    assert len((tmp_path / "day.csv").read_text().splitlines()) == 2  # at once, in case the power fails
+    log.part()
+    log.close()
+    assert log.file == tmp_path / "day_3.csv"
+    assert (tmp_path / "day_2.csv").read_text() == "kept"
