@@ -147,7 +147,7 @@ class CheckedStudy:
         by_hand = declared.told_beside - {effect.name for effect in coming}
         chosen = tuple(e for e in (known.catalogue if effects is None else effects) if e.name not in by_hand)
         begun = known.file.model.named_only() if chosen else known.file.model
-        return cls(known, Study(begun, training, others, chosen, last), chosen, found, trusted, declared)
+        return cls(known, Study.of(begun, training, others, chosen, last), chosen, found, trusted, declared)
 
     @property
     def set_aside(self) -> tuple[str, ...]:
@@ -186,7 +186,7 @@ class CheckedStudy:
         runs, held_out, exam = (
             [run.recording for run in runs] for runs in (self.study.runs, self.study.held_out, self.study.exam)
         )
-        return replace(self, study=Study(self.study.model, runs, held_out, left, exam), effects=left).repair(say)
+        return replace(self, study=Study.of(self.study.model, runs, held_out, left, exam), effects=left).repair(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings need them."""

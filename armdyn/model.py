@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import Parameter, Prior, Quantity
 from armdyn.run import Channel, Run
 from armdyn.shown import Displayable
+
+if TYPE_CHECKING:
+    from armdyn.arm.links import LinkChange
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,20 @@ class Model(Displayable):
         """Whether the parameters `names`, of one effect on one joint, change a link's mass, centre or inertia."""
         del names
         return False
+
+    def link_changes(
+        self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
+    ) -> tuple["LinkChange", ...]:
+        """Links that effects change, in the order of the joints; empty for a model without links.
+
+        Args:
+            theta: (p,) fitted parameters.
+            covariance: (p, p) covariance of the parameters.
+            of_runs_alone: (p, p) covariance nearly without priors.
+            free: (p,) bool, fitted parameters.
+        """
+        del theta, covariance, of_runs_alone, free
+        return ()
 
     @property
     @abstractmethod

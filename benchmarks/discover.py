@@ -66,7 +66,7 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
 
 def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:
     """Of the exam run, the largest over channels of the rms error over the noise, both as they are compared."""
-    study = Study(model, given.runs, [given.held_out], tuple(effects), [given.exam])
+    study = Study.of(model, given.runs, [given.held_out], tuple(effects), [given.exam])
     blocks = study.exam_blocks(add(study, effects).steps[-1].fit)
     return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 3)
 

@@ -51,15 +51,15 @@ def judged(name: str, data: Path) -> dict[str, object]:
         [thinned(folder / f"{s}.csv") for s in stems] for stems in (of.training, of.held_out, exams)
     )
     model, catalogue = given(of, folder)
-    repaired = repair(Study(model, runs, held_out, catalogue, exam)).model
-    study = Study(repaired, runs, held_out, (), exam)
+    repaired = repair(Study.of(model, runs, held_out, catalogue, exam)).model
+    study = Study.of(repaired, runs, held_out, (), exam)
     before = errors(study, study.first())
     row: dict[str, object] = {"set": name, "repaired": [effect.label for effect in repaired.effects], "before": before}
     if before["fitted"] > LEFT:
         found = discover(repaired, runs, held_out, catalogue)
         with tempfile.TemporaryDirectory() as file:
             effects = effects_found(repaired, found, Path(file))
-        study = Study(repaired, runs, held_out, effects, exam)
+        study = Study.of(repaired, runs, held_out, effects, exam)
         row |= {"found": [one.sentence for one in found.findings], "sentence": found.sentence}
         row |= {"after": errors(study, add(study, effects).steps[-1].fit)}
     return row | {"seconds": round(time.process_time() - begun)}

@@ -44,14 +44,14 @@ def examine(robot: str, kind: str, seed: int) -> hidden_table.Row:
     big, train, held_out, exam = case.dominant, case.train, [case.held_out] if seed % 2 else [], [case.exam]
     model = arm_model(robot=robot)
     begun = time.perf_counter()
-    mended = repair(Study(model, train, held_out, JOINT_EFFECTS))
+    mended = repair(Study.of(model, train, held_out, JOINT_EFFECTS))
     seconds = time.perf_counter() - begun
     wanted: list[Effect] = [CATALOGUE["base_tilt"]] if kind == "tilt" else []
     names = {"base_tilt"} if kind == "tilt" else {hidden.effect for hidden in big}
     joints = {name: [h.joint for h in big if h.effect == name] for name in names if name != "base_tilt"}
     wanted += [CATALOGUE[name].on(*on) for name, on in joints.items()]
     every = [*wanted, *(CATALOGUE[name] for name in (*FRICTIONS, "link_inertia") if name not in names)]
-    truth = add(Study(model, train, held_out, every), every)
+    truth = add(Study.of(model, train, held_out, every), every)
     steps = mended.path[1:]
     named = [step for step in steps if step.added != ("background",)]
     told = {e for step in named for e in step.added}

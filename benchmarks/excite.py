@@ -140,7 +140,7 @@ def named(found: Excitation, motion: Expectation, truth: str, seed: int) -> tupl
     """Whether the first name is right without a tie, and whether the answer is honest."""
     path = Moved(found.series, motion.coefficients)
     run = recorded(found, path, (truth,), SIZES[truth], seed, 4e-4)
-    said = diagnose(Study(arm_model(robot="baxter"), [run], [], JOINT))
+    said = diagnose(Study.of(arm_model(robot="baxter"), [run], [], JOINT))
     first = said.suspects[0].effect if said.suspects else ""
     tied = said.suspects[0].tied_with if said.suspects else ()
     right = first == truth and said.verdict.key == "effect_missing"

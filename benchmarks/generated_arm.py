@@ -65,7 +65,7 @@ def model_of(robot: object) -> ArmModel:
 
 def study_of(model: ArmModel, runs: Sequence[Run], held_out: bool) -> Study:
     count = len(runs) - held_out
-    return Study(model, runs[:count], runs[count:], JOINT_EFFECTS)
+    return Study.of(model, runs[:count], runs[count:], JOINT_EFFECTS)
 
 
 def atoms(effects: Iterable[Candidate]) -> set[Atom]:

@@ -65,7 +65,7 @@ def recordings(
 
 
 def study_of(runs: list[Run]) -> Study:
-    return Study(pendulum_model(0.35, 0.1), runs, [], PENDULUM)
+    return Study.of(pendulum_model(0.35, 0.1), runs, [], PENDULUM)
 
 
 def single(name: str, scale: float, seed: int, keep: Path | None) -> hidden_table.Row:

@@ -53,7 +53,7 @@ def recordings(hidden: tuple[str, ...], size: float, seed: int, **settings: floa
 
 def study_of(runs: list[Run]) -> Study:
     """Against Baxter's arm as described, with the whole catalogue of joints."""
-    return Study(arm_model(robot="baxter"), runs, [], JOINT)
+    return Study.of(arm_model(robot="baxter"), runs, [], JOINT)
 
 
 def true_joints(effect: str) -> set[str]:

@@ -76,7 +76,7 @@ def named(first: RepairStep, truth: set[tuple[str, str]]) -> bool:
 def with_true_effects(model: ArmModel, case: object, held_out: Sequence[Run]) -> Repair:
     """The true effects on their joints, fitted to the training runs."""
     effects = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
-    study = Study(model, case.train, held_out, effects)
+    study = Study.of(model, case.train, held_out, effects)
     return add(study, effects)
 
 
@@ -86,7 +86,7 @@ def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
     truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
     model = arm_model(robot=robot)
     begun, cpu = time.perf_counter(), time.process_time()
-    mended = repair(Study(model, case.train, case.held_out, JOINT_EFFECTS))
+    mended = repair(Study.of(model, case.train, case.held_out, JOINT_EFFECTS))
     row: hidden_table.Row = {
         "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed,
         "truth": sorted(map(list, truth)),

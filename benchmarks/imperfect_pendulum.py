@@ -161,14 +161,16 @@ def _warm() -> None:
 def _study(world: object, *, exam: bool = False) -> Study:
     length, mass = world.guess
     given = pendulum_model(length=length, mass=mass)
-    return Study(given, world.runs, world.held_out, PENDULUM, world.exam if exam else ())
+    return Study.of(given, world.runs, world.held_out, PENDULUM, world.exam if exam else ())
 
 
 def _added(world: object, names: Sequence[str]) -> float:
     """Error in the training runs after `add`."""
     length, mass = world.guess
     effects = [CATALOGUE[name] for name in names]
-    return _root(add(Study(pendulum_model(length=length, mass=mass), world.runs, [], effects), effects).path[-1].rmse)
+    return _root(
+        add(Study.of(pendulum_model(length=length, mass=mass), world.runs, [], effects), effects).path[-1].rmse
+    )
 
 
 def _root(errors: Mapping[str, float]) -> float:

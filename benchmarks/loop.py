@@ -55,7 +55,7 @@ def turn(effect: str, seed: int) -> Case:
         unaware = run_trial(TrialSettings(hidden={effect: size}, seed=seed, out=out))
         model, run = read_model(out / "model.toml"), read_run(out / "trial.csv")
     catalogue = [e for e in CATALOGUE.values() if e.acts_on in model.stages]
-    found = repair(Study(model, [run], [], catalogue))
+    found = repair(Study.of(model, [run], [], catalogue))
     repaired = found.model
     assert isinstance(repaired, PendulumModel)
 

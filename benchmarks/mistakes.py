@@ -153,7 +153,7 @@ def cost_of(model: Model, run: Run) -> float:
     """Processor time of inspect over that of compare."""
     catalogue = [e for e in CATALOGUE.values() if e.acts_on in model.stages]
     begun = time.process_time()
-    compare(Study(model, [run], [], catalogue))
+    compare(Study.of(model, [run], [], catalogue))
     between = time.process_time()
     inspected([run], model, catalogue)
     return (time.process_time() - between) / (between - begun)

@@ -99,7 +99,7 @@ def recorded(
 
 
 def study_of(runs: list[Run], pair: tuple[str, str]) -> Study:
-    return Study(model(), runs, [], [CATALOGUE[name] for name in pair])
+    return Study.of(model(), runs, [], [CATALOGUE[name] for name in pair])
 
 
 def right(found: Diagnosis, hidden: str) -> bool:

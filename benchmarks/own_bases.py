@@ -179,7 +179,7 @@ def outcome(world: World, seed: int, runs: Sequence[Run]) -> str:
     factors = np.random.default_rng(seed).uniform(0.5, 1.5, len(world.truth))
     values = {name: f * value for f, (name, value) in zip(factors, world.truth.items(), strict=True)}
     model = physics_model(world.base, own_effects=EFFECTS).with_values(values)
-    found = repair(Study(model, runs[:2], runs[2:], EFFECTS))
+    found = repair(Study.of(model, runs[:2], runs[2:], EFFECTS))
     if found.verdict is Verdict.LOST:
         return "lost"
     told = ((found.model.parameters[name], value) for name, value in world.truth.items())

@@ -133,7 +133,7 @@ def answered(recorded: Recorded, data: Path) -> tuple[dict[str, object], Repair]
     training, held_out, exam = map(runs, (recorded.training, recorded.held_out, recorded.exam))
 
     def study() -> Study:
-        return Study(pendulum_model(LENGTH, MASS), training, held_out, list(CATALOGUE.values()), exam=exam)
+        return Study.of(pendulum_model(LENGTH, MASS), training, held_out, list(CATALOGUE.values()), exam=exam)
 
     begun = time.process_time()
     found = repair(study())

@@ -78,7 +78,7 @@ def examine(recorded: Recorded, data: Path) -> list[str]:
     model = arm_model(file) if file.exists() else arm_model(robot=recorded.robot)
     joint = [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
     begun = time.process_time()
-    study = Study(model, runs(*recorded.training), runs(*recorded.held_out), joint, exam=runs(recorded.exam))
+    study = Study.of(model, runs(*recorded.training), runs(*recorded.held_out), joint, exam=runs(recorded.exam))
     found = repair(study)
     seconds = time.process_time() - begun
     first, last = found.path[0], found.path[-1]

@@ -54,7 +54,7 @@ def recordings(name: str, effect: str, seed: int, keep: Path | None) -> tuple[ob
 
 
 def study_of(model: PendulumModel, recorded: object) -> Study:
-    return Study(model, recorded.runs, [], PENDULUM)
+    return Study.of(model, recorded.runs, [], PENDULUM)
 
 
 def given(name: str) -> PendulumModel:

@@ -66,7 +66,7 @@ class Robot:
     def of(cls, name: str, seed: int) -> "Robot":
         """Repaired as a user would."""
         case = imperfect.generate(name, CASE, seed)
-        return cls(case, repair(Study(arm_model(robot=name), case.train, case.held_out, JOINT_EFFECTS)).model)
+        return cls(case, repair(Study.of(arm_model(robot=name), case.train, case.held_out, JOINT_EFFECTS)).model)
 
     def work(
         self, rng: np.random.Generator, rate: float, *, seconds: float = MINUTE, what: str = "", begin: float = 0.0

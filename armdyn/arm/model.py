@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +27,9 @@ from armdyn.model import Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.run import Channel, Run
 from urdf.table_file import Check, read_as
+
+if TYPE_CHECKING:
+    from armdyn.arm.links import LinkChange
 
 
 @dataclass(frozen=True, repr=False)
@@ -163,6 +166,14 @@ class ArmModel(Model):
         i = self.arm.joints.index(joint)
         link, own = self._functions[i].link, [self._columns[i].index(self.names.index(name)) for name in names]
         return link is not None and bool(link.depends[own].any())
+
+    def link_changes(
+        self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
+    ) -> "tuple[LinkChange, ...]":
+        """Links that effects change; see `Model.link_changes`."""
+        from armdyn.arm.links import link_changes
+
+        return link_changes(self, theta, covariance, of_runs_alone, free)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """See `Model.covariates`: position, velocity and acceleration of every joint."""

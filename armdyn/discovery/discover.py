@@ -21,10 +21,10 @@ from armdyn.discovery.term import Term, check_same_units, named_terms
 from armdyn.effects.effect import Effect
 from armdyn.errors import TaskFailedError
 from armdyn.identify.compare import fitted_parameters
-from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, explained_share
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import lost, lost_sentence
+from armdyn.identify.lost import lost_sentence
 from armdyn.identify.residual.tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import Progress, Step
@@ -66,7 +66,7 @@ def discover(
     check_same_units([*runs, *held_out])
     say = progress or (lambda _: None)
     say("fitting the model as it is")
-    bare = Study(model, runs, held_out, ())
+    bare = Study.of(model, runs, held_out, ())
     first = bare.first()
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
@@ -75,7 +75,7 @@ def discover(
     taken = {effect.name for effect in (*model.effects, *catalogue)}
     terms = named_terms(formulas(first), taken)
     study, found = _searched(model, runs, held_out, catalogue, terms, say)
-    if lost(study, found.last.fit):
+    if study.is_lost(found.last.fit):
         raise TaskFailedError(lost_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
@@ -101,11 +101,11 @@ def _searched(
     say: Progress,
 ) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
-    study = Study(model, runs, held_out, [*catalogue, *effects])
-    if study.model.linear:
-        promising = _promising(study, terms)
-        study = Study(model, runs, held_out, [*catalogue, *(e for e in effects if e.name in promising)])
-    study.tried = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
+    size = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
+    study = Study.of(model, runs, held_out, [*catalogue, *effects], catalogue_size=size)
+    if model.linear:
+        promising = [effect for effect in effects if effect.name in _promising(study, terms)]
+        study = Study.of(model, runs, held_out, [*catalogue, *promising], catalogue_size=size)
     found = search(study, say)
     return study, found if predicts_better(study, found) else Search(found.steps[:1])
 
@@ -136,7 +136,7 @@ def _is_whole(study: Study, found: Search) -> bool:
     """Whether the residual is only noise, or nearly."""
     start, last = found.steps[0], found.last
     return not last.tests.fails or (
-        len(found.steps) > 1 and explained_share(study, start, last) > MIN_EXPLAINED_AT_NOISE
+        len(found.steps) > 1 and study.explained_share(start.fit, last.fit) > MIN_EXPLAINED_AT_NOISE
     )
 
 
@@ -144,7 +144,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
     """The result of a search, as formulas."""
     start, last = found.steps[0], found.last
     values = fitted_parameters(study, last.fit)
-    shares = [explained_share(study, start, step) for step in found.steps[1:]]
+    shares = [study.explained_share(start.fit, step.fit) for step in found.steps[1:]]
     gains = dict(zip(found.steps[1:], np.diff([0.0, *shares]).tolist(), strict=True))
     findings = [
         _finding(study, candidate, {step: gain for step, gain in gains.items() if _brings(step, candidate)},
@@ -162,7 +162,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         held_out_rmse=channel_rmse(unfitted[1]),
         noise=scale.noise,
         units=scale.units,
-        explains=explained_share(study, start, last) if len(found.steps) > 1 else 0.0,
+        explains=study.explained_share(start.fit, last.fit) if len(found.steps) > 1 else 0.0,
         leaves_something=last.tests.fails,
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),

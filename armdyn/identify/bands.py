@@ -70,9 +70,8 @@ def bands(study: Study, fit: Fit, covariance: np.ndarray) -> Bands:
     training = _samples([fit], fit.problem, covariance, error)
     others = _samples(study.held_out_predictions(fit), fit.problem, covariance, error)
     exam = _samples(study.exam_predictions(fit), fit.problem, covariance, error)
-    judging = others or training
-    if study.held_out and study.model.linear:  # with states, fits in turn take as long as the whole study
-        judging = [*others, *_samples(study.predictions_in_turn(fit), fit.problem, covariance, error)]
+    beside = _samples(study.predictions_beside_held_out(fit), fit.problem, covariance, error)
+    judging = [*others, *beside] or training
     shown = [*training, *(others if study.held_out else []), *exam]
     channels = list(dict.fromkeys(one.block.channel for one in training))
     factor = {channel: _factor([s.ratio for s in judging if s.block.channel == channel]) for channel in channels}

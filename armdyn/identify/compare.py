@@ -13,7 +13,7 @@ from armdyn.effects.effect import columns_of
 from armdyn.identify.bands import Bands, bands
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
-from armdyn.identify.lost import lost, lost_sentence
+from armdyn.identify.lost import lost_sentence
 from armdyn.identify.noise import ljung_box
 from armdyn.identify.problem import by_channel, chi2_of, samples_of
 from armdyn.identify.residual.character import behaves_like, process_error_share
@@ -213,7 +213,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
     channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), moving_together(fit)
     mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
-    needed = lost_sentence(fit) if lost(study, fit) else ""
+    needed = lost_sentence(fit) if study.is_lost(fit) else ""
     white = all(c.white > WHITENESS_LEVEL / len(channels) for c in channels.values())
     return Comparison(
         fit=fit,
@@ -237,7 +237,7 @@ def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bo
                 for run in (*study.runs, *study.held_out)
                 if column.name not in run.extra
             ),
-            *study.disbelieved(fit),
+            *study.describe_glitches(fit),
         ),
         together=together,
         widened=certain.widened,

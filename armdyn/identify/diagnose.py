@@ -6,23 +6,21 @@ from functools import partial
 
 from armdyn.document import Document, Level, Section
 from armdyn.identify.compare import Comparison, comparison
-from armdyn.identify.explained import Scale, share_gone
-from armdyn.identify.fit import channel_rmse
-from armdyn.identify.lost import lost, lost_sentence
+from armdyn.identify.explained import Scale
+from armdyn.identify.lost import lost_sentence
 from armdyn.identify.problem import by_channel, deviates
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.residual.tests import MAX_Z
 from armdyn.identify.selection.candidate import Candidate
-from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
 from armdyn.identify.selection.path import Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect
 from armdyn.identify.selection.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, repair_sentences
 from armdyn.identify.study import Study
 from armdyn.identify.tables import candidate_table, curves_of, missing_force_columns
-from armdyn.identify.uncertainty import FAR_ABOVE_STATED, model_limited
+from armdyn.identify.uncertainty import model_limited
 from armdyn.recording.spikes import outlier_sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
@@ -111,7 +109,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     """Find the effect that is missing from the model of a study."""
     found = search(study, progress)
     start, last = found.steps[0], found.last
-    if lost(study, last.fit):
+    if study.is_lost(last.fit):
         given = comparison(study, start.fit, start.tests, process_error=False)
         return Diagnosis(Verdict.LOST, lost_sentence(last.fit), given, (), {}, (), None, Search(found.steps[:1]))
     unseen = {s.candidate.effect: s.same_as for s in study.scores(start.fit, start.effects) if s.same_as}
@@ -123,7 +121,7 @@ def diagnose(study: Study, progress: Progress | None = None) -> Diagnosis:
     said = (
         headline(study, found, unknown)
         if verdict is Verdict.EFFECT_MISSING
-        else _sentence(verdict, found, unknown, advice, explained_share(study, start, last), _ties(study, found))
+        else _sentence(verdict, found, unknown, advice, study.explained_share(start.fit, last.fit), _ties(study, found))
     )
     forces = found.missing_force()
     law = law_sentence(forces, {c.effect for c in last.effects}) if verdict is not Verdict.EXPLAINED else ""
@@ -168,18 +166,15 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
     beyond = last.tests.fails and unknown is not None
     if unknown is None or not unknown.significant:  # A residual far above an estimated noise is not coloured noise.
         beyond = beyond and (_above_stated_noise(study, last) or model_limited(study, last.fit))
-    if not study.model.linear:  # The error of the measured gripper's path, however significant
-        beyond = beyond and last.fit.chi2_per_sample > NOISE_POWER_RATIO
+    beyond = beyond and last.fit.chi2_per_sample > study.ignored_chi2
     if len(found.steps) == 1:
         return Verdict.UNKNOWN_EFFECT if beyond else Verdict.EXPLAINED
     if beyond:
-        limited = 1.0 - FAR_ABOVE_STATED / max(FAR_ABOVE_STATED, last.fit.chi2_per_sample)
-        if study.motion is not None and study.motion.measured:
-            limited = 1.0  # what is coloured was told from what is missing
-        asked = MIN_EXPLAINED_AT_NOISE + limited * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
+        weight = study.model_error_weight(last.fit)
+        needed = MIN_EXPLAINED_AT_NOISE + weight * (MIN_EXPLAINED_ABOVE_NOISE - MIN_EXPLAINED_AT_NOISE)
         if (
-            explained_share(study, start, last) < asked
-            or explained_share(study, start, found.steps[1]) < MIN_LEADING_SHARE
+            study.explained_share(start.fit, last.fit) < needed
+            or study.explained_share(start.fit, found.steps[1].fit) < MIN_LEADING_SHARE
         ):
             return Verdict.UNKNOWN_EFFECT
     return Verdict.CANNOT_TELL_APART if _ties(study, found) else Verdict.EFFECT_MISSING
@@ -187,19 +182,7 @@ def judge(study: Study, found: Search, unknown: ResidualCharacter | None) -> Ver
 
 def _ties(study: Study, found: Search) -> tuple[Candidate, ...]:
     """Effects that these runs cannot distinguish from the missing one; of many on an arm, from the first."""
-    return found.leading_ties if study.model.linear else found.tied
-
-
-def explained_share(study: Study, before: Step, after: Step) -> float:
-    """Share of the squared error that a step explains, on held-out runs where there are any; see `explained`.
-
-    For a model with states it is computed on training and held-out runs together, because the noise of a single short
-    recording is uncertain.
-    """
-    if not study.model.linear:
-        return 1.0 - study.squared_error(after.fit) / study.squared_error(before.fit)
-    first, last = (study.held_out_blocks(s.fit) if study.held_out else s.fit.blocks for s in (before, after))
-    return share_gone(channel_rmse(first), channel_rmse(last), Scale.of(first))
+    return found.tied if study.later_ties else found.leading_ties
 
 
 def _above_stated_noise(study: Study, last: Step) -> bool:

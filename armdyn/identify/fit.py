@@ -13,6 +13,8 @@ from armdyn.run import Channel, Run
 
 MIN_INDEPENDENT_SHARE = 1e-5
 """A sensitivity is not identifiable where less than this share of its square is independent of the others."""
+FAR_ABOVE_STATED = 2.0
+"""Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
 CHI2_NEAR_NOISE = 1.5
 """Chi2 per sample up to which a fit is in the right minimum: a swing in the wrong phase leaves the signal itself."""
 

@@ -5,8 +5,7 @@ for nothing else: no fit, no noise estimate, no name and no choice depends on it
 end.
 """
 
-from collections.abc import Iterator, Sequence
-from copy import copy
+from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
 from math import sqrt
 
@@ -14,34 +13,38 @@ import numpy as np
 
 from armdyn.identify.fit import Fit, determined, fit
 from armdyn.identify.problem import Block, Problem, transferred, transferred_mask
-from armdyn.identify.state_space.motion_start import start_of
-from armdyn.identify.state_space.output_error import best_minimum, fit_run, shows_motion
-from armdyn.physics.simulated import SimulatedModel
 from armdyn.run import Run
 
 MAX_ERROR_INCREASE = 0.02
 """Relative increase of a predicted run's total error that an effect may cause."""
 
-Starts = tuple[Problem, Iterator[np.ndarray]]
-"""A problem that contains the runs, and (P,) candidate start values, the likeliest first; iterate over a copy."""
+FitOwn = Callable[[Problem, np.ndarray, np.ndarray, np.ndarray], Fit]
+"""Function that fits the unknowns of a single run: of its problem, (P,) start values, the (P,) bool unknowns that
+belong to the run, and those of them that are fitted."""
 
 
-def predictions(found: Fit, held_out: Sequence[Run], starts: Starts | None = None) -> list[Fit]:
+def _descend(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
+    del own
+    return fit(alone, free, start)
+
+
+def predictions(found: Fit, held_out: Sequence[Run], fit_own: FitOwn = _descend) -> list[Fit]:
     """Predict every run of `held_out` with a fit that has not seen it.
 
-    Only unknowns of a single run, such as the swing at its start, are fitted to a held-out run.
-
-    Args:
-        found: the fit to the training runs.
-        held_out: runs that were not fitted.
-        starts: start values of the held-out runs, where they are known.
+    Only unknowns of a single run, such as the swing at its start, are fitted to a held-out run, by `fit_own`.
     """
-    return [_predicted(found, run, starts=starts) for run in held_out]
+    return [_predicted(found, run, fit_own) for run in held_out]
 
 
 def predictions_in_turn(found: Fit) -> list[Fit]:
     """Predict every training run by a fit to the other training runs; an empty list for a single run."""
-    return [_predicted(rest, run, found) for run, rest in _without_each(found)] if found.problem.runs[1:] else []
+    if len(found.problem.runs) == 1:
+        return []
+
+    def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
+        return fit(alone, free, np.where(own, transferred(found.values, found.problem, alone), start))
+
+    return [_predicted(rest, run, fit_own) for run, rest in _without_each(found)]
 
 
 def blocks_of(fits: Sequence[Fit]) -> list[Block]:
@@ -60,24 +63,17 @@ def _without_each(found: Fit) -> Iterator[tuple[Run, Fit]]:
         yield left_out, fit(others, free, start, most_steps=8, tolerance=0.1)
 
 
-def _predicted(found: Fit, run: Run, whole: Fit | None = None, starts: Starts | None = None) -> Fit:
-    """Predict one run, its own unknowns fitted; where it was part of the fit `whole`, they start from there."""
+def _predicted(found: Fit, run: Run, fit_own: FitOwn) -> Fit:
+    """Predict one run, its own unknowns fitted."""
     source = found.problem
     alone = Problem(source.model, [run], source.noise)
     apart = _stated_apart(source, alone)
     start, own = np.where(apart, alone.start(), transferred(found.values, source, alone)), alone.per_run | apart
     fitted = {column.parameter.name for column, fits in zip(source.columns, found.free, strict=True) if fits}
     free = own & np.array([column.parameter.name in fitted for column in alone.columns], dtype=bool)
-    if not free.any():
-        return Fit(alone, free, start, tuple(alone.blocks(start, free)), found.outcome)
-    if whole is not None:
-        start = np.where(own, transferred(whole.values, whole.problem, alone), start)
-    elif starts is not None:
-        each = (np.where(own, transferred(v, starts[0], alone), start) for v in copy(starts[1]))
-        return best_minimum(alone, free, each)
-    elif isinstance(alone.model, SimulatedModel):
-        return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free)
-    return fit(alone, free, start)
+    if free.any():
+        return fit_own(alone, start, own, free)
+    return Fit(alone, free, start, tuple(alone.blocks(start, free)), found.outcome)
 
 
 def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:

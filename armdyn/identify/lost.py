@@ -9,25 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
+from armdyn.identify.fit import Fit
 from armdyn.identify.problem import Block, Problem, by_channel
 from armdyn.identify.sentence import listed
-from armdyn.identify.study import Study
 
 MAX_NAMED_PARAMETERS = 3
 """Number of parameters whose start values the sentence asks for."""
-
-
-def lost(study: Study, fit: Fit) -> bool:
-    """Whether the residual of a fitted model with states varies more than the signals, in training or held-out runs.
-
-    A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise. See
-    `left_of_spread`.
-    """
-    if study.model.linear or fit.chi2_per_sample < CHI2_NEAR_NOISE:
-        return False
-    kinds = [fit.blocks, study.held_out_blocks(fit)] if study.held_out else [fit.blocks]
-    return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
 
 
 def left_of_spread(blocks: Sequence[Block]) -> float:

@@ -12,16 +12,16 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import Comparison, channel_qualities, comparison, fitted_parameters
-from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, explained_share, judge
+from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE, judge
 from armdyn.identify.explained import RepairStep, Scale, explained
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
 from armdyn.identify.holdout import MAX_ERROR_INCREASE, HoldoutKind
-from armdyn.identify.lost import lost, lost_sentence
+from armdyn.identify.lost import lost_sentence
 from armdyn.identify.residual.character import ResidualCharacter, characterise
 from armdyn.identify.residual.force_law import law_sentence
 from armdyn.identify.residual.localise import localise
 from armdyn.identify.residual.missing_force import ForceCurve, between
-from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
+from armdyn.identify.selection.background import FullModel, find_background
 from armdyn.identify.selection.path import Progress, Step
 from armdyn.identify.selection.search import Search, repair_step, search
 from armdyn.identify.sentence import Left, Verdict, background_sentence, repair_sentences, totals
@@ -34,7 +34,7 @@ from armdyn.identify.tables import (
     step_columns,
     step_table,
 )
-from armdyn.identify.uncertainty import FAR_ABOVE_STATED, uncertainty
+from armdyn.identify.uncertainty import uncertainty
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.recording.spikes import outlier_sentence
@@ -128,18 +128,15 @@ def repair(study: Study, progress: Progress | None = None) -> Repair:
     """
     found = search(study, progress)
     told = _concluded(study, found)
-    if not study.model.linear or told.verdict is Verdict.LOST:
+    if found.full is None or told.verdict is Verdict.LOST:
         return told
-    return with_background(study, told, progress or (lambda _: None), found.full)
+    return with_background(told, found.full)
 
 
-def with_background(study: Study, told: Repair, say: Progress, full: FullModel | None = None) -> Repair:
-    """A repair with small values beside its named effects, or unchanged where they improve no prediction.
-
-    `full` is the model with all effects, where it was fitted already.
-    """
-    last = told.steps[-1]
-    small = find_background(study, last, full or fit_full_model(study, last.effects, last.fit, say))
+def with_background(told: Repair, full: FullModel) -> Repair:
+    """A repair with small values beside its named effects, or unchanged where they improve no prediction."""
+    study, last = full.study, told.steps[-1]
+    small = find_background(full, last)
     without = replace(told, sentence=told.sentence + NO_BACKGROUND) if last.tests.fails else told
     if small is None:
         return without
@@ -210,7 +207,7 @@ def require_found(found: Repair) -> Repair:
 
 
 def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
-    if lost(study, found.last.fit):
+    if study.is_lost(found.last.fit):
         return _lost(study, found)
     last = found.last
     unknown = characterise(last.fit) if last.tests.fails else None
@@ -283,25 +280,13 @@ def _verdict(study: Study, found: Search, unknown: ResidualCharacter | None) -> 
         return Verdict.EXPLAINED  # coloured noise
     shapeless = unknown is None or not unknown.significant
     near = found.last.fit.chi2_per_sample < FAR_ABOVE_STATED
-    little = len(found.steps) > 1 and explained_share(study, found.steps[0], found.last) > MIN_EXPLAINED_AT_NOISE
+    little = len(found.steps) > 1 and study.explained_share(found.steps[0].fit, found.last.fit) > MIN_EXPLAINED_AT_NOISE
     return Verdict.EXPLAINED if shapeless and little and near else Verdict.UNKNOWN_EFFECT
 
 
 def links_of(study: Study, fit: Fit) -> tuple["LinkChange", ...]:
     """Links that the fit has changed; empty for a model without links."""
-    if study.model.base != "arm":
-        return ()
-    from armdyn.arm.links import link_changes
-    from armdyn.arm.model import ArmModel
-
-    problem = fit.problem
-    assert isinstance(problem.model, ArmModel)
-    places = problem.places(0)  # links are the same in every run
-    certain = uncertainty(study, fit)
-    return link_changes(
-        problem.model,
-        problem.theta(0, fit.values),
-        certain.covariance[np.ix_(places, places)],
-        certain.of_runs_alone[np.ix_(places, places)],
-        fit.free[places],
-    )
+    problem, certain = fit.problem, uncertainty(study, fit)
+    own = problem.places(0)  # links are the same in every run
+    of_all, alone = (matrix[np.ix_(own, own)] for matrix in (certain.covariance, certain.of_runs_alone))
+    return problem.model.link_changes(problem.theta(0, fit.values), of_all, alone, fit.free[own])

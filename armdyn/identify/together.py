@@ -20,7 +20,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.residual.tests import stacked
 from armdyn.identify.sentence import listed
 from armdyn.kept import cached_with_first_argument
-from armdyn.physics.simulated import SimulatedModel
+from armdyn.physics.simulated import simulated
 from armdyn.threads import one_thread
 
 DETERMINED_STD_SIZES = 1.0
@@ -64,8 +64,8 @@ def moving_together(fit: Fit) -> tuple[Together, ...]:
 
     None for models whose predictions are linear in their values: there priors and links show what is not identified.
     """
-    problem, model = fit.problem, fit.problem.model
-    if not isinstance(model, SimulatedModel):
+    problem = fit.problem
+    if problem.model.linear:
         return ()
     asked = np.flatnonzero(fit.free | (problem.fitted & ~problem.is_effect))
     _, J = stacked(problem, problem.blocks(fit.values), fit.values)
@@ -115,6 +115,5 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
 
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:
     """States that no channel measures and that change along a (P,) direction of the values."""
-    model = fit.problem.model
-    assert isinstance(model, SimulatedModel)
+    model = simulated(fit.problem.model)
     return model.states_moved(fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction)))

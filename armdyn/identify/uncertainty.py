@@ -25,13 +25,11 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.identify.fit import Fit
+from armdyn.identify.fit import FAR_ABOVE_STATED, Fit
 from armdyn.identify.noise import Whitening, variance_inflation, whitening
 from armdyn.identify.problem import by_channel, chi2_of, samples_of
 from armdyn.identify.study import Study
 
-FAR_ABOVE_STATED = 2.0
-"""Chi2 per sample, for the stated noise, beyond which the model's own error is larger than the noise."""
 FAR_ABOVE_ESTIMATED = 10.0
 """Chi2 per sample, for an estimated noise, beyond which the model's own error is larger than the noise: third
 differences underestimate noise with a correlation of 0.8 from one sample to the next by a factor of 7.5."""

@@ -18,7 +18,7 @@ from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import SetScore
 from armdyn.identify.state_space.scorer import MAX_LACKING_SHARE, StateSpaceScorer
-from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
+from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.linear.solve import solve_positive
 
@@ -41,7 +41,7 @@ NULL_PROBABILITY = 0.0455
 Effects = tuple[Candidate, ...]
 
 
-def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
+def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, say: Callable[[str], None]) -> SetScore:
     """The set that evidence chose, or one with a clearly smaller residual of whole runs, without absent effects."""
     effects, found = whole.effects, _fitted(study, whole.effects)
     if scorer.candidates and np.any(study.excess(found) > WHOLE_RUN_EXCESS):
@@ -59,11 +59,11 @@ def improved(study: Study, scorer: StateSpaceScorer, whole: SetScore, say: Calla
     return scorer.settle(_without_nothing(study, effects))
 
 
-def _fitted(study: Study, effects: Effects) -> Fit:
-    return study.fit_with((*study.present, *effects), None)
+def _fitted(study: StateSpaceStudy, effects: Effects) -> Fit:
+    return study.fit_with((*study.present, *effects))
 
 
-def _left(study: Study, effects: Effects) -> float:
+def _left(study: StateSpaceStudy, effects: Effects) -> float:
     """Residual of a set; of an effect alone, where values are guesses, also from the likeliest other start values."""
     left = study.left((*study.present, *effects))
     if len(effects) == 1 and study.model.first_guesses:
@@ -71,7 +71,7 @@ def _left(study: Study, effects: Effects) -> float:
     return left
 
 
-def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
+def _pair_or(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects, needed: float) -> Effects:
     """A set, or one of one or two effects whose residual of whole runs is at most `needed` times that of the set."""
     scorer.settle(())
     promised = sorted(scorer.candidates, key=lambda c: -scorer.of((c,)).score)[:COMPARED_EFFECTS]
@@ -82,7 +82,7 @@ def _pair_or(study: Study, scorer: StateSpaceScorer, whole: Effects, needed: flo
     return best if _left(study, best) < (1.0 - MIN_SHARE_PER_VALUE) ** more * needed * _left(study, whole) else whole
 
 
-def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
+def _exchanged(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set with effects exchanged for others with no more values and a clearly smaller residual of every kind of runs.
 
     Both sides of a tie are tried: evidence that is equal, or better for the larger residual, does not decide.
@@ -107,7 +107,7 @@ def _exchanged(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effect
         whole = min(better, key=lambda one: float(left[one].sum()))
 
 
-def _added(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
+def _added(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     """A set, extended by one effect at a time while errors are gross and the residual of whole runs falls enough."""
     while _fitted(study, whole).chi2_per_sample > GROSS_ERROR_RATIO:
         now = scorer.settle(whole)
@@ -120,7 +120,7 @@ def _added(study: Study, scorer: StateSpaceScorer, whole: Effects) -> Effects:
     return whole
 
 
-def _without_nothing(study: Study, effects: Effects) -> Effects:
+def _without_nothing(study: StateSpaceStudy, effects: Effects) -> Effects:
     """A set without effects whose values are zero, and without those that increase the error of held-out runs.
 
     The error may be clearly larger without such an effect: a gravity 0.1 % off looks like a gripper's scale.
@@ -141,7 +141,7 @@ def _without_nothing(study: Study, effects: Effects) -> Effects:
         effects = min(rests, key=lambda rest: _left(study, rest)) if len(rests) > 1 else rests[0]
 
 
-def _harms(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
+def _harms(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate) -> bool:
     """Whether held-out runs are predicted better without an effect."""
     if not study.held_out:
         return False
@@ -156,7 +156,7 @@ def _distance(found: Fit, one: Candidate) -> np.ndarray:
     return found.values[own] - found.problem.null[own]
 
 
-def _is_nothing(study: Study, found: Fit, effects: Effects, one: Candidate) -> bool:
+def _is_nothing(study: StateSpaceStudy, found: Fit, effects: Effects, one: Candidate) -> bool:
     """Whether an effect's values are within two standard deviations of those at which it is absent (Wald 1943).
 
     The test does not hold for an effect with a place, on which nothing depends where the effect is absent (Davies,
@@ -170,12 +170,11 @@ def _is_nothing(study: Study, found: Fit, effects: Effects, one: Candidate) -> b
     square = away[known] @ solve_positive(covariance[np.ix_(known, known)], away[known])
     if square >= chdtri(int(known.sum()), NULL_PROBABILITY):
         return False
-    assert study.motion is not None
     placed = not study.motion.names_of_places.keys().isdisjoint(one.names)
     return not (placed and _explains(study, tuple(c for c in effects if c is not one), effects))
 
 
-def _explains(study: Study, fewer: Effects, more: Effects) -> bool:
+def _explains(study: StateSpaceStudy, fewer: Effects, more: Effects) -> bool:
     """Whether each value of the larger set explains at least `MIN_SHARE_PER_VALUE` of the smaller set's residual."""
     values = sum(len(c.names) for c in more) - sum(len(c.names) for c in fewer)
     return _left(study, more) < (1.0 - MIN_SHARE_PER_VALUE) ** values * _left(study, fewer)

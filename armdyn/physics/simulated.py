@@ -206,6 +206,17 @@ class SimulatedModel(Model):
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
 
 
+def with_motion(model: Model) -> SimulatedModel | None:
+    """The model, where it has a motion with states that begins somewhere; else None."""
+    return model if isinstance(model, SimulatedModel) and model.start_names else None
+
+
+def simulated(model: Model) -> SimulatedModel:
+    """The model as one that simulates; for code that is never called with another model."""
+    assert isinstance(model, SimulatedModel), f"a model of base '{model.base}' does not simulate"
+    return model
+
+
 @lru_cache(maxsize=128)
 def _simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
     return Simulator(system, name, channels)

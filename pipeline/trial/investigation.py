@@ -177,7 +177,7 @@ def investigate(
         run = experiment.recording(f"experiment {number}")
         say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
-        study = Study(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
+        study = Study.of(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
         found = diagnose(study)
         rivals = of_diagnosis(study, found)
         close: tuple[str, ...] = ()

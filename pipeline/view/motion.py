@@ -145,7 +145,7 @@ def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, 
     if fit is None:
         from armdyn.identify.study import Study
 
-        fit = Study(model, [run], [], []).first()
+        fit = Study.of(model, [run], [], []).first()
     problem = fit.problem
     index = [other.name for other in problem.runs].index(run.name)
     theta = problem.theta(index, fit.values)

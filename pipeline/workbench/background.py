@@ -151,4 +151,4 @@ def _with_effects(inputs: Inputs, effects: Sequence[str]) -> "tuple[ModelWithCat
     study, model = given.study, given.study.model
     for label in effects:
         model = model.with_effect(find(label, given.known.catalogue))
-    return given.known, Study(model, study.runs, study.held_out, given.known.catalogue) if effects else study
+    return given.known, Study.of(model, study.runs, study.held_out, given.known.catalogue) if effects else study

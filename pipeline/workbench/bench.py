@@ -115,7 +115,7 @@ class Workbench:
 
         Predictions are exact for linear effects. Sums are computed at the first use, after the given model is shown.
         """
-        return self.study.scorer(self.first) if self.study.model.linear else None
+        return self.study.scorer(self.first)
 
     @cached_property
     def opening(self) -> TickedModel:

@@ -77,7 +77,7 @@ QUESTIONS = {
     "compare": lambda model, run: armdyn.compare(model, [run]),
     "diagnose": lambda model, run: armdyn.diagnose(model, [run], effects=DRAG),
     "repair": lambda model, run: armdyn.repair(model, [run], effects=DRAG),
-    "a study": lambda model, run: Study(model, [run], [], []).first(),
+    "a study": lambda model, run: Study.of(model, [run], [], []).first(),
     "an estimator": lambda model, run: Estimator(model, {"swing_angle": 1e-3}).update(run),
 }
 

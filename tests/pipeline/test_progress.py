@@ -31,7 +31,7 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     catalogue = [CATALOGUE[name] for name in ("linear_drag", "quadratic_drag", "sensor_bias")]
     setup = Setup(hidden={"quadratic_drag": 0.02})
     run = weighed(record("a.csv", setup, np.random.default_rng(7)), Known(0.08, 4e-4, "kg"), Known(0.368, 1e-3, "m"))
-    repair(Study(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
+    repair(Study.of(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
     counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)

@@ -10,7 +10,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.noise import Whitening, whitening
 from armdyn.identify.problem import by_channel
 from armdyn.physics.pieces import Pieces, pseudo_inverse
-from armdyn.physics.simulated import SimulatedModel
+from armdyn.physics.simulated import with_motion
 from armdyn.recording.channels import is_auxiliary
 
 MAX_TERMS = 3
@@ -110,8 +110,8 @@ def process_error_share(fit: Fit) -> float | None:
     the residual is zero.
     """
     problem = fit.problem
-    model = problem.model
-    if not (isinstance(model, SimulatedModel) and model.start_names) or fit.chi2_per_sample < MIN_EXCESS_RATIO:
+    model = with_motion(problem.model)
+    if model is None or fit.chi2_per_sample < MIN_EXCESS_RATIO:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):

@@ -14,13 +14,13 @@ from math import log
 import numpy as np
 
 from armdyn.identify.fit import Fit, fit
+from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.problem import Problem, transferred
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import Step
 from armdyn.identify.selection.select_effects import by_evidence, select
 from armdyn.identify.selection.set_score import SetScore
-from armdyn.identify.study import Study
 from armdyn.run import Run
 
 PRIOR_WIDTHS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -38,6 +38,7 @@ class FullModel:
     """All effects at once: those that are sure are free, all others have one common prior width.
 
     Attributes:
+        study: runs and catalogue.
         scorer: scores of sets, from sums at the previous fit.
         sure: the set of effects of which the evidence is sure.
         width: s, in typical sizes; 0 where only the sure effects are present.
@@ -46,6 +47,7 @@ class FullModel:
         covariance: (P, P) covariance of all unknowns of the study.
     """
 
+    study: LinearStudy
     scorer: LinearScorer
     sure: SetScore
     width: float
@@ -73,7 +75,9 @@ class SmallValues:
     in_turn: tuple[Fit, ...]
 
 
-def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]) -> FullModel:
+def fit_full_model(
+    study: LinearStudy, effects: Sequence[Candidate], near: Fit, say: Callable[[str], None]
+) -> FullModel:
     """Fit the full model, expanded again at every fit until the residual no longer falls.
 
     Args:
@@ -93,7 +97,7 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
         width = max(by_width, key=by_width.__getitem__)
         widths = scorer.widths(sure.effects, width)
         say(f"fitting {np.count_nonzero(widths)} values")
-        found = FullModel(scorer, sure, width, widths, *_fitted(study, scorer, widths))
+        found = FullModel(study, scorer, sure, width, widths, *_fitted(study, scorer, widths))
         # Sums predict little of a model that is far from linear.
         if best is not None and study.squared_error(found.fit) >= study.squared_error(best.fit):
             break
@@ -105,9 +109,9 @@ def fit_full_model(study: Study, effects: Sequence[Candidate], near: Fit, say: C
     return best
 
 
-def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | None:
+def find_background(full: FullModel, told: Step) -> SmallValues | None:
     """The background beside the named effects; None where it does not improve the prediction of other runs."""
-    scorer, before = full.scorer, study.scorer(told.fit)
+    study, scorer, before = full.study, full.scorer, full.study.scorer(told.fit)
     named = before.within(told.effects)
     unnamed = before.errors_predicted(before.widths(named, 0.0))
     gained = scorer.predicted(full.widths) - scorer.log_likelihood(unnamed)
@@ -122,7 +126,7 @@ def find_background(study: Study, told: Step, full: FullModel) -> SmallValues | 
     return SmallValues(full.width, values, full.fit, full.covariance, in_turn)
 
 
-def _fitted(study: Study, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
+def _fitted(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit, np.ndarray]:
     """Named and small values with (c,) prior widths, at the minimum of the whole model, and their (P, P) covariance."""
     found, given = _with_priors(study, scorer, widths, study.runs, scorer.training), study.problem
     free = found.free
@@ -134,7 +138,7 @@ def _fitted(study: Study, scorer: LinearScorer, widths: np.ndarray) -> tuple[Fit
     return at, covariance
 
 
-def _in_turn(study: Study, scorer: LinearScorer, widths: np.ndarray) -> Iterator[Fit]:
+def _in_turn(study: LinearStudy, scorer: LinearScorer, widths: np.ndarray) -> Iterator[Fit]:
     """Every training run, predicted by a fit to the others; see `SmallValues.in_turn`."""
     for run, others in scorer.without_each():
         rest = _with_priors(study, scorer, widths, [r for i, r in enumerate(study.runs) if i != run], others)
@@ -144,7 +148,9 @@ def _in_turn(study: Study, scorer: LinearScorer, widths: np.ndarray) -> Iterator
         yield Fit(alone, free, values, tuple(alone.blocks(values, free)), rest.outcome)
 
 
-def _with_priors(study: Study, scorer: LinearScorer, widths: np.ndarray, runs: Sequence[Run], units: np.ndarray) -> Fit:
+def _with_priors(
+    study: LinearStudy, scorer: LinearScorer, widths: np.ndarray, runs: Sequence[Run], units: np.ndarray
+) -> Fit:
     """Fit the whole model to runs, whose units in the sums are (u,), with (c,) prior widths of its values.
 
     The steps start at the minimum of the expansion, where a link may not yet be a physical body.

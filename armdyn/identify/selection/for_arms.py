@@ -1,18 +1,19 @@
 """Choose the effects of an arm: the leading ones, or all that are sure where with them only noise is left."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armdyn.identify.fit import converged
+from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.selection.background import FullModel, fit_full_model
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.path import Path, Progress, Step
 from armdyn.identify.selection.select_effects import by_evidence, by_share, eliminate, select
 from armdyn.identify.selection.set_score import SetScore
-from armdyn.identify.study import Study
 
 FAR_TILT_SIZES = 3.0
 """Typical sizes of a base's tilt beyond which sums at zero tilt predict little: 0.3 rad."""
@@ -23,7 +24,20 @@ Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
 """Function that goes on from a set of effects to the one to report."""
 
 
-def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
+@dataclass(frozen=True, eq=False)
+class LinearPath(Path):
+    """The path of a model that is linear in most values; see `Path`."""
+
+    study: LinearStudy
+    scorer: LinearScorer
+
+    @cached_property
+    def around_end(self) -> LinearScorer:
+        """Scorer of sets of effects, linearised at the end of the path."""
+        return self.study.scorer(self.fit, self.scorer.given_misfit)
+
+
+def select_for_arm(study: LinearStudy, given: Step, say: Progress) -> tuple[LinearScorer, list[Step], FullModel]:
     """Choose the effects of an arm: the scorer at its fit as given, the steps to the reported effects, the full model.
 
     Reported are the few effects that remove most of the squared error. All effects of which the evidence is sure are
@@ -37,7 +51,7 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
     full = fit_full_model(study, leading.effects, leading.fit, say)
     sure = leading
     if set(full.sure.effects) != set(full.scorer.within(leading.effects)):
-        sure = _to_fixed_point(Path(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
+        sure = _to_fixed_point(LinearPath(study, full.scorer, full.sure, study.present, full.fit), _sure, say)
     if study.squared_error(sure.fit) > study.squared_error(leading.fit):
         sure = _to_fixed_point(leading, _sure, say)  # a set whose own optimum is far from that of all effects
     first: tuple[Candidate, ...] = ()
@@ -49,7 +63,7 @@ def select_for_arm(study: Study, given: Step, say: Progress) -> tuple[LinearScor
     return around, [given, *found.with_ties(found.steps(say, first))], full
 
 
-def _is_few(sure: SetScore, leading: Path) -> bool:
+def _is_few(sure: SetScore, leading: LinearPath) -> bool:
     """Whether all sure effects have at most `FEW_VALUES_RATIO` times as many values as the leading ones."""
     lengths = [sum(len(c.names) for c in one.effects if c not in leading.scorer.given) for one in (sure, leading.whole)]
     return lengths[0] <= FEW_VALUES_RATIO * lengths[1]
@@ -66,12 +80,12 @@ def _sure(scorer: LinearScorer, now: SetScore, say: Progress) -> SetScore:
     return select(scorer, by_evidence(scorer), now, say)
 
 
-def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
+def _to_fixed_point(found: LinearPath, rule: Rule, say: Progress) -> LinearPath:
     """The path to the set that is chosen at its own optimum: a repair of the repaired model adds nothing.
 
     A parameter that multiplies others, such as a delay of a spring's torque, is visible only with them present.
     """
-    sets, paths = list[frozenset[Candidate]](), list[Path]()
+    sets, paths = list[frozenset[Candidate]](), list[LinearPath]()
     while True:
         around = found.around_end
         present = around.of(around.within(found.effects))
@@ -83,7 +97,7 @@ def _to_fixed_point(found: Path, rule: Rule, say: Progress) -> Path:
         found = replace(found, scorer=around, whole=again, ahead=found.fit)
 
 
-def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
+def _with_links_looked_at_anew(found: LinearPath, say: Progress) -> LinearPath:
     """The path to all sure effects, in which each changed link remains preferred to all others when left unchanged.
 
     From a link that is changed much, other effects with the same influence are not visible, since sums are at its
@@ -104,14 +118,14 @@ def _with_links_looked_at_anew(found: Path, say: Progress) -> Path:
     return found
 
 
-def _worth(path: Path) -> float:
+def _worth(path: LinearPath) -> float:
     return path.around_end.of(path.around_end.within(path.effects)).score
 
 
-def _first(study: Study, given: Step, say: Progress) -> Path:
+def _first(study: LinearStudy, given: Step, say: Progress) -> LinearPath:
     """The path to the leading effects at the fit as given, or at that of a base that is tilted far."""
     around = study.scorer(given.fit)
-    best = Path(study, around, _leading(around, around.of(around.given), say), given.effects, given.fit)
+    best = LinearPath(study, around, _leading(around, around.of(around.given), say), given.effects, given.fit)
     for candidate in study.candidates:
         if candidate.joints:
             continue
@@ -125,5 +139,5 @@ def _first(study: Study, given: Step, say: Progress) -> Path:
             held = turned.of((*turned.given, *turned.within((candidate,))))
             whole = _leading(turned, held, say)
             if turned.reading_cost(whole) < around.reading_cost(best.whole):
-                best = Path(study, turned, whole, given.effects, fit)
+                best = LinearPath(study, turned, whole, given.effects, fit)
     return best

@@ -17,6 +17,7 @@ however long a recording is. With m = 1 - noise variance / v_c, the variance of 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from functools import cached_property
 from math import log, sqrt
 
@@ -69,6 +70,7 @@ class LinearScorer(SetScorer):
         always: (P,) bool, unknowns that are free in every set.
         candidates: all effects that a set may contain, each on one joint.
         given: effects that the model has already; see `SetScorer`.
+        catalogue_size: see `SetScorer`.
 
     Attributes:
         columns: (c,) indices of the unknowns: those that are always free first, then those of the candidates.
@@ -81,9 +83,14 @@ class LinearScorer(SetScorer):
     most_named = 8
 
     def __init__(
-        self, sums: Sums, always: np.ndarray, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()
+        self,
+        sums: Sums,
+        always: np.ndarray,
+        candidates: Sequence[Candidate],
+        given: Sequence[Candidate] = (),
+        catalogue_size: int = 0,
     ) -> None:
-        super().__init__(sums.problem, candidates, given)
+        super().__init__(sums.problem, candidates, given, catalogue_size)
         p, self.sums = sums.problem, sums
         moved = np.einsum("uii->i", sums.gram[sums.training]) > 0.0
         of_effects = p.of([name for c in candidates for name in c.names])
@@ -112,6 +119,12 @@ class LinearScorer(SetScorer):
         self._variance, self._samples = self._measured()
         self._normals.clear()
         self.given_misfit = self.of(given).misfit
+
+    def compared_with(self, given_misfit: float) -> "LinearScorer":
+        """The same scorer, for a model as given of another squared error; both share what is known of sets."""
+        other = copy(self)
+        other.given_misfit = given_misfit
+        return other
 
     def _cut(self) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
         """Sums in typical sizes, (U,) the unit of `sums` of each, and (U,) groups that are predicted together."""

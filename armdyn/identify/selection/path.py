@@ -7,7 +7,6 @@ from functools import cached_property
 from armdyn.identify.fit import Fit, converged
 from armdyn.identify.residual.tests import ResidualTests
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
-from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.ranking import order_by_gain, tied
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.study import Study
@@ -63,12 +62,6 @@ class Path:
     def fit(self) -> Fit:
         """The fit at the end of the path."""
         return converged(self._fitted(self.effects, self.whole))
-
-    @cached_property
-    def around_end(self) -> LinearScorer:
-        """Scorer of sets of effects, linearised at the end of the path; for linear models."""
-        assert isinstance(self.scorer, LinearScorer)
-        return self.study.scorer(self.fit, self.scorer.given_misfit)
 
     def steps(self, say: Progress, leading: Sequence[Candidate] = ()) -> list[Step]:
         """Fit every step to all samples, without ties; `say` is called with each step.

@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 
 from armdyn.identify.explained import RepairStep
 from armdyn.identify.fit import channel_rmse
+from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.residual.missing_force import ForceCurve, between
 from armdyn.identify.selection.background import FullModel
 from armdyn.identify.selection.candidate import Candidate
@@ -13,7 +15,8 @@ from armdyn.identify.selection.path import Path, Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
-from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
+from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
+from armdyn.identify.study import Study
 from armdyn.identify.whole_runs import improved
 
 
@@ -67,19 +70,34 @@ def search(study: Study, progress: Progress | None = None) -> Search:
     """
     say = progress or (lambda _: None)
     say("fitting the model as it is")
-    full = None
     first = study.first()
-    scorer: SetScorer
-    given = Step((), (), study.present, first, study.tests(first, study.present))
-    if study.model.linear:
-        scorer, steps, full = select_for_arm(study, given, say)
-    else:
-        scorer, whole = _by_evidence(study, say)
-        steps = _way(study, given, scorer, whole, say)
+    return select_effects(study, Step((), (), study.present, first, study.tests(first, study.present)), say)
+
+
+@singledispatch
+def select_effects(study: Study, given: Step, say: Progress) -> Search:
+    """Choose effects from the model as `given`, in the way that suits the kind of study."""
+    raise NotImplementedError(type(study).__name__)
+
+
+@select_effects.register
+def _(study: LinearStudy, given: Step, say: Progress) -> Search:
+    scorer, steps, full = select_for_arm(study, given, say)
+    return _searched(steps, scorer, study.scorer(steps[-1].fit), full)
+
+
+@select_effects.register
+def _(study: StateSpaceStudy, given: Step, say: Progress) -> Search:
+    scorer = StateSpaceScorer(study)
+    steps = _path(study, given, scorer, improved(study, scorer, scorer.best_set(say), say), say)
+    return _searched(steps, scorer, scorer)
+
+
+def _searched(steps: Sequence[Step], scorer: SetScorer, at_end: SetScorer, full: FullModel | None = None) -> Search:
+    """The result of a search; `scorer` ranks what could have been first, `at_end` what the last step lacks."""
     named = steps[min(1, len(steps) - 1)]
     found = rank_effects(scorer, scorer.within(named.added), named.tied)
-    around = study.scorer(steps[-1].fit) if study.model.linear else scorer
-    return Search(tuple(steps), found, _further(around, around.within(steps[-1].effects)), full)
+    return Search(tuple(steps), found, _further(at_end, at_end.within(steps[-1].effects)), full)
 
 
 def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | None:
@@ -89,23 +107,17 @@ def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | Non
     return next((c for c in best.effects if c not in now.effects), None) if best.score > now.score else None
 
 
-def _way(study: Study, given: Step, scorer: SetScorer, whole: SetScore, say: Progress) -> list[Step]:
+def _path(study: StateSpaceStudy, given: Step, scorer: SetScorer, whole: SetScore, say: Progress) -> list[Step]:
     """The path to a set without effects that reduce the error by little; ties of those removed are tested too."""
     path = Path(study, scorer, whole, given.effects, given.fit)
     steps = path.steps(say)
     told = without_little(study, [given, *steps])
     if len(told) == 1 + len(steps):
         return [given, *path.with_ties(steps)]
-    return _way(study, given, scorer, scorer.of(scorer.within(told[-1].effects)), say)
+    return _path(study, given, scorer, scorer.of(scorer.within(told[-1].effects)), say)
 
 
-def _by_evidence(study: Study, say: Progress) -> tuple[StateSpaceScorer, SetScore]:
-    """The set chosen around the motion, and its scorer."""
-    scorer = StateSpaceScorer(study)
-    return scorer, improved(study, scorer, scorer.best_set(say), say)
-
-
-def without_little(study: Study, steps: list[Step]) -> list[Step]:
+def without_little(study: StateSpaceStudy, steps: list[Step]) -> list[Step]:
     """Cut the end of a path where each added value reduces the error by little.
 
     A model of a real pendulum is never complete: its residual is never zero, and the next effect of the catalogue

@@ -61,15 +61,20 @@ class SetScorer(ABC):
         problem: the problem of the unknowns.
         candidates: all effects that a set may contain, each on one joint.
         given: candidates that the model has already; every set contains them.
+        catalogue_size: number of effects among which the candidates were chosen, where there were more.
     """
 
-    tried = 0
-    """Effects among which the candidates were chosen, where there were more."""
     most_named: ClassVar[int]
     """Effects listed in a table of suspects."""
 
-    def __init__(self, problem: Problem, candidates: Sequence[Candidate], given: Sequence[Candidate] = ()) -> None:
-        self.problem = problem
+    def __init__(
+        self,
+        problem: Problem,
+        candidates: Sequence[Candidate],
+        given: Sequence[Candidate] = (),
+        catalogue_size: int = 0,
+    ) -> None:
+        self.problem, self._catalogue_size = problem, catalogue_size
         self.candidates, self.given = tuple(candidates), tuple(given)
         self._reach = Counter(c.effect for c in candidates)
         self._known: dict[frozenset[Candidate], SetScore] = {}
@@ -129,7 +134,7 @@ class SetScorer(ABC):
         beyond that. On a further joint it is more expected. An effect made up of several simpler ones counts as
         several.
         """
-        catalogue, found = log(max(len(self._reach), self.tried, 1)), 0.0
+        catalogue, found = log(max(len(self._reach), self._catalogue_size, 1)), 0.0
         for name, on in Counter(c.effect for c in effects).items():
             reach = self._reach[name]
             joints = lgamma(reach + 1) - lgamma(on + 1) - lgamma(reach - on + 1)

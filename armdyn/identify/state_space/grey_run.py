@@ -22,7 +22,7 @@ from armdyn.identify.state_space.innovations import (
     smoothed,
 )
 from armdyn.physics.pieces import Pieces, pseudo_inverse
-from armdyn.physics.simulated import SimulatedModel
+from armdyn.physics.simulated import SimulatedModel, simulated
 from armdyn.recording.gaps import until
 
 PIECE_PERIODS = 0.5
@@ -75,8 +75,7 @@ class GreyRun:
     """
 
     def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
-        model = problem.model
-        assert isinstance(model, SimulatedModel)
+        model = simulated(problem.model)
         self.problem, self.index, self.swing = problem, index, swing
         self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
         self.pieces = Pieces(model, self.run, share * swing)

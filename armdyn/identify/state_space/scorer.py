@@ -13,7 +13,7 @@ from armdyn.identify.selection.set_score import TIE_NATS, SetScore, SetScorer
 from armdyn.identify.state_space.grey_box import CONVERGED_NATS, NoiseAndMotion
 from armdyn.identify.state_space.grey_run import LINEAR_PRIOR_SIZE
 from armdyn.identify.state_space.noise_evidence import Tables, everywhere
-from armdyn.identify.study import MIN_SHARE_PER_VALUE, Study
+from armdyn.identify.state_space.study import MIN_SHARE_PER_VALUE, StateSpaceStudy
 
 SCORED_SETS = 16
 """Changes of a set that are scored in full, those with the best score at a few noises."""
@@ -45,13 +45,12 @@ class StateSpaceScorer(SetScorer):
 
     most_named = 5
 
-    def __init__(self, study: Study) -> None:
-        assert study.motion is not None
+    def __init__(self, study: StateSpaceStudy) -> None:
         self._study, self._motion = study, study.motion
         problem = self._motion.problem
         seen = [c for c in study.candidates if np.any(problem.of(c.names) & self._motion.seen)]
-        super().__init__(problem, tuple(atom for c in seen for atom in c.split_by_joint()))
-        self.tried = study.tried
+        atoms = tuple(atom for c in seen for atom in c.split_by_joint())
+        super().__init__(problem, atoms, catalogue_size=study.catalogue_size)
         self._columns = {c: problem.of(c.names) & self._motion.seen for c in self.candidates}
         self._always = self._motion.base
         self._tables: dict[frozenset[Candidate], tuple[NoiseAndMotion, Tables]] = {}
@@ -153,7 +152,7 @@ class StateSpaceScorer(SetScorer):
         study = self._study
         if not near or study.asked.issuperset(c.effect for c in {*whole.effects, *other.effects} - {*without.effects}):
             return False  # the evidence decides in an experiment that was made to distinguish them
-        found = study.fit_with((*study.present, *whole.effects), None)
+        found = study.fit_with((*study.present, *whole.effects))
         if study.is_at_noise(found):
             return False
         least = study.squared_error(found)

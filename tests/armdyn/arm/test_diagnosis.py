@@ -15,7 +15,7 @@ JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "join
 
 def study_of(hidden, seed, **settings):
     runs = [generate(hidden, 1.0, seed, recording=k, **settings) for k in range(2)]
-    return Study(arm_model(robot="baxter"), runs, [], JOINT)
+    return Study.of(arm_model(robot="baxter"), runs, [], JOINT)
 
 
 def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away():

@@ -16,7 +16,7 @@ JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "join
 
 
 def study_of(hidden, size=1.0, seed=3):
-    return Study(arm_model(robot="baxter"), [generate(hidden, size, seed, recording=k) for k in range(2)], [], JOINT)
+    return Study.of(arm_model(robot="baxter"), [generate(hidden, size, seed, recording=k) for k in range(2)], [], JOINT)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
     given = arm_model(robot="baxter", effects=[CATALOGUE["joint_coulomb_friction"].on("right_s0")])
     given = given.with_values({"joint_coulomb_friction.torque[right_s0]": 1.0})
     given = given.with_fixed("joint_coulomb_friction.torque[right_s0]")
-    found = repair(Study(given, runs, [], JOINT))
+    found = repair(Study.of(given, runs, [], JOINT))
     assert [effect.name for effect in found.model.effects] == ["joint_coulomb_friction"]
     assert found.verdict is Verdict.EXPLAINED
     assert found.model.value("joint_coulomb_friction.torque[right_s1]") == pytest.approx(1.0, abs=0.02)  # N m
@@ -102,11 +102,13 @@ def test_an_effect_that_the_model_has_on_one_joint_is_found_on_another():
 def test_what_dominates_is_named_where_everything_is_a_little_wrong(robot, name):
     case = imperfect(robot, name, 0)
     model = arm_model(robot=robot)
-    found = repair(Study(model, case.train, case.held_out, JOINT, case.exam))
+    found = repair(Study.of(model, case.train, case.held_out, JOINT, case.exam))
     (hidden,) = case.truth
     assert found.path[1].added == (hidden.effect,)
     assert found.path[1].joints == (hidden.joint,)
-    true = add(Study(model, case.train, case.held_out, JOINT, case.exam), [CATALOGUE[hidden.effect].on(hidden.joint)])
+    true = add(
+        Study.of(model, case.train, case.held_out, JOINT, case.exam), [CATALOGUE[hidden.effect].on(hidden.joint)]
+    )
     error, best = (np.linalg.norm(list(r.path[-1].exam_rmse.values())) for r in (found, true))
     assert error < 1.2 * best
 
@@ -126,5 +128,5 @@ def test_foretold_sets_are_those_that_are_scored(scorer):
 def test_small_errors_that_reach_the_noise_together_have_no_name():
     """Of this UR5, frictions and links that are off by 3 to 8 % explain all that a spring leaves, with 39 values."""
     case = imperfect("ur5", "gravity_spring", 141)
-    found = repair(Study(arm_model(robot="ur5"), case.train, case.held_out, JOINT))
+    found = repair(Study.of(arm_model(robot="ur5"), case.train, case.held_out, JOINT))
     assert [effect.label for effect in found.model.effects] == ["gravity_spring:shoulder_lift_joint"]

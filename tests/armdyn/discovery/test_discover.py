@@ -53,7 +53,7 @@ def test_a_law_is_drawn_over_the_missing_force_without_its_noise():
     def drag(string, k=quantity("N m s^3/rad^3", typical=1e-3, lower=0)):
         return string.with_torque(-k * string.rate**3)
 
-    study = Study(model, given.runs[:1], [], [drag])
+    study = Study.of(model, given.runs[:1], [], [drag])
     first, fit = study.first(), add(study, [drag]).steps[-1].fit
     (curve,) = (c for c in between(first, fit, law=True) if c.against == "speed")
     (k,) = fit.values[study.problem.of(("drag.k",))]
@@ -81,7 +81,7 @@ def model(tmp_path_factory):
 
 def test_a_place_is_one_that_its_joint_reaches(model):
     run = world("cogging", 0).runs[0]
-    terms = list(named_terms(arm_terms(Study(model, [run], [], ()).first())).values())
+    terms = list(named_terms(arm_terms(Study.of(model, [run], [], ()).first())).values())
     for term, law in zip(terms, effects_of_terms(terms), strict=True):
         (joint,) = law.joints
         q = run.channels[f"q.{joint}"].value
@@ -102,7 +102,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     run = world("cogging", 0).runs[0]
     renamed = replace(run, channels={name.replace("elbow", joint): of for name, of in run.channels.items()}, noise={})
     model = arm_model(urdf=path)
-    terms = named_terms(arm_terms(Study(model, [renamed], [], ()).first()))
+    terms = named_terms(arm_terms(Study.of(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
     assert any(term.site.joint == joint for term in terms.values())
 
@@ -115,7 +115,7 @@ def test_nothing_is_discovered_in_a_clean_arm(model):
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
     """Viscous friction of a shoulder, then of an elbow, was once found and not told."""
     run, viscous = world("cogging", 0).runs[0], next(e for e in available(model) if e.name == "joint_viscous_friction")
-    study = Study(model, [run], [], [viscous])
+    study = Study.of(model, [run], [], [viscous])
     (both,) = study.candidates
     steps, effects = [Step((), (), (), study.first(), residual_tests(study.first(), []))], ()
     for one in both.split_by_joint():

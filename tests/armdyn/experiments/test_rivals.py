@@ -26,7 +26,7 @@ FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wi
 def study_of(hidden, effects=FRICTIONS, seed=5, noise=5e-3):
     run = record("a.csv", Setup(hidden=hidden, duration=6.0, force_noise=noise), np.random.default_rng(seed))
     run = weighed(run, Known(0.08, 8e-4, "kg"), Known(0.368, 3e-3, "m"))
-    return Study(pendulum_model(0.36, 0.08), [run], [], effects)
+    return Study.of(pendulum_model(0.36, 0.08), [run], [], effects)
 
 
 @pytest.fixture(scope="module")

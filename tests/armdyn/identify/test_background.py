@@ -10,7 +10,7 @@ from hidden_effects.imperfect_arm import generate
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import Repair, add, with_background
-from armdyn.identify.selection.background import find_background, fit_full_model
+from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
 
@@ -21,9 +21,15 @@ JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on 
 def repaired() -> tuple[Repair, Study]:
     """The effect that dominates, as a search would name it, and what is found beside it."""
     case = generate("ur5", "coulomb", 3, duration=10.0)
-    study = Study(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS, exam=case.exam)
+    study = Study.of(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS, exam=case.exam)
     named = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
-    return with_background(study, add(study, named), lambda _: None), study
+    told = add(study, named)
+    return with_background(told, full_model(study, told)), study
+
+
+def full_model(study: Study, told: Repair) -> FullModel:
+    last = told.steps[-1]
+    return fit_full_model(study, last.effects, last.fit, lambda _: None)
 
 
 def total(errors: dict[str, float]) -> float:
@@ -69,14 +75,14 @@ def test_every_link_stays_a_body_that_can_exist() -> None:
 
 def test_where_small_values_make_other_runs_worse_there_are_none_and_the_answer_says_so(monkeypatch) -> None:
     case = generate("ur5", "coulomb", 3, duration=10.0)
-    study = Study(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS)
+    study = Study.of(arm_model(robot="ur5"), case.train, case.held_out, JOINT_EFFECTS)
     told = add(study, [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth])
-    last = told.steps[-1]
-    small = find_background(study, last, fit_full_model(study, last.effects, last.fit, lambda _: None))
+    full = full_model(study, told)
+    small = find_background(full, told.steps[-1])
     assert small is not None
     given = study.first()  # leaves more than the named effects do
     monkeypatch.setattr("armdyn.identify.repair.find_background", lambda *_: replace(small, fit=given))
-    found = with_background(study, told, lambda _: None)
+    found = with_background(told, full)
     assert found.model.background is None
     assert found.path == told.path
     assert found.sentence.endswith("there is no background.")

@@ -9,6 +9,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import compare
 from armdyn.identify.repair import add, with_background
+from armdyn.identify.selection.background import fit_full_model
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
@@ -26,7 +27,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
     covered = []
     for seed in range(12):
         one, two, three, exam = recordings(seed, 4)
-        found = compare(Study(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
+        found = compare(Study.of(pendulum_model(0.35, 0.1), [one, two], [three], [], [exam]))
         covered += list(found.bands.covered.values())
     # 800 samples that hardly repeat themselves in each run: a standard deviation of 0.008 for one, 0.003 for all.
     assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
@@ -34,7 +35,7 @@ def test_of_noise_alone_95_of_100_samples_of_an_exam_are_within() -> None:
 
 def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> None:
     one, two, exam = recordings(3, 3)
-    study = Study(pendulum_model(0.35, 0.1), [one], [two], [], [exam])
+    study = Study.of(pendulum_model(0.35, 0.1), [one], [two], [], [exam])
     fit = study.first()
     covariance = uncertainty(study, fit).covariance
     growth = []
@@ -47,7 +48,7 @@ def test_a_band_grows_where_values_are_uncertain_that_move_the_prediction() -> N
 
 def test_json_frame_and_figure_have_the_bands() -> None:
     (one, two) = recordings(4, 2)
-    study = Study(pendulum_model(0.35, 0.1), [one, two], [], [])
+    study = Study.of(pendulum_model(0.35, 0.1), [one, two], [], [])
     found = compare(study)
     answer = comparison_answer(study, found)["bands"]["load_force"]
     assert answer["level"] == 0.95
@@ -64,9 +65,10 @@ def test_every_run_of_an_arm_with_a_background_has_bands_as_well() -> None:
 
     case = imperfect_arm.generate("ur5", "coulomb", 3, duration=10.0)
     joint_effects = [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
-    study = Study(arm_model(robot="ur5"), case.train, [], joint_effects, exam=case.exam)
+    study = Study.of(arm_model(robot="ur5"), case.train, [], joint_effects, exam=case.exam)
     named = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
-    found = with_background(study, add(study, named), lambda _: None)
+    told = add(study, named)
+    found = with_background(told, fit_full_model(study, told.steps[-1].effects, told.steps[-1].fit, lambda _: None))
     assert found.path[-1].added == ("background",)
     after = found.after
     assert {name: c.held_out_rmse for name, c in after.channels.items()} == pytest.approx(found.path[-1].held_out_rmse)

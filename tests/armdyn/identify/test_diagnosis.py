@@ -36,7 +36,7 @@ def recordings(seed=7, **settings):
 
 
 def study_of(runs, held_out=(), effects=EFFECTS):
-    return Study(pendulum_model(0.35, 0.1), runs, held_out, effects)
+    return Study.of(pendulum_model(0.35, 0.1), runs, held_out, effects)
 
 
 def test_clean_runs_are_explained_and_the_length_is_right():

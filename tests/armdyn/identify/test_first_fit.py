@@ -47,13 +47,13 @@ def test_a_swing_in_the_angle_is_the_swing_in_space(hidden):
 @pytest.mark.parametrize("name", LOST_EASILY)
 def test_the_start_of_the_swing_is_found(name):
     runs = recorded(name, quadratic_drag=0.01).runs
-    assert Study(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
+    assert Study.of(model_for(name, "quadratic_drag"), runs, [], []).first().chi2_per_sample < 1.2
 
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upright(seed):
     runs = recorded("near_upright", seed, pivot_viscous_friction=1.2e-3).runs
-    assert Study(model_for("near_upright", "pivot_viscous_friction"), runs, [], []).first().chi2_per_sample < 1.2
+    assert Study.of(model_for("near_upright", "pivot_viscous_friction"), runs, [], []).first().chi2_per_sample < 1.2
 
 
 @pytest.mark.parametrize(
@@ -67,13 +67,13 @@ def test_friction_that_brakes_the_first_swing_does_not_hide_a_start_near_the_upr
 def test_what_is_far_from_small_is_named(name, hidden, seed):
     rivals = "pivot_viscous_friction pivot_coulomb_friction quadratic_drag wind angle_offset angle_gain sensor_bias"
     effects = [CATALOGUE[name] for name in rivals.split()]
-    found = diagnose(Study(model_for(name), recorded(name, seed, **hidden).runs, [], effects))
+    found = diagnose(Study.of(model_for(name), recorded(name, seed, **hidden).runs, [], effects))
     assert {effect.effect for effect in found.search.last.effects} == set(hidden)
 
 
 def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
     truth = recorded("pull_and_release")
-    found = compare(Study(model_for("pull_and_release"), truth.runs, [], EFFECTS))
+    found = compare(Study.of(model_for("pull_and_release"), truth.runs, [], EFFECTS))
     assert found.explained
     assert found.undetermined == ()
     assert abs(found.parameters["length"].value - truth.length) < 4 * found.parameters["length"].std
@@ -83,7 +83,7 @@ def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
 
 def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     truth = recorded("pull_and_release", seed=2)
-    first = Study(model_for("pull_and_release"), truth.runs, [], []).first()
+    first = Study.of(model_for("pull_and_release"), truth.runs, [], []).first()
     angles = first.values[first.problem.of(["initial_angle"])]
     assert np.all(angles > 0)
     assert any(start[0] < 0 for start in truth.starts)
@@ -92,8 +92,8 @@ def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
 @pytest.mark.slow
 def test_a_repaired_model_compared_with_its_runs_keeps_its_error():
     truth = recorded("plain", gripper_lag=0.02)
-    repaired = repair(Study(model_for("plain"), truth.runs, [], EFFECTS))
-    again = Study(repaired.model, truth.runs, [], EFFECTS).first()
+    repaired = repair(Study.of(model_for("plain"), truth.runs, [], EFFECTS))
+    again = Study.of(repaired.model, truth.runs, [], EFFECTS).first()
     assert again.rmse()["load_force"] == pytest.approx(repaired.after.fit.rmse()["load_force"], rel=0.01)
 
 
@@ -108,7 +108,7 @@ def test_weak_priors_make_a_new_problem():
 
 def test_a_held_out_run_keeps_the_mass_that_was_weighed_for_it():
     runs = recorded("several_masses").runs
-    study = Study(model_for("several_masses"), runs[:1], runs[1:], [])
+    study = Study.of(model_for("several_masses"), runs[:1], runs[1:], [])
     blocks = study.held_out_blocks(study.first())
     assert chi2_of(blocks) < 1.2 * sum(len(block.residual) for block in blocks)
 
@@ -130,7 +130,7 @@ def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
 
 def test_what_was_left_out_is_said():
     runs = recorded("spikes").runs
-    found = compare(Study(model_for("spikes"), runs, [], EFFECTS))
+    found = compare(Study.of(model_for("spikes"), runs, [], EFFECTS))
     assert found.explained
     assert found.left_out[0].startswith("r0.csv: load_force: 5 of 1500 samples far from its neighbours left out")
 
@@ -138,6 +138,6 @@ def test_what_was_left_out_is_said():
 def test_one_weighing_for_all_runs_is_one_unknown():
     runs = recorded("plain").runs
     other = replace(runs[1], known={**runs[1].known, "mass": Known(0.2, 1e-3, "kg")})
-    names = [c.name for c in Study(model_for("plain"), [runs[0], other], [], []).problem.columns]
+    names = [c.name for c in Study.of(model_for("plain"), [runs[0], other], [], []).problem.columns]
     assert "mass[r1.csv]" in names
-    assert "mass" in [c.name for c in Study(model_for("plain"), runs, [], []).problem.columns]
+    assert "mass" in [c.name for c in Study.of(model_for("plain"), runs, [], []).problem.columns]

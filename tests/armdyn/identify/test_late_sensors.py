@@ -53,7 +53,7 @@ def free(late, *names):
 
 
 def study_of(run, *effects):
-    return Study(pendulum_model(0.35, 0.1, effects), [run], [], [DELAY, CATALOGUE["sensor_lag"]])
+    return Study.of(pendulum_model(0.35, 0.1, effects), [run], [], [DELAY, CATALOGUE["sensor_lag"]])
 
 
 @pytest.mark.parametrize("late", ["swing_angle", "load_force"])
@@ -83,5 +83,5 @@ def test_a_free_swing_alone_shows_no_delay_and_says_what_would():
 def test_a_delay_that_a_recording_cannot_show_keeps_its_value():
     run = free("swing_angle", "swing_angle")
     model = pendulum_model(0.35, 0.1, [DELAY]).with_values({"sensor_delay.angle_time": LATE})
-    found = compare(Study(model, [run], [], [])).parameters["sensor_delay.angle_time"]
+    found = compare(Study.of(model, [run], [], [])).parameters["sensor_delay.angle_time"]
     assert (found.value, found.fitted) == (LATE, False)

@@ -31,7 +31,9 @@ def with_dry_friction(recording):
 @pytest.fixture(scope="module")
 def study():
     runs = [with_dry_friction(k) for k in range(2)]
-    return Study(arm_model(robot="baxter"), runs, [], [CATALOGUE["joint_coulomb_friction"], CATALOGUE["torque_offset"]])
+    return Study.of(
+        arm_model(robot="baxter"), runs, [], [CATALOGUE["joint_coulomb_friction"], CATALOGUE["torque_offset"]]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +222,7 @@ def test_a_data_frame_holds_every_point(study, repaired):
 
 def test_viscous_friction_is_a_straight_line():
     run = generate("joint_viscous_friction", 1.0, 2)
-    found = compare(Study(arm_model(robot="baxter"), [run], [], []))
+    found = compare(Study.of(arm_model(robot="baxter"), [run], [], []))
     told = law(found.missing_force)
     assert [term.shape for term in told.terms] == [VISCOUS_SHAPE]
     assert told.terms[0].size == pytest.approx(2.0, rel=0.05)

@@ -24,7 +24,7 @@ def repaired(model, folder, training, held_out):
     def runs(names):
         return [read_run(RECORDINGS / folder / f"{name}.csv") for name in names]
 
-    return repair(Study(model, runs(training), runs(held_out), list(CATALOGUE.values())))
+    return repair(Study.of(model, runs(training), runs(held_out), list(CATALOGUE.values())))
 
 
 def held_out_total(step):

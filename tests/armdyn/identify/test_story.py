@@ -14,7 +14,7 @@ SMALL = {"joint_coulomb_friction", "joint_viscous_friction", "rotor_inertia", "l
 
 def test_frictions_and_rotors_of_many_joints_are_told_after_the_payload_that_hides_them() -> None:
     case = generate("ur5", "payload", 6000, duration=12.0)
-    found = repair(Study(arm_model(robot="ur5"), case.train, [], JOINT_EFFECTS, exam=[case.exam]))
+    found = repair(Study.of(arm_model(robot="ur5"), case.train, [], JOINT_EFFECTS, exam=[case.exam]))
     first, *later = [step for step in found.path[1:] if step.added != ("background",)]
     assert (first.added, first.joints) == (("payload",), ("wrist_3_joint",))
     assert {name for step in later for name in step.added} <= SMALL

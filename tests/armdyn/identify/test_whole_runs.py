@@ -34,7 +34,7 @@ class Runs:
     def quick_fit(self, effects):
         return Fitted(effects)
 
-    def fit_with(self, effects, _near):
+    def fit_with(self, effects):
         return Fitted(effects)
 
     def excess(self, fit):

@@ -25,7 +25,7 @@ def swing(gravity, noise=NOISE):
 
 
 def length_of(model, run):
-    return compare(Study(model, [run], [], [])).parameters["length"]
+    return compare(Study.of(model, [run], [], [])).parameters["length"]
 
 
 @pytest.mark.parametrize("gravity", [9.78, 9.80665, 9.832])

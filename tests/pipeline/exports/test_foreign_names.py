@@ -196,7 +196,7 @@ def test_what_an_offset_does_is_the_offset():
     baxter = arm_model(
         robot="baxter", joints=["right_s0", "right_s1", "right_e0", "right_e1", "right_w0", "right_w1", "right_w2"]
     )
-    study = Study(baxter.with_effect(CATALOGUE["torque_offset"]), [generate("torque_offset", 1.0, 3)], [], [])
+    study = Study.of(baxter.with_effect(CATALOGUE["torque_offset"]), [generate("torque_offset", 1.0, 3)], [], [])
     fit = study.first()
     for channel, value in fit.contribution(["torque_offset"]).items():
         offset = fit.values[list(fit.problem.of([f"torque_offset.torque[{channel[4:]}]"])).index(True)]

@@ -30,7 +30,7 @@ HIDDEN = "joint_viscous_friction"
 def study():
     runs = [generate(HIDDEN, 1.0, 0, rate=100.0, recording=i) for i in range(3)]
     catalogue = [CATALOGUE[name] for name in (HIDDEN, "torque_offset")]
-    return Study(arm_model(robot="baxter"), runs[:1], runs[1:2], catalogue, runs[2:])
+    return Study.of(arm_model(robot="baxter"), runs[:1], runs[1:2], catalogue, runs[2:])
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
 
 
 def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
-    fit = Study(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
+    fit = Study.of(arm_model(robot="baxter"), [generate(None, 1.0, 0, rate=250.0)], [], []).first()
     run, answer = fit.problem.runs[0].original, preparation_answer(fit.problem)
     assert list(answer) == [block.channel for block in fit.blocks]
     for curve, block in zip(of_fits([fit]), fit.blocks, strict=True):

@@ -29,7 +29,7 @@ KNOWN = {"linear_drag", "sensor_bias", "sensor_delay"}
 def repaired_after(hidden, out, seed=0):
     """The trial that does not know, and the repair of the model that it had."""
     unaware = simulate(TrialSettings(hidden=hidden, seed=seed, out=out))
-    found = repair(Study(read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], RIVALS))
+    found = repair(Study.of(read_model(out / "model.toml"), [read_run(out / "trial.csv")], [], RIVALS))
     return unaware, found
 
 
@@ -103,6 +103,6 @@ def test_a_load_cell_decides_against_the_printed_tension(trial):
     folder, _ = trial
     (printed,) = load_effects(EXAMPLES / "printed_tension.py")
     model, run = read_model(folder / "model.toml"), read_run(folder / "trial.csv")
-    share = add(Study(model, [run], [], [printed]), [printed]).model.parameters["printed_tension.share"]
+    share = add(Study.of(model, [run], [], [printed]), [printed]).model.parameters["printed_tension.share"]
     assert share.value == pytest.approx(0.0, abs=5 * share.std)
     assert share.std < 0.01

@@ -28,7 +28,7 @@ def recordings():
 @pytest.fixture(scope="package")
 def bench(recordings):
     catalogue = [CATALOGUE[name] for name in (HIDDEN, *RIVALS)]
-    return Workbench(Study(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
+    return Workbench(Study.of(arm_model(robot="baxter"), recordings[:1], recordings[1:], catalogue))
 
 
 @pytest.fixture(scope="package")

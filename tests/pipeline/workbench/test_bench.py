@@ -105,7 +105,7 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     rng = np.random.default_rng(3)
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
-    bench = Workbench(Study(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
+    bench = Workbench(Study.of(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
     foretold = {name: bench.predict([Atom(name)]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
     assert error(foretold["quadratic_drag"]) < 0.9 * error(bench.opening)

@@ -1,0 +1,117 @@
+"""A study of a model whose predictions are linear in most values, such as an arm: one expansion scores every set."""
+
+from collections import deque
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from armdyn.identify.explained import Scale, share_gone
+from armdyn.identify.fit import Fit, channel_rmse, determined, fit
+from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import LinearScorer, noisy
+from armdyn.identify.selection.sums import sums
+from armdyn.identify.study import Study
+
+MAX_QUICK_STEPS = 8
+"""Steps of a quick fit; a candidate that needs more is no small correction of the present fit."""
+CACHED_SCORERS = 3
+"""Number of cached scorers: a search returns to the last ones."""
+
+
+class LinearStudy(Study):
+    """Fits of a model whose predictions are linear in most values; see `Study`."""
+
+    later_ties = False
+
+    @cached_property
+    def _scorers(self) -> deque[tuple[Fit, LinearScorer]]:
+        return deque(maxlen=CACHED_SCORERS)
+
+    def _fit_as_given(self) -> Fit:
+        wanted = self.problem.fitted & self.problem.of(self.model.names)
+        free = determined(self.problem, wanted, self.problem.start())
+        found = fit(self.problem, free, self.problem.start())
+        again = determined(self.problem, wanted, found.values)
+        return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
+
+    def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
+        """Fit the model's base with exactly these effects, from the fit `near`, or from (P,) `values`."""
+        free, start = self._released(effects, near)
+        return fit(self.problem, free, start if values is None else values, most_steps=MAX_QUICK_STEPS)
+
+    def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) bool: unknowns that are free with these effects; (P,) values near a fit, other effects at null."""
+        problem = self.problem
+        wanted = problem.of([name for c in effects for name in c.names])
+        fixed = problem.of(self.present_names) & ~problem.fitted
+        free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
+        values = np.where(problem.is_effect & ~wanted, problem.null, near.values)
+        known_slopes = near.values if near.problem is self.problem else values
+        return determined(self.problem, free, known_slopes) | (free & self.first().free), values
+
+    def explained_share(self, before: Fit, after: Fit) -> float:
+        """Share of the squared error that is explained, on held-out runs where there are any; see `explained`."""
+        first, last = (self.held_out_blocks(one) if self.held_out else one.blocks for one in (before, after))
+        return share_gone(channel_rmse(first), channel_rmse(last), Scale.of(first))
+
+    def predictions_beside_held_out(self, found: Fit) -> list[Fit]:
+        """Predictions of training runs from each other, beside those of held-out runs, where there are any."""
+        return self.predictions_in_turn(found) if self.held_out else []
+
+    def hold_predictions(self, found: Fit, in_turn: Sequence[Fit]) -> None:
+        """Store predictions of the training runs from each other that are known already."""
+        self._in_turn[found] = list(in_turn)
+
+    def leaves_noise(self, fit: Fit) -> bool:
+        """Whether the residual of each channel of the training runs is noise, as a mean over channels.
+
+        The fitted model determines the noise: a heavy rotor makes more torque of the positions' noise.
+        """
+        return self._are_noise([fit])
+
+    def predicts_to_noise(self, fit: Fit) -> bool:
+        """Whether the residual is noise (see `leaves_noise`), in the held-out runs as well where there are any."""
+        return self.leaves_noise(fit) and not (self.held_out and not self._are_noise(self.held_out_predictions(fit)))
+
+    def _are_noise(self, fits: Sequence[Fit]) -> bool:
+        left: dict[str, list[np.ndarray]] = {}
+        for one in fits:
+            noise = dict(one.problem.noise)
+            for i, run in enumerate(one.problem.runs):
+                there = one.problem.model.noise(run, one.problem.theta(i, one.values))
+                noise |= {(run.name, channel): std for channel, std in there.items()}
+            for block in one.blocks:
+                left.setdefault(block.channel, []).append(block.misfit / noise[block.run, block.channel])
+        squares = [np.concatenate(parts) ** 2 for parts in left.values()]
+        shares = [noisy(len(square)) / max(float(np.mean(square)), 1.0) for square in squares]
+        return float(np.mean(shares)) >= 1.0
+
+    def scorer(self, at: Fit, given_misfit: float | None = None) -> LinearScorer:
+        """Scorer of sets of effects, from sums at a fit; the last few are cached.
+
+        Args:
+            at: the fit of the expansion.
+            given_misfit: squared error of the model as given, see `LinearScorer`; None where `at` is its fit.
+        """
+        k = next((k for k, (fit, _) in enumerate(self._scorers) if fit is at), None)
+        if k is None:
+            k = len(self._scorers) if len(self._scorers) < CACHED_SCORERS else CACHED_SCORERS - 1
+            self._scorers.append((at, self._scorer_around(at)))
+        if given_misfit is not None:
+            self._scorers[k] = at, self._scorers[k][1].compared_with(given_misfit)
+        return self._scorers[k][1]
+
+    def _scorer_around(self, at: Fit) -> LinearScorer:
+        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
+        values = transferred(at.values, self.problem, everything)
+        free = transferred_mask(at.free, self.problem, everything)
+        present = everything.of([n for c in self.present for n in c.names])
+        own = [a for c in self.present for a in c.split_by_joint() if np.all(everything.fitted[everything.of(a.names)])]
+        present &= ~everything.of([n for c in own for n in c.names])
+        atoms = [*own, *(atom for c in self.candidates for atom in c.split_by_joint())]
+        absent = [c for c in atoms if not np.any(free & everything.of(c.names))]
+        around = sums(everything, {run.name for run in self.runs}, values, absent, free)
+        always = everything.fitted & (present | ~everything.is_effect) & (free | everything.per_run)
+        return LinearScorer(around, always, atoms, own, self.catalogue_size)

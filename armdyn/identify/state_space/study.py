@@ -1,0 +1,173 @@
+"""A study of a model with states: fits of whole runs start at the measured motion."""
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from itertools import chain, tee
+
+import numpy as np
+
+from armdyn.identify.fit import CHI2_NEAR_NOISE, Fit
+from armdyn.identify.holdout import predictions
+from armdyn.identify.lost import left_of_spread
+from armdyn.identify.problem import Problem, transferred, transferred_mask
+from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
+from armdyn.identify.state_space.motion_start import initial_values, start_of
+from armdyn.identify.state_space.output_error import OTHER_STARTS, AroundMotion, best_minimum, fit_run, shows_motion
+from armdyn.identify.study import CHANCE_DEVIATES, SURE_DEVIATES, Study
+from armdyn.run import Run
+
+MAX_LISTED_GLITCHES = 5
+"""Largest number of glitch times that are listed."""
+MIN_SHARE_PER_VALUE = 0.125
+"""Share of the squared error above the noise that each further value of a pendulum must explain: every value that the
+public recordings need explains 0.17 of it or more, a lag that the simulated robot's own errors imitate 0.10."""
+
+
+class StateSpaceStudy(Study):
+    """Fits of a model with states; see `Study`."""
+
+    later_ties = True
+    ignored_chi2 = NOISE_POWER_RATIO
+
+    @cached_property
+    def motion(self) -> AroundMotion:
+        """All runs linearised around their motion.
+
+        Where the motion was not measured, the start of each run is searched first.
+        """
+        everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)
+        present = everything.of(self.present_names)
+        options = [everything.start()]
+        if not shows_motion(everything):
+            alone = Problem(self.model, everything.runs, self.noise)
+            found = reversed(initial_values(alone, alone.start()))
+            options = [transferred(values, alone, everything) for values in found]
+        motion = AroundMotion(everything, len(self.runs), present, options)
+        self.problem.place(motion.names_of_places)
+        return motion
+
+    @cached_property
+    def _starts(self) -> dict[frozenset[str], Iterator[np.ndarray]]:
+        """Start values by names of the effects' parameters, (P,) of `motion.problem`; iterate over a copy."""
+        return {}
+
+    @cached_property
+    def _started(self) -> dict[Fit, Iterator[np.ndarray]]:
+        """Start values, as in `_starts`, by the fit that began there."""
+        return {}
+
+    @cached_property
+    def _fits(self) -> dict[tuple[frozenset[str], int], Fit]:
+        """Fits by names of the effects' parameters and number of further starts."""
+        return {}
+
+    def _fit_as_given(self) -> Fit:
+        return self._fit_around(self.present, OTHER_STARTS)
+
+    def fit_with(self, effects: Sequence[Candidate], near: Fit | None = None, values: np.ndarray | None = None) -> Fit:
+        """Fit the model's base with exactly these effects, from the measured motion."""
+        del near, values
+        return self._fit_around(effects, OTHER_STARTS)
+
+    def quick_fit(self, effects: Sequence[Candidate]) -> Fit:
+        """Fit these effects around the measured motion, for a table: from one start also where errors are large."""
+        return self._fit_around(effects, 0)
+
+    def _fit_around(self, effects: Sequence[Candidate], others: int) -> Fit:
+        """The fit of these effects from the measured motion; see `best_minimum` for `others`."""
+        motion, names = self.motion, {name for c in effects for name in c.names}
+        key = frozenset(names), others
+        if key in self._fits:
+            return self._fits[key]
+        own = motion.problem.of(self.present_names)
+        fitted = motion.problem.of(list(names)) & ~(own & ~motion.problem.fitted)
+        free = (motion.base & ~own | fitted) & motion.seen
+        if key[0] not in self._starts:
+            (self._starts[key[0]],) = tee(motion.starts(free), 1)
+        starts, point = self._starts[key[0]], motion.settled_point(free)
+        places = chain(copy(starts), motion.elsewhere(free, copy(starts)))
+        fitted = transferred_mask(free | motion.of_starts, motion.problem, self.problem)
+        found = best_minimum(self.problem, fitted, (self.own(values, motion.problem) for values in places), others)
+        if others and found.chi2_per_sample > CHI2_NEAR_NOISE and (likely := motion.likeliest(free)):
+            other = best_minimum(self.problem, fitted, [self.own(v, motion.problem) for v in likely], others)
+            found = min(found, other, key=lambda one: one.cost)
+        if point is not None:
+            found = replace(found, settled=self.own(point.values, motion.problem))
+        self._started[found] = starts
+        self._fits[key] = found
+        return found
+
+    def left(self, effects: Sequence[Candidate]) -> float:
+        """Squared output error of a set, training and held-out runs together; see `squared_error`.
+
+        It has four digits, so that of effects with the same influence, such as two frictions of a fixed pivot, the
+        first one of the catalogue is preferred.
+        """
+        return float(f"{self.squared_error(self.quick_fit(effects)):.4g}")
+
+    def is_at_noise(self, fit: Fit) -> bool:
+        """Whether the residual is at most what noise may have by chance, in training and in held-out runs."""
+        excess, by_chance = self._excess(fit)
+        return bool(np.all(excess <= SURE_DEVIATES / CHANCE_DEVIATES * by_chance))
+
+    def explained_share(self, before: Fit, after: Fit) -> float:
+        """Share of the squared error that is explained, on training and held-out runs together.
+
+        The noise of a single short recording is too uncertain to judge by held-out runs alone.
+        """
+        return 1.0 - self.squared_error(after) / self.squared_error(before)
+
+    def model_error_weight(self, fit: Fit) -> float:
+        """Weight of the model's own error, see `Study`; 1 where the motion was measured.
+
+        There, evidence with process noise has told coloured noise from what is missing.
+        """
+        return 1.0 if self.motion.measured else super().model_error_weight(fit)
+
+    def is_lost(self, fit: Fit) -> bool:
+        """Whether the residual varies more than the signals, in training or held-out runs; see `left_of_spread`.
+
+        A residual at the noise is not a lost fit: in a recording without motion the signal itself is only noise.
+        """
+        if fit.chi2_per_sample < CHI2_NEAR_NOISE:
+            return False
+        kinds = [fit.blocks, self.held_out_blocks(fit)] if self.held_out else [fit.blocks]
+        return not all(left_of_spread(kind) <= 1.0 for kind in kinds)
+
+    def describe_glitches(self, fit: Fit) -> list[str]:
+        """Sentences on suspected glitches, which had little weight in choosing; see `Study.describe_glitches`."""
+        motion, found = self.motion, list[str]()
+        free = transferred_mask(fit.free, fit.problem, motion.problem)
+        for run, weights in zip(motion.box.runs, motion.believed(free & ~motion.of_starts), strict=True):
+            for channel, weight in zip(run.channels, weights, strict=True):
+                when = run.run.channels[channel].time[weight > 1.0]
+                if len(when):
+                    times = ", ".join(f"{t:.4g}" for t in when[:MAX_LISTED_GLITCHES]) + (
+                        ", ..." if len(when) > MAX_LISTED_GLITCHES else ""
+                    )
+                    found.append(
+                        f"{run.run.name}: {channel}: {len(when)} of {len(weight)} samples are no noise (a hand, "
+                        f"a lost marker) and count little in choosing: at {times} s"
+                    )
+        return found
+
+    def _of_held_out(self, found: Fit) -> list[Fit]:
+        if found not in self._started:
+            return super()._of_held_out(found)
+        problem, starts = self.motion.problem, self._started[found]
+
+        def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
+            each = (np.where(own, transferred(v, problem, alone), start) for v in copy(starts))
+            return best_minimum(alone, free, each)
+
+        return predictions(found, self.held_out, fit_own)
+
+    def _predictions(self, found: Fit, runs: Sequence[Run]) -> list[Fit]:
+        def fit_own(alone: Problem, start: np.ndarray, own: np.ndarray, free: np.ndarray) -> Fit:
+            del own
+            return fit_run(alone, start if shows_motion(alone) else start_of(alone, start, free), free)
+
+        return predictions(found, runs, fit_own)
