@@ -1,8 +1,8 @@
 """Compare an arm's recordings with its description, at a few moments, under every hypothesis on how they were made."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -18,6 +18,7 @@ from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
+from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
 from armdyn.run import Run
 
@@ -32,11 +33,8 @@ SEPARATE_EFFECTS = frozenset(
 )
 """Effects whose columns are made here in another form (a delay, a tilt, a payload), or are close to those of others."""
 LARGE_EFFECT_SIZES = {
-    "joint_viscous_friction": 3.0,
-    "joint_coulomb_friction": 3.0,
-    "rotor_inertia": 3.0,
-    "gravity_spring": 2.0,
-}
+    "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
+}  # fmt: skip
 """Size that an effect often has, in typical sizes; Baxter's spring is 3.5 times as large as a spring typically is."""
 SIGN_ROUNDS = 3
 """Number of times that the signs of torques recorded without sign are decided anew."""
@@ -48,6 +46,13 @@ USUAL_TILT = 0.1
 """Tilt that a base often has, rad."""
 USUAL_PAYLOAD_SHARE, USUAL_PAYLOAD_DISTANCE = 0.15, 0.2
 """Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
+INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+"""Power of a distance in each of a body's inertial parameters: mass, first moments, second moments."""
+USUAL_DRIVE_SHARES = np.array([0.05, 0.1, 0.1, 0.01])
+"""Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
+and 1 rad/s^2."""
+MAX_LIMITED_EFFORT = 1e4
+"""Effort limit, N m or N, from which a description gives none."""
 LIMIT_PRICE_NATS = 10.0
 """Price, in nats, for each joint that would leave its limits: descriptions have wrong limits now and then."""
 IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
@@ -55,6 +60,9 @@ IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
 JOINT_LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
 """Excess over a limit, rad or m, that still counts as at the limit, and largest ratio of a torque to the effort
 limit."""
+DRIVE_PRIOR_INFORMATION = 0.05
+"""Prior information on a joint's offset and frictions, in typical sizes, where gravity is fitted with them: the torques
+then count over their mean square."""
 IGNORED_MOMENTS_SHARE = 0.05
 """Share of the moments beyond a limit that is ignored."""
 
@@ -198,22 +206,19 @@ class ArmRun:
     @cached_property
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample of the torques as recorded."""
-        left = self.sure(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).left
+        left = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).left
         return independent(self.measured, left, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
 
     def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
-        rows, volume = self.measured.copy(), np.zeros(len(self.channels))
-        sources = np.arange(len(self.channels))
-        for i, channel in enumerate(self.channels):
-            r = correction.reading(channel)
-            sources[i] = self.channels.index(r.source)
-            if r.late or r.pace:
-                rows[i] = r.factor * self.torque(r.source, r.late, r.pace) + r.offset
-            elif r.source != channel or r.factor != 1.0 or r.offset:
-                rows[i] = r.factor * self.measured[self.channels.index(r.source)] + r.offset
-            volume[i] = np.log(abs(r.factor))
-        return rows, volume, sources
+        readings = [correction.reading(channel) for channel in self.channels]
+        sources = np.array([self.channels.index(r.source) for r in readings])
+        recorded = [
+            self.torque(r.source, r.late, r.pace) if r.late or r.pace else self.measured[source]
+            for r, source in zip(readings, sources, strict=True)
+        ]
+        factor, offset = np.array([(r.factor, r.offset) for r in readings]).T
+        return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
 
     def described(self, motion: Motion, description: Description = AS_DESCRIBED) -> np.ndarray:
         """(J, n) torques of the model as it is, with its own or another description."""
@@ -229,28 +234,20 @@ class ArmRun:
         still = np.zeros_like(motion.q)
         return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.of_joint])
 
-    def outside(self, motion: Motion, torques: np.ndarray) -> float:
-        """Price in nats of positions beyond the joints' limits, and of (J, n) torques that no drive of this arm has."""
-        return self._beyond(motion) + float(self._too_strong(torques))
-
     def _beyond(self, motion: Motion) -> float:
+        """Price in nats of positions beyond the joints' limits."""
         described = self.model.arm.model
-        below, above = described.lowerPositionLimit - motion.q, motion.q - described.upperPositionLimit
-        beyond, far = (
-            (np.maximum(below, above) > margin).mean(axis=0) > IGNORED_MOMENTS_SHARE
-            for margin in (JOINT_LIMIT_TOLERANCE, IMPOSSIBLE_EXCESS)
-        )
-        return LIMIT_PRICE_NATS * float(np.count_nonzero(beyond)) + IMPOSSIBLE_PRICE_NATS * float(np.count_nonzero(far))
+        excess = np.maximum(described.lowerPositionLimit - motion.q, motion.q - described.upperPositionLimit)
+        tolerances = (JOINT_LIMIT_TOLERANCE, LIMIT_PRICE_NATS), (IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS)
+        return sum(price * float(np.count_nonzero(_mostly(excused < excess.T))) for excused, price in tolerances)
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
-        """(...) price in nats of (..., J, n) torques beyond the effort limits."""
+        """(...) price in nats of (..., J, n) torques that no drive of this arm has."""
         limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.of_joint, None]
-        return LIMIT_PRICE_NATS * np.count_nonzero(
-            (np.abs(torques) > limit).mean(axis=-1) > IGNORED_MOMENTS_SHARE, axis=-1
-        )
+        return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
-    def rough(self, meanings: Sequence[Meaning]) -> np.ndarray:
-        """(h,) evidence of all hypotheses without inertias, springs and payloads, in a hundredth of the time of `sure`.
+    def screen(self, meanings: Sequence[Meaning]) -> np.ndarray:
+        """(h,) log evidence without inertias, springs and payloads, in a hundredth of the time of `log_evidence`.
 
         Every joint has friction, a rotor, an offset and a model error of a tenth of its torque.
         """
@@ -262,9 +259,7 @@ class ArmRun:
         y, volume = np.array([r[0][:, ::COARSE_MOMENT_STRIDE] for r in read]), np.array([r[1] for r in read])
         weight = np.array([self.weights[r[2]] for r in read])
         described, X, cost = (np.array(part) for part in zip(*coarse, strict=True))
-        scale = np.maximum(
-            np.mean(y**2, axis=2), (SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(volume)) ** 2
-        )
+        scale = np.maximum(np.mean(y**2, axis=2), self._least(volume) ** 2)
         gap = y - described
         turned = np.swapaxes(X, 2, 3)
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
@@ -277,22 +272,24 @@ class ArmRun:
         total = len(self.motion.time) * np.sum(weight * (volume - 0.5 * np.log(variance)), axis=1)
         return np.asarray(total - cost - self._too_strong(y))
 
-    @cached_property
-    def _coarse(self) -> Callable[[Positions, Description], tuple[np.ndarray, np.ndarray, float]]:
-        """Cached values of `_coarse_of`, which many hypotheses share."""
-        return cache(self._coarse_of)
-
-    def _coarse_of(self, positions: Positions, description: Description) -> tuple[np.ndarray, np.ndarray, float]:
-        """At some moments (J, n) torques, (J, n, 4) columns of offset, frictions and rotor, and the posture's price."""
+    @cached_with_first_argument
+    def _coarse(self, positions: Positions, description: Description) -> tuple[np.ndarray, np.ndarray, float]:
+        """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
         m = self.moved(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_MOMENT_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
-        j, effort = self.of_joint, self._effort[self.of_joint]
-        rows = [np.full(m.q.shape, 0.05)[:, j], 0.1 * m.v[:, j], 0.1 * m.direction[:, j], 0.01 * m.a[:, j]]
-        columns = (np.stack(rows, axis=2) * effort[:, None]).transpose(1, 0, 2)
-        described, columns = description.read(m.time, self.described(m, description), columns)
+        described, columns = description.read(m.time, self.described(m, description), self._of_drives(m))
         return described, columns, self._beyond(m)
 
-    def sure(
+    def _of_drives(self, m: Motion) -> np.ndarray:
+        """(J, n, 4) torques of offset, viscous and dry friction, and rotor, of typical size."""
+        columns = np.stack([np.ones(m.q.shape), m.v, m.direction, m.a], axis=2).transpose(1, 0, 2)
+        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.of_joint]
+
+    def _least(self, volume: np.ndarray) -> np.ndarray:
+        """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
+        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(volume))
+
+    def log_evidence(
         self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
     ) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
@@ -302,49 +299,33 @@ class ArmRun:
         if m is self.motion and description == AS_DESCRIBED:
             f, columns, positive = self._linear_as_described
         else:
-            changed = description.of(self.model.arm.model)
-            f, columns, positive = self._linear(
-                MotionSamples(changed, m, m.time), description.mass * description.length
-            )
+            samples = MotionSamples(description.of(self.model.arm.model), m, m.time)
+            f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
-        least = SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(volume)
-        found = evidence(Channels(y, f, columns, positive, weight, volume, least))
+        found = evidence(Channels(y, f, columns, positive, weight, volume, self._least(volume)))
         for _ in range(SIGN_ROUNDS if description.magnitudes else 0):  # the effects also decide the sign of a torque
             f, columns = turned_up(f + columns @ found.sizes, f, columns)
-            found = evidence(Channels(y, f, columns, positive, weight, volume, least))
-        return Evidence(found.value - self.outside(m, y), found.left, found.share, found.sizes)
+            found = evidence(Channels(y, f, columns, positive, weight, volume, self._least(volume)))
+        return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
     def nothing(self) -> float:
-        """Evidence of a description that explains nothing; a mistake must explain more than it."""
-        return self.sure(Correction(), NO_DESCRIPTION).value
-
-    def with_run(self, run: Run) -> "ArmRun":
-        """The same model and moments for another recording."""
-        return replace(self, run=run)
+        """Log evidence of a description that explains nothing; a mistake must explain more than it."""
+        return self.log_evidence(Correction(), NO_DESCRIPTION).value
 
     def gravity(self, correction: Correction) -> np.ndarray:
         """(3,) gravity, m/s^2, that explains the torques best, fitted together with friction and offsets."""
         m = self.moved(correction)
         y, *_ = self.read(correction)
-        rest = self.described(m, Description((0.0, 0.0, 0.0)))
-        X = self._per_gravity(m)
-        gap = y - rest
-        weight = 1.0 / np.maximum(np.mean(y**2, axis=1), 1e-12)
-        G, slope = np.zeros((3, 3)), np.zeros(3)
-        for k, j in enumerate(self.of_joint):
-            nuisance = np.column_stack([np.ones(len(m.time)), m.v[:, j], m.direction[:, j]])
-            still = 0.05 * self._effort[j] * np.array([1.0, 2.0, 2.0])
-            A = np.column_stack([X[k], nuisance * still])
-            damped = A.T @ A + np.diag([0.0] * 3 + [0.05 / weight[k]] * 3) + 1e-12 * np.eye(6)
-            own = damped[:3, :3] - damped[:3, 3:] @ np.linalg.solve(damped[3:, 3:], damped[3:, :3])
-            right = A.T @ gap[k]
-            G += weight[k] * own
-            slope += weight[k] * (right[:3] - damped[:3, 3:] @ np.linalg.solve(damped[3:, 3:], right[3:]))
-        values, vectors = np.linalg.eigh(G)
-        kept = values > 1e-6 * values[-1]
-        found = vectors[:, kept] @ ((vectors.T @ slope)[kept] / values[kept])
-        return np.asarray(found)
+        gap = y - self.described(m, Description((0.0, 0.0, 0.0)))
+        X = np.concatenate([self._per_gravity(m), self._of_drives(m)[:, :, :3]], axis=2)
+        turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(y**2, axis=1), 1e-12)[:, None, None]
+        G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
+        onto = np.linalg.solve(G[:, 3:, 3:] + DRIVE_PRIOR_INFORMATION * np.eye(3), G[:, 3:, :3])
+        alone = np.sum(G[:, :3, :3] - G[:, :3, 3:] @ onto, axis=0)
+        return np.linalg.pinv(alone, 1e-6, hermitian=True) @ (
+            np.sum(slope[:, :3], axis=0) - np.einsum("jkg,jk->g", onto, slope[:, 3:])
+        )
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) derivatives of the torques by gravity."""
@@ -354,10 +335,8 @@ class ArmRun:
     def _effort(self) -> np.ndarray:
         """(nj,) effort limits of the joints, N m or N, or, where none is given, the torques that hold the arm."""
         limits = np.array(self.model.arm.model.effortLimit)
-        held = np.abs(inverse_dynamics(self.model.arm.model, *(self.motion.q, self.motion.v, self.motion.a))).max(
-            axis=0
-        )
-        return np.where(limits < 1e4, limits, 2.0 * held + 1e-6)
+        held = np.abs(inverse_dynamics(self.model.arm.model, self.motion.q, self.motion.v, self.motion.a)).max(axis=0)
+        return np.where(limits < MAX_LIMITED_EFFORT, limits, 2.0 * held + 1e-6)
 
     @cached_property
     def _own(self) -> ArmModel:
@@ -371,9 +350,8 @@ class ArmRun:
             [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_before(e))]
         )
         size = [p.typical * LARGE_EFFECT_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
-        absent = [name not in self._own.parameters for name in model.names]
         positive = [
-            new and p.lower == 0.0 and p.null == 0.0 for new, p in zip(absent, model.parameters.values(), strict=True)
+            name not in self._own.parameters and p.lower == p.null == 0.0 for name, p in model.parameters.items()
         ]
         return model, np.array(size), np.array(positive, dtype=bool)
 
@@ -391,23 +369,16 @@ class ArmRun:
         size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
         own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
         load = max(1.0, USUAL_PAYLOAD_SHARE * heavier * float(self.model.arm.described[:, 0].sum()))
-        carried = (
-            np.array(
-                [
-                    1.0,
-                    USUAL_PAYLOAD_DISTANCE,
-                    USUAL_PAYLOAD_DISTANCE,
-                    USUAL_PAYLOAD_DISTANCE,
-                    *([USUAL_PAYLOAD_DISTANCE**2] * 6),
-                ]
-            )
-            * load
-        )
+        carried = load * USUAL_PAYLOAD_DISTANCE**INERTIAL_POWERS
         payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.of_joint]
         tilt = self._per_gravity(m) * (USUAL_TILT * float(np.linalg.norm(self.model.gravity())))
         late = USUAL_TORQUE_DELAY * np.gradient(described, m.time, axis=1)
-        apart = np.einsum("jn,jk->jnk", late, np.eye(len(described)))
-        columns = np.concatenate([own, payload, tilt, apart], axis=2)
-        of_payload = np.arange(payload.shape[2]) == 0
-        none = np.zeros(tilt.shape[2] + apart.shape[2], dtype=bool)
-        return described, columns, np.concatenate([positive, of_payload, none])
+        delays = late[:, :, None] * np.eye(len(late))[:, None]
+        columns = np.concatenate([own, payload, tilt, delays], axis=2)
+        of_mass = np.arange(columns.shape[2]) == len(positive)
+        return described, columns, of_mass | np.pad(positive, (0, columns.shape[2] - len(positive)))
+
+
+def _mostly(beyond: np.ndarray) -> np.ndarray:
+    """(...) whether more than a few of (..., n) moments are beyond a limit."""
+    return np.asarray(beyond.mean(axis=-1) > IGNORED_MOMENTS_SHARE)

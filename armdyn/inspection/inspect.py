@@ -1,8 +1,9 @@
 """Check whether recordings are what they are declared to be."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingE
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.holds import held
 from armdyn.inspection.kinematics import consistent, rate_checks
+from armdyn.inspection.mistakes import arm_mistakes
 from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of, wraps
-from armdyn.inspection.swing import SwingRun
+from armdyn.inspection.swing import SwingRun, pendulum_mistakes
 from armdyn.model import Model
-from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
+from armdyn.recording.channels import MIN_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
 from armdyn.recording.gaps import between, gaps_of
 from armdyn.recording.spikes import without_saturation, without_spikes
@@ -57,31 +59,8 @@ def inspected(
         runs = [model.taking(run) for run in runs]
         model = model.following(runs)
     found = [check for run in runs for check in checks_of(run, model, effects, adding)]
-    return Inspection(tuple(runs), by_severity([*found, *_joints_beside(model, runs)]))
-
-
-def _joints_beside(model: Model | None, runs: Sequence[Run]) -> Iterator[Check]:
-    """Find joints that are not the model's but move in its recordings."""
-    if not isinstance(model, ArmModel):
-        return
-    held = left_out(model.arm, runs)
-    unknown = {joint for run in runs for joint in run.joints} - set(joints_described(model.arm))
-    for run in runs:
-        for joint in run.joints:
-            said = f"q.{joint} moves by {amount(float(np.ptp(run.channels[f'q.{joint}'].value)))} "
-            said += f"{run.channels[f'q.{joint}'].unit}, and is no joint of the model"
-            if joint in model.arm.carried:
-                severity, more = Severity.NOTE, ", which moves it as recorded and explains no torque of it"
-                remedy = "nothing to do; to explain its torque, make the model with it: 'armdyn new arm --joints ...'"
-            elif joint in held:
-                severity, more = Severity.SUSPECT, ", which holds it at its zero, as not all recordings have it"
-                remedy = "compare recordings without it apart, or record it in all of them"
-            elif joint in unknown and moves(run.channels[f"q.{joint}"]):
-                severity, more = Severity.NOTE, " nor of its description"
-                remedy = "nothing to do, unless it carries the arm or its tool: then take a description that has it"
-            else:
-                continue
-            yield Check("joint_left_out", severity, run.name, (f"q.{joint}",), said + more, remedy)
+    beside = JOINTS_BESIDE.get(model.base) if model is not None else None
+    return Inspection(tuple(runs), by_severity([*found, *(beside(model, runs) if beside else ())]))
 
 
 def require_usable(inspection: Inspection) -> None:
@@ -107,21 +86,18 @@ def checks_of(
     found = [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
-    if not isinstance(model, ArmModel) and (model is None or model.base != "pendulum"):
+    compare = COMPARISONS.get(model.base) if model is not None else None
+    if compare is None:
         found += ranges(run)
-    if model is not None and run.channels and not still:
+    elif run.channels and not still:
         piece = longest_piece(run, MAX_COMPARED_SECONDS)
         piece = without_spikes(piece, piece.channels)
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
-        told = physics_of(model, consistent(piece), effects)
-        found += [replace(check, run=run.name) for check in told]
-        for check in told:
+        for check in compare(model, consistent(piece), effects):
+            found.append(replace(check, run=run.name))
             mended = (check.correction or Correction()).of(mended)
-    return (
-        found
-        + list(rate_checks(mended))
-        + _refused(mended, check_steps if model is None else partial(check_run, model, adding=adding))
-    )
+    refuses = check_steps if model is None else partial(check_run, model, adding=adding)
+    return [*found, *rate_checks(mended), *_refused(mended, refuses)]
 
 
 def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
@@ -134,26 +110,55 @@ def _refused(run: Run, check: Callable[[Run], None]) -> list[Check]:
     return []
 
 
-def physics_of(model: Model, run: Run, effects: tuple[Effect, ...]) -> list[Check]:
-    """Findings from comparing a recording with the model; empty where that is not possible."""
-    if isinstance(model, ArmModel):
-        try:
-            used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)]
-        except InputError:
-            return []  # the comparison reports what is missing
-        if _too_few(run.channels[name] for name in used):
-            return []
-        return physics.checks(ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)))
-    if model.base == "pendulum":
-        swing = SwingRun(model, run)
-        if not swing.channels or _too_few(run.channels[name] for name in swing.channels):
-            return []
-        return physics.checks(swing)
-    return []
+def _arm_checks(model: ArmModel, run: Run, effects: tuple[Effect, ...]) -> Iterable[Check]:
+    """Findings from comparing a recording with an arm's model; empty where that is not possible."""
+    try:
+        used = [*model.predicted_channels(run), *(f"q.{j}" for j in model.arm.joints)]
+    except InputError:
+        return ()  # the comparison reports what is missing
+    if _too_few(run, used):
+        return ()
+    return physics.checks(ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes)
 
 
-def _too_few(channels: Iterable[Channel]) -> bool:
-    return any(len(channel) < MIN_COMPARED_SAMPLES for channel in channels)
+def _pendulum_checks(model: Model, run: Run, _: tuple[Effect, ...]) -> Iterable[Check]:
+    """Findings from comparing a recording with a pendulum's model; empty where that is not possible."""
+    swing = SwingRun(model, run)
+    return physics.checks(swing, pendulum_mistakes) if swing.channels and not _too_few(run, swing.channels) else ()
+
+
+def _too_few(run: Run, names: Iterable[str]) -> bool:
+    return any(len(run.channels[name]) < MIN_COMPARED_SAMPLES for name in names)
+
+
+def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
+    """Find joints that are not the model's but move in its recordings."""
+    held = left_out(model.arm, runs)
+    unknown = {joint for run in runs for joint in run.joints} - set(joints_described(model.arm))
+    for run in runs:
+        for joint in run.joints:
+            position = run.channels[f"q.{joint}"]
+            said = f"q.{joint} moves by {amount(float(np.ptp(position.value)))} {position.unit}, "
+            said += "and is no joint of the model"
+            if joint in model.arm.carried:
+                severity, more = Severity.NOTE, ", which moves it as recorded and explains no torque of it"
+                remedy = "nothing to do; to explain its torque, make the model with it: 'armdyn new arm --joints ...'"
+            elif joint in held:
+                severity, more = Severity.SUSPECT, ", which holds it at its zero, as not all recordings have it"
+                remedy = "compare recordings without it apart, or record it in all of them"
+            elif joint in unknown and moves(position):
+                severity, more = Severity.NOTE, " nor of its description"
+                remedy = "nothing to do, unless it carries the arm or its tool: then take a description that has it"
+            else:
+                continue
+            yield Check("joint_left_out", severity, run.name, (f"q.{joint}",), said + more, remedy)
+
+
+COMPARISONS: Mapping[str, Callable[[Any, Run, tuple[Effect, ...]], Iterable[Check]]] = {
+    "arm": _arm_checks, "pendulum": _pendulum_checks,
+}  # fmt: skip
+"""Comparison of a recording with its model, by the model's base; without one, values are held against ranges."""
+JOINTS_BESIDE: Mapping[str, Callable[[Any, Sequence[Run]], Iterable[Check]]] = {"arm": _joints_beside}
 
 
 def longest_piece(run: Run, seconds: float) -> Run:

@@ -6,31 +6,38 @@ with phi, phi' and phi'' from the smoothed angle or rate, and u from the smoothe
 and the sizes of effects, so that the same evidence serves pendulums and arms.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import make_interp_spline
+from scipy.signal import detrend
 
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
-from armdyn.inspection.hypotheses import (
+from armdyn.inspection.kinematics import averages
+from armdyn.inspection.mistakes import (
+    ANGLE_UNITS,
     CLOCK_RATE_ERRORS,
     LENGTH_UNITS,
-    RAD_PER_DEGREE,
+    SENSOR_LAGS,
     ZERO_OFFSETS,
-    Hypothesis,
+    Mistake,
     read_as,
     stamped,
-    stamps,
 )
-from armdyn.inspection.kinematics import averages
+from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
+from armdyn.pendulum.start import swing_shown
 from armdyn.run import Run
 from armdyn.smoothing import SPLINE_ORDERS, Curve, best_smoothing, smoothed
 
 SWING_MOMENTS = 240
 """Number of moments at which a recording is evaluated."""
+EDGE_SHARE = 0.03
+"""Share of a recording at either end that is left out, where a smoothed motion is uncertain."""
 GUESS_RELATIVE_STD = {"length": 3.0, "mass": 30.0}
 """Relative standard deviation of a guessed value: few pendulums are longer than a metre, and loads have any size."""
 MEASURED_RELATIVE_STD = 0.1
@@ -43,6 +50,8 @@ FORCE_UNITS = {"mN": 1e-3, "gram-force": 9.80665e-3, "kgf": 9.80665, "lbf": 4.44
 """Force units in N."""
 SWING_CLOCK_SHIFTS = (-0.5, -0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """Clock shifts that are tried, s; a smaller delay is an effect, that of a sensor."""
+SWING_CLOCK_PRICE_NATS = 2.0
+"""Price, in nats, of a wrong clock."""
 GRIPPER_SCALE_ERROR = 0.05
 """Typical error of a gripper's scale, as a share of its acceleration. With 0.15 it could as well be reversed."""
 PENDULUM_MODEL_ERROR = 0.03
@@ -50,14 +59,39 @@ PENDULUM_MODEL_ERROR = 0.03
 arm's. A gripper's motion is identified where it causes a tenth of the swing's acceleration, which 0.1 would hide."""
 LENGTH_FACTORS, DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0.06, 0.2])
 """Lengths, over the model's, half a percent apart, and decay rates, 1/s, for which a swing that no sensor measures is
-simulated. In 30 s the phases of neighbouring lengths differ by half a radian.
-"""
+simulated. In 30 s the phases of neighbouring lengths differ by half a radian."""
+SWING_STEP_SECONDS = 0.02
+"""Step of that simulation, s."""
 MOMENT_SPACING_PERIODS = 0.5
 """Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
-SWING_STEP_SECONDS = 0.02
-"""Step of the integration of such a swing, s."""
-_TREND = np.linspace(-1.0, 1.0, SWING_MOMENTS)
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One channel under a hypothesis; the attributes are those of `Channels` without the first axis."""
+
+    measured: np.ndarray
+    described: np.ndarray
+    columns: np.ndarray
+    positive: np.ndarray
+    factor: float
+    least: float
+
+    @staticmethod
+    def joined(parts: "Sequence[Part]", weight: np.ndarray, floor: float) -> Channels:
+        """Channels without common effects."""
+        alone = [[(one is own) * one.columns for one in parts] for own in parts]
+        return Channels(
+            np.array([part.measured for part in parts]),
+            np.array([part.described for part in parts]),
+            np.array([np.hstack(blocks) for blocks in alone]),
+            np.concatenate([part.positive for part in parts]),
+            weight,
+            np.log(np.abs([part.factor for part in parts])),
+            np.array([part.least for part in parts]),
+            floor,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,98 +107,88 @@ class SwingRun:
     run: Run
 
     @cached_property
-    def channels(self) -> tuple[str, ...]:
-        """The compared channels: the angle (or else the rate), and the force."""
-        swing = next((n for n in ("swing_angle", "swing_rate") if n in self.run.channels), None)
-        return (*((swing,) if swing else ()), *(("load_force",) if "load_force" in self.run.channels else ()))
-
-    @property
     def swing(self) -> str | None:
         """The channel that measures the swing; None where there is none."""
-        return self.channels[0] if self.channels and self.channels[0] != "load_force" else None
+        return swing_shown(self.run)
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """The compared channels: the angle (or else the rate), and the force."""
+        return tuple(name for name in (self.swing, "load_force") if name and name in self.run.channels)
 
     @cached_property
     def moments(self) -> np.ndarray:
         """(n,) moments, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
-        edge = 0.03 * (end - begin)
+        edge = EDGE_SHARE * (end - begin)
         return np.linspace(begin + edge, end - edge, SWING_MOMENTS)
 
     @cached_property
     def _curves(self) -> dict[str, Curve]:
         found: dict[str, Curve] = {}
-        for name in ("swing_angle", "swing_rate", "gripper_x"):
-            if name in self.run.channels and name in (self.swing, "gripper_x"):
+        for name in (self.swing, "gripper_x"):
+            if name is not None and name in self.run.channels:
                 whole = self.run.channels[name]
                 c = whole.averaged(-(-len(whole) // MAX_SMOOTHED_SAMPLES))
                 found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
         return found
 
-    @cached_property
-    def motion(self) -> Callable[[float, float], Motion]:
-        """Cached (n,) angle, rate and angular acceleration, for a delay and a rate error of the stamps."""
-        return cache(self._motion)
-
-    def _stamps(self, channel: str, late: float, pace: float) -> np.ndarray:
+    def _stamps(self, r: Reading) -> np.ndarray:
         """(n,) stamps of a channel at the moments."""
-        begin = float(self.run.channels[channel].time[0])
-        return Reading(channel, late=late, pace=pace).stamped(self.moments, begin)
+        return r.stamped(self.moments, float(self.run.channels[r.source].time[0]))
 
+    @cached_with_first_argument
     def _motion(self, late: float, pace: float) -> Motion:
-        time = self._stamps(self.swing or "", late, pace)
-        curve = self._curves[self.swing or ""]
-        if self.swing == "swing_angle":
-            angle, rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3))
-            return angle, rate, bend
-        rate, bend = ((1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(2))
+        """(n,) angle, rate and angular acceleration as recorded, for a delay and a rate error of the stamps."""
+        assert self.swing is not None
+        time, curve = self._stamps(Reading(self.swing, late=late, pace=pace)), self._curves[self.swing]
+        first, second, *third = (
+            (1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3 if self.swing == "swing_angle" else 2)
+        )
+        if third:
+            return first, second, third[0]
         fine = np.linspace(time[0], time[-1], 8 * SWING_MOMENTS)
-        values = curve(fine, 0)[:, 0]
-        angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(fine))]) / (1.0 + pace)
-        angle -= np.polyval(np.polyfit(fine, angle, 1), fine)
-        return np.interp(time, fine, angle), rate, bend
+        angle = detrend(cumulative_trapezoid(curve(fine, 0)[:, 0], fine, initial=0.0)) / (1.0 + pace)
+        return np.interp(time, fine, angle), first, second
 
-    def pull(self, late: float, pace: float = 0.0) -> np.ndarray:
-        """(n,) acceleration of the pivot as recorded, m/s^2."""
+    def _pull(self, r: Reading) -> np.ndarray:
+        """(n,) acceleration of the pivot, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(SWING_MOMENTS)
-        stamps = self._stamps("gripper_x", late, pace)
-        return np.asarray((1.0 + pace) ** 2 * self._curves["gripper_x"](stamps, 2)[:, 0])
+        return np.asarray(r.factor * (1.0 + r.pace) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0])
 
-    def force(self, late: float, pace: float = 0.0) -> np.ndarray:
-        """(n,) force of the load cell as recorded, averaged around the moments."""
-        return averages(self.run.channels["load_force"], self._stamps("load_force", late, pace))
+    def _force(self, r: Reading) -> np.ndarray:
+        """(n,) force of the load cell, averaged around the moments, N."""
+        return r.factor * averages(self.run.channels["load_force"], self._stamps(r))
 
-    @cached_property
-    def driven(self) -> Callable[[float], list[Motion]]:
-        """Simulated motions of a load, at rest at first, under a scaled gripper motion, by length and decay rate."""
-        return cache(self._driven)
+    @cached_with_first_argument
+    def _driven(self, factor: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angles and rates (d, l, n), for d decay rates and l lengths (l, 1) m, of a load that is at rest at first.
 
-    def _driven(self, factor: float) -> list[Motion]:
-        gravity, begin = self._known("gravity")[0], float(self.run.channels["gripper_x"].time[0])
-        h = SWING_STEP_SECONDS
+        The gripper moves as recorded, times `factor`.
+        """
+        gravity, begin, h = self._known("gravity")[0], self.run.channels["gripper_x"].time[0], SWING_STEP_SECONDS
+        lengths = self._known("length")[0] * LENGTH_FACTORS
         steps = int((self.moments[-1] - begin) / h) + 2
-        fine = begin + 0.5 * h * np.arange(2 * steps + 1)
-        u = factor * self._curves["gripper_x"](np.minimum(fine, self.run.channels["gripper_x"].time[-1]), 2)[:, 0]
-        length, fade = (x.ravel() for x in np.meshgrid(self._known("length")[0] * LENGTH_FACTORS, DECAY_RATES))
+        time = np.minimum(begin + 0.5 * h * np.arange(2 * steps + 1), self.run.channels["gripper_x"].time[-1])
+        pull = factor * self._curves["gripper_x"](time, 2)[:, 0]
 
-        def rates(angle: np.ndarray, rate: np.ndarray, u: float) -> tuple[np.ndarray, np.ndarray]:
-            return rate, (u * np.cos(angle) - gravity * np.sin(angle)) / length - fade * rate
+        def rates(state: np.ndarray, u: float) -> np.ndarray:
+            angle, rate = state
+            bend = (u * np.cos(angle) - gravity * np.sin(angle)) / lengths - DECAY_RATES[:, None] * rate
+            return np.array([rate, bend])
 
-        found = np.zeros((steps + 1, 2, len(length)))
-        a, b = found[0]
-        for k in range(steps):
-            first = rates(a, b, u[2 * k])
-            second = rates(a + 0.5 * h * first[0], b + 0.5 * h * first[1], u[2 * k + 1])
-            third = rates(a + 0.5 * h * second[0], b + 0.5 * h * second[1], u[2 * k + 1])
-            last = rates(a + h * third[0], b + h * third[1], u[2 * k + 2])
-            a = a + h / 6.0 * (first[0] + 2.0 * second[0] + 2.0 * third[0] + last[0])
-            b = b + h / 6.0 * (first[1] + 2.0 * second[1] + 2.0 * third[1] + last[1])
-            found[k + 1] = a, b
-        at = np.clip((self.moments - begin) / h, 0.0, steps - 1e-9)
-        i, part = at.astype(int), (at % 1.0)[:, None]
-        angle, rate = (((1.0 - part) * found[i, j] + part * found[i + 1, j]).T for j in (0, 1))
-        return [(a, r, np.full(len(a), own)) for a, r, own in zip(angle, rate, length, strict=True)]
+        states = [np.zeros((2, len(DECAY_RATES), len(lengths)))]
+        for before, middle, after in zip(pull[:-1:2], pull[1::2], pull[2::2], strict=True):
+            state = states[-1]  # Runge-Kutta of order four: a step that adapts takes long where units are wrong
+            first = rates(state, before)
+            second = rates(state + 0.5 * h * first, middle)
+            third = rates(state + 0.5 * h * second, middle)
+            last = rates(state + h * third, after)
+            states.append(state + h / 6.0 * (first + 2.0 * second + 2.0 * third + last))
+        found = make_interp_spline(begin + h * np.arange(steps + 1), states, 1)(self.moments)
+        return (*np.moveaxis(found, 0, -1), lengths[:, None])
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -175,15 +199,14 @@ class SwingRun:
         after = self._given(shifted, given.weight).measured
         return independent(given.measured, evidence(given).left, given.least, after)
 
-    def rough(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
-        """(h,) evidence as in `sure`: a pendulum has few effects, so that no faster method is needed."""
-        return np.array([self.sure(*meaning).value for meaning in meanings])
+    def screen(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
+        """(h,) log evidence: a pendulum has few effects, so that no faster method is needed."""
+        return np.array([self.log_evidence(*meaning).value for meaning in meanings])
 
-    def sure(self, correction: Correction, description: object = None) -> Evidence:
+    def log_evidence(self, correction: Correction, description: object = None) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
         del description
-        given = self._given(correction, self.weights)
-        found = evidence(given)
+        found = evidence(self._given(correction, self.weights))
         return replace(found, value=found.value - self._outside(correction))
 
     def _outside(self, correction: Correction) -> float:
@@ -193,146 +216,108 @@ class SwingRun:
         mass, weighed = self._known("mass")
         mean = correction.reading("load_force").factor * float(np.mean(self.run.channels["load_force"].value))
         share = mean / (mass * self._known("gravity")[0])
-        return WRONG_LOAD_PRICE_NATS * (
-            float(share < 0.0) + float(weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE)
-        )
+        other = weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE
+        return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
     def nothing(self) -> float:
-        """Evidence of equations that explain nothing; zero, because a pendulum's equations are known."""
+        """Log evidence of equations that explain nothing: a pendulum's equations are known."""
         return -np.inf
-
-    def with_run(self, run: Run) -> "SwingRun":
-        """The same model and moments for another recording."""
-        return replace(self, run=run)
 
     def _known(self, name: str) -> tuple[float, bool]:
         """SI value of length, mass or gravity, and whether it was measured."""
         known, parameter = self.run.known.get(name), self.model.parameters[name]
         return (known.value, True) if known is not None else (parameter.value, parameter.prior is not None)
 
+    def _width(self, name: str) -> float:
+        """Relative standard deviation of length or mass."""
+        return MEASURED_RELATIVE_STD if self._known(name)[1] else GUESS_RELATIVE_STD[name]
+
     def _given(self, correction: Correction, weight: np.ndarray) -> Channels:
-        n = len(self.moments)
-        rows, described, columns, volume, least = [], [], [], [], []
-        signs: list[np.ndarray] = []
-        angle, rate, bend = np.zeros(n), np.zeros(n), np.zeros(n)
-        (length, measured), (gravity, _) = self._known("length"), self._known("gravity")
-        u = np.zeros(n)
-        if "gripper_x" in self._curves:
-            r = correction.reading("gripper_x")
-            u = r.factor * self.pull(r.late, r.pace)
-            if self.swing is None:
-                return self._given_by_force(correction, weight, u)
+        u = self._pull(correction.reading("gripper_x"))
+        if self.swing is None and "gripper_x" in self._curves:
+            return Part.joined([self._force_alone(correction, u)], weight, MODEL_ERROR_FLOOR)
+        parts, motion = [], (np.zeros(SWING_MOMENTS),) * 3
         if self.swing is not None:
             r = correction.reading(self.swing)
-            angle, rate, bend = (r.factor * x for x in self.motion(r.late, r.pace))
-            angle = angle + r.offset
-            drive, weightless = u * np.cos(angle) / length, -gravity * np.sin(angle) / length
-            width = MEASURED_RELATIVE_STD if measured else GUESS_RELATIVE_STD["length"]
-            pace = gravity / length
-            rows.append(bend)
-            described.append((drive + weightless) if measured else np.zeros(n))
-            X = [
-                width * (drive + weightless), GRIPPER_SCALE_ERROR * drive, -0.5 * rate, -np.tanh(20.0 * rate),
-                -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
-                0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, n),
-            ]  # fmt: skip
-            columns.append(np.column_stack(X))
-            signs.append(np.array([not measured, False, True, True, True, *([False] * 4)]))
-            volume.append(np.log(abs(r.factor)))
-            least.append(1e-3 * gravity / length)
+            angle, rate, bend = (r.factor * x for x in self._motion(r.late, r.pace))
+            motion = angle + r.offset, rate, bend
+            parts.append(self._swing_part(motion, u, r.factor))
         if "load_force" in self.channels:
-            r = correction.reading("load_force")
-            mass, weighed = self._known("mass")
-            width = MEASURED_RELATIVE_STD if weighed else GUESS_RELATIVE_STD["mass"]
-            static = gravity * np.cos(angle) + u * np.sin(angle)
-            rows.append(r.factor * self.force(r.late, r.pace))
-            described.append(mass * (static + length * rate**2) if weighed else np.zeros(n))
-            X = [
-                width * mass * static,
-                width * mass * length * rate**2,
-                np.full(n, 0.1 * mass * gravity),
-                0.03 * mass * gravity * np.sin(angle),
-            ]
-            columns.append(np.column_stack(X))
-            signs.append(np.array([not weighed, not weighed, *([False] * 2)]))
-            volume.append(np.log(abs(r.factor)))
-            least.append(1e-3 * mass * gravity)
-        width_of = [c.shape[1] for c in columns]
-        whole = np.zeros((len(rows), n, sum(width_of)))
-        for k, c in enumerate(columns):
-            whole[k, :, sum(width_of[:k]) : sum(width_of[: k + 1])] = c
-        return Channels(
-            np.array(rows),
-            np.array(described),
-            whole,
-            np.concatenate(signs),
-            weight,
-            np.array(volume),
-            np.array(least),
-            PENDULUM_MODEL_ERROR,
-        )
+            parts.append(self._force_part(motion, u, correction.reading("load_force")))
+        return Part.joined(parts, weight, PENDULUM_MODEL_ERROR)
 
-    def _given_by_force(self, correction: Correction, weight: np.ndarray, u: np.ndarray) -> Channels:
-        """Channels for a recording in which only the force measures the swing, of the simulated motion that fits best.
+    def _swing_part(self, motion: Motion, u: np.ndarray, factor: float) -> Part:
+        """The angular acceleration, with the effects of a pendulum in their typical sizes."""
+        (length, measured), (gravity, _), (angle, rate, bend) = self._known("length"), self._known("gravity"), motion
+        drive, pace = u * np.cos(angle) / length, gravity / length
+        whole = drive - pace * np.sin(angle)
+        columns = [
+            self._width("length") * whole, GRIPPER_SCALE_ERROR * drive, -0.5 * rate, -np.tanh(20.0 * rate),
+            -0.05 * rate * np.abs(rate), 0.05 * pace * np.cos(angle), 0.02 * pace * angle**2,
+            0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, len(angle)),
+        ]  # fmt: skip
+        positive = np.array([not measured, False, True, True, True, *([False] * 4)])
+        return Part(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
+
+    def _force_part(self, motion: Motion, u: np.ndarray, r: Reading) -> Part:
+        """The force along the string, with the effects of a load cell in their typical sizes."""
+        (length, _), (gravity, _), (mass, weighed) = (self._known(name) for name in ("length", "gravity", "mass"))
+        angle, rate, _ = motion
+        weight = mass * gravity
+        parts = mass * (gravity * np.cos(angle) + u * np.sin(angle)), mass * length * rate**2
+        bias, aside = np.full(len(angle), 0.1 * weight), 0.03 * weight * np.sin(angle)
+        columns = np.column_stack([*(self._width("mass") * part for part in parts), bias, aside])
+        positive = np.array([not weighed, not weighed, False, False])
+        return Part(self._force(r), weighed * (parts[0] + parts[1]), columns, positive, r.factor, 1e-3 * weight)
+
+    def _force_alone(self, correction: Correction, u: np.ndarray) -> Part:
+        """The force in a recording in which it alone measures the swing, of the simulated motion that fits best.
 
         The mean force determines only the load's weight; so it is left out.
         """
-        (mass, weighed), (gravity, _) = self._known("mass"), self._known("gravity")
-        r = correction.reading("load_force")
-        y = r.factor * self.force(r.late, r.pace)
+        (mass, weighed), (gravity, _), r = self._known("mass"), self._known("gravity"), correction.reading("load_force")
+        y = self._force(r)
         y = y - y.mean()
-        swings = self.driven(correction.reading("gripper_x").factor)
-        shapes = np.array([gravity * np.cos(a) + length * rate**2 + u * np.sin(a) for a, rate, length in swings])
-        shapes -= shapes.mean(axis=1, keepdims=True)
-        along = np.maximum(shapes @ y, 0.0) ** 2 / np.maximum(np.sum(shapes**2, axis=1), 1e-300)
-        best = int(np.argmax(along))
-        shape, aside = shapes[best], np.sin(swings[best][0])
-        around = shapes.reshape(len(DECAY_RATES), len(LENGTH_FACTORS), -1)
-        j, i = divmod(best, len(LENGTH_FACTORS))
+        angle, rate, length = self._driven(correction.reading("gripper_x").factor)
+        shapes = gravity * np.cos(angle) + length * rate**2 + u * np.sin(angle)
+        shapes -= shapes.mean(axis=-1, keepdims=True)
+        fitting = np.maximum(shapes @ y, 0.0) ** 2 / np.maximum(np.sum(shapes**2, axis=-1), 1e-300)
+        j, i = np.unravel_index(np.argmax(fitting), fitting.shape)
+        shape, aside = shapes[j, i], np.sin(angle[j, i])
         size = mass if weighed else float(shape @ y) / max(float(shape @ shape), 1e-300)
-        longer = around[j, min(i + 1, len(LENGTH_FACTORS) - 1)] - around[j, max(i - 1, 0)]
-        fading = around[min(j + 1, len(DECAY_RATES) - 1), i] - around[max(j - 1, 0), i]
-        width = MEASURED_RELATIVE_STD if weighed else GUESS_RELATIVE_STD["mass"]
-        X = [
-            width * mass * shape, 0.03 * mass * gravity * (aside - aside.mean()), 0.02 * mass * gravity * _TREND,
-            size * longer, size * fading,
+        longer = shapes[j, min(i + 1, len(LENGTH_FACTORS) - 1)] - shapes[j, max(i - 1, 0)]
+        fading = shapes[min(j + 1, len(DECAY_RATES) - 1), i] - shapes[max(j - 1, 0), i]
+        columns = [
+            self._width("mass") * mass * shape, 0.03 * mass * gravity * (aside - aside.mean()),
+            0.02 * mass * gravity * np.linspace(-1.0, 1.0, len(y)), size * longer, size * fading,
         ]  # fmt: skip
-        return Channels(
-            y[None], (mass * shape if weighed else np.zeros(len(y)))[None], np.column_stack(X)[None],
-            np.array([not weighed, *([False] * 4)]), weight, np.array([np.log(abs(r.factor))]),
-            np.array([1e-3 * mass * gravity]), MODEL_ERROR_FLOOR,
-        )  # fmt: skip
+        positive = np.array([not weighed, *([False] * 4)])
+        return Part(y, weighed * mass * shape, np.column_stack(columns), positive, r.factor, 1e-3 * mass * gravity)
 
 
-def mistakes(run: SwingRun) -> Iterator[Hypothesis]:
-    """Hypotheses on the mistakes in recordings of pendulums."""
+def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
+    """Mistakes that may have been made in recordings of pendulums."""
     has, force = run.run.channels, ("load_force",)
-    angular = tuple(n for n in ("swing_angle", "swing_rate") if n in has)
-    both = " and ".join(angular)
-    if run.swing is not None:
-        yield read_as("angle_unit", angular, f"{both} is in degrees and called rad", RAD_PER_DEGREE)
-        yield read_as("angle_unit", angular, f"{both} is in rad and called degrees", 1 / RAD_PER_DEGREE)
+    angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)
+    both, shifts = " and ".join(angular), (*SENSOR_LAGS, *SWING_CLOCK_SHIFTS)
+    for factor, said in ANGLE_UNITS if angular else ():
+        yield read_as("angle_unit", angular, f"{both} is in {said}", factor)
     for said, offset in ZERO_OFFSETS.items() if run.swing == "swing_angle" else ():
         zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
         yield read_as("position_offset", ("swing_angle",), zero, offset=-offset)
     if "gripper_x" in has:
-        if run.swing is not None:
+        if angular:
             said = f"{both} count the other way than gripper_x: the load is at gripper_x - l sin(angle)"
             yield replace(read_as("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x"))
         for unit, factor in {**LENGTH_UNITS, "m, and called mm": 1e3}.items():
             said = f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m")
             yield read_as("scale", ("gripper_x",), said, factor)
-        yield from stamped(
-            (n for n in has if n != "gripper_x"), SWING_CLOCK_SHIFTS, "what swings is stamped {} against gripper_x", 2.0
-        )
-        others = tuple(n for n in has if n != "gripper_x")
+        others = tuple(name for name in has if name != "gripper_x")
         said = "what swings is stamped {} against gripper_x"
-        for pace in CLOCK_RATE_ERRORS:
-            found = read_as("clock_shift", others, said.format(stamps(0.0, pace)), pace=pace, price=2.0)
-            yield replace(found, clock=said)
+        yield from stamped(others, said, SWING_CLOCK_PRICE_NATS, shifts, CLOCK_RATE_ERRORS)
     if "load_force" in has:
         for unit, factor in FORCE_UNITS.items():
             yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)
         yield read_as("torque_sign", force, "load_force has the wrong sign: a string pulls", -1.0)
-        if run.swing is not None:
-            yield from stamped(force, SWING_CLOCK_SHIFTS, "load_force is stamped {} against the swing", 2.0)
+        if angular:
+            yield from stamped(force, "load_force is stamped {} against the swing", SWING_CLOCK_PRICE_NATS, shifts)

@@ -15,8 +15,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.inspection.check import Inspection, Severity, WrongRecordingError
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.holds import longest_hold
-from armdyn.inspection.hypotheses import rolled
 from armdyn.inspection.inspect import inspected
+from armdyn.inspection.mistakes import rolled
 from armdyn.inspection.plausible import implausible, require_plausible
 from armdyn.inspection.signals import step_of
 from armdyn.pendulum.model import pendulum_model
