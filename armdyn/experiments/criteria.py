@@ -5,20 +5,20 @@ prior variances. K = (F + \Lambda)^{-1} is the covariance of all unknowns after 
 covariance of some unknowns with the others as nuisance: the inverse of a Schur complement of F + \Lambda.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
+from armdyn.linear.solve import scaled
 
-class Criterion(Protocol):
-    """A function of the information that is to be minimised."""
-
-    def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value for a (P, P) information matrix, and its (P, P) symmetric derivatives."""
-        ...
+Valued: TypeAlias = tuple[float, np.ndarray]
+"""Value of a criterion, and its (P, P) symmetric derivatives by the information."""
+Criterion: TypeAlias = Callable[[np.ndarray], Valued]
+"""A function of a (P, P) information matrix that is to be minimised."""
+NEGLIGIBLE_RISE = 1e-4
+"""Rise of chi2 that counts as zero: it keeps the logarithm finite where two effects are still the same."""
 
 
 def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
@@ -28,35 +28,25 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
         information: (P, P) Fisher information F.
         prior: (P,) prior standard deviations; infinite where there is no prior.
     """
-    matrix = information + np.diag(prior**-2.0)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor = cho_factor(matrix * np.outer(scale, scale))
-    return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
+    size, unit = scaled(information + np.diag(prior**-2.0))
+    return np.asarray(np.linalg.inv(unit) / np.outer(size, size))
 
 
-@dataclass(frozen=True, eq=False)
-class DOptimality:
+def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> Valued:
     r"""Mean logarithm of the standard deviations of the wanted unknowns, over all directions: D-optimality.
 
     It is log det K_{WW} / (2 |W|), a constant less twice the expected gain of information (Chaloner & Verdinelli,
     Statistical Science 10(3), 1995).
 
-    Attributes:
-        wanted: indices of the wanted unknowns.
+    Args:
+        information: (P, P) Fisher information F.
         prior: (P,) prior standard deviations.
+        wanted: indices W of the wanted unknowns.
     """
-
-    wanted: np.ndarray
-    prior: np.ndarray
-
-    def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and derivatives; see `Criterion`."""
-        K = covariance(information, self.prior)
-        block = K[np.ix_(self.wanted, self.wanted)]
-        _, logarithm = np.linalg.slogdet(block)
-        columns = K[:, self.wanted]
-        size = 2.0 * len(self.wanted)
-        return float(logarithm) / size, -columns @ np.linalg.solve(block, columns.T) / size
+    K = covariance(information, prior)
+    block, columns = K[np.ix_(wanted, wanted)], K[:, wanted]
+    size = 2.0 * len(wanted)
+    return float(np.linalg.slogdet(block)[1]) / size, -columns @ np.linalg.solve(block, columns.T) / size
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,22 +70,17 @@ class RivalSeparation:
     fitted: np.ndarray
     directions: np.ndarray
 
-    def left(self, information: np.ndarray, prior: np.ndarray) -> np.ndarray:
-        """(k, k) matrix L; after the refit, chi2 rises by d' L d for a change d along `directions`, in typical sizes.
-
-        L is the Schur complement F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA.
-        """
-        return self.refitted(
-            information, covariance(information[np.ix_(self.fitted, self.fitted)], prior[self.fitted])
-        )[0]
-
-    def refitted(self, information: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def refitted(self, information: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k, k) matrix L, and (len(own) + len(fitted), k) changes of all these unknowns, the refit included.
+
+        L is the Schur complement F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA: after the refit, chi2 rises by d' L d for a
+        change d along `directions`, in typical sizes.
 
         Args:
             information: (P, P) Fisher information F.
-            K: covariance of the fitted unknowns alone.
+            prior: (P,) prior standard deviations.
         """
+        K = covariance(information[np.ix_(self.fitted, self.fitted)], prior[self.fitted])
         onto = K @ information[np.ix_(self.fitted, self.own)]  # change of the fitted unknowns per change of the effect
         complement = information[np.ix_(self.own, self.own)] - information[np.ix_(self.own, self.fitted)] @ onto
         changes = np.vstack([np.eye(len(self.own)), -onto]) @ self.directions
@@ -103,65 +88,44 @@ class RivalSeparation:
 
     def separation(self, information: np.ndarray, prior: np.ndarray) -> float:
         """Smallest rise of chi2 after the refit, over all changes of typical size that can be distinguished."""
-        return max(float(np.linalg.eigvalsh(self.left(information, prior))[0]), 0.0)
+        return max(float(np.linalg.eigvalsh(self.refitted(information, prior)[0])[0]), 0.0)
 
 
-NEGLIGIBLE_RISE = 1e-4
-"""Rise of chi2 that counts as zero: it keeps the logarithm finite where two effects are still the same."""
-
-
-@dataclass(frozen=True, eq=False)
-class Separated:
+def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]) -> Valued:
     r"""Logarithm of the harmonic sum of all separations, which the smallest one dominates.
 
     It is log \sum_A tr L_A^{-1}, over every effect and joint A that may be the true one.
 
-    Attributes:
-        hidden: effects that may be the true one.
+    Args:
+        information: (P, P) Fisher information F.
         prior: (P,) prior standard deviations.
+        cases: effects that may be the true one.
     """
-
-    hidden: Sequence[RivalSeparation]
-    prior: np.ndarray
-
-    def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and derivatives; see `Criterion`."""
-        total, slopes = 0.0, np.zeros_like(information)
-        known: dict[bytes, np.ndarray] = {}  # the joints of an effect mostly share the fitted unknowns
-        for case in self.hidden:
-            everything = np.concatenate([case.own, case.fitted])
-            key = case.fitted.tobytes()
-            if key not in known:
-                known[key] = covariance(information[np.ix_(case.fitted, case.fitted)], self.prior[case.fitted])
-            L, T = case.refitted(information, known[key])
-            inverse = np.linalg.inv(L + NEGLIGIBLE_RISE * np.eye(len(L)))
-            total += float(np.trace(inverse))
-            # dL = T' dF T, since the best refit does not change in first order.
-            slopes[np.ix_(everything, everything)] -= T @ inverse @ inverse @ T.T
-        return float(np.log(total)), slopes / total
+    total, slopes = 0.0, np.zeros_like(information)
+    for case in cases:
+        everything = np.concatenate([case.own, case.fitted])
+        L, T = case.refitted(information, prior)
+        inverse = np.linalg.inv(L + NEGLIGIBLE_RISE * np.eye(len(L)))
+        total += float(np.trace(inverse))
+        # dL = T' dF T, since the best refit does not change in first order.
+        slopes[np.ix_(everything, everything)] -= T @ inverse @ inverse @ T.T
+    return float(np.log(total)), slopes / total
 
 
-@dataclass(frozen=True, eq=False)
-class Conditioned:
+def log_condition(information: np.ndarray, typical: np.ndarray, independent: np.ndarray) -> Valued:
     """Logarithm of the condition number of the regression on base parameters, in SI units: the common criterion.
 
     It is minimised by Gautier & Khalil, IJRR 11(4), 1992, and by FloBaRoID and FIGAROH.
 
-    Attributes:
-        independent: indices of unknowns whose columns are independent and span all others.
+    Args:
+        information: (P, P) Fisher information F.
         typical: (P,) typical sizes in which the information is given.
+        independent: indices of unknowns whose columns are independent and span all others.
     """
-
-    independent: np.ndarray
-    typical: np.ndarray
-
-    def __call__(self, information: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and derivatives; see `Criterion`."""
-        scale = 1.0 / self.typical[self.independent]
-        here = np.ix_(self.independent, self.independent)
-        values, vectors = np.linalg.eigh(information[here] * np.outer(scale, scale))
-        smallest = max(values[0], 1e-12 * values[-1])
-        first, last = scale * vectors[:, 0], scale * vectors[:, -1]
-        slopes = np.zeros_like(information)
-        slopes[here] = np.outer(last, last) / values[-1] - np.outer(first, first) / smallest
-        return 0.5 * float(np.log(values[-1] / smallest)), 0.5 * slopes
+    scale, here = 1.0 / typical[independent], np.ix_(independent, independent)
+    values, vectors = np.linalg.eigh(information[here] * np.outer(scale, scale))
+    smallest = max(values[0], 1e-12 * values[-1])
+    first, last = scale * vectors[:, 0], scale * vectors[:, -1]
+    slopes = np.zeros_like(information)
+    slopes[here] = np.outer(last, last) / values[-1] - np.outer(first, first) / smallest
+    return 0.5 * float(np.log(values[-1] / smallest)), 0.5 * slopes

@@ -1,7 +1,8 @@
 """The goal of a motion: unknowns to determine, or rival effects to distinguish."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -10,12 +11,20 @@ from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.columns import Columns, present
-from armdyn.experiments.criteria import Conditioned, Criterion, DOptimality, RivalSeparation, Separated
-from armdyn.experiments.structure import Structure
+from armdyn.experiments.criteria import (
+    Criterion,
+    RivalSeparation,
+    d_optimality,
+    log_condition,
+    log_harmonic_separation,
+)
+from armdyn.experiments.structure import distinguishable, hopeless, independent, random_rows
 from armdyn.threads import one_thread
 
 USUAL_EFFECTS = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
 """Effects that every arm may have: nuisance beside the wanted ones, or wanted themselves where none is named."""
+
+NONE = np.zeros(0, dtype=int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +41,7 @@ class Goal:
         rivals: names of two effects to distinguish; empty where unknowns are to be determined.
         hidden: with rivals, the effects that may be the true one.
         inseparable: sentences on what no motion can distinguish.
+        rows: (N, P) regressor at random states; see `random_rows`.
     """
 
     columns: Columns
@@ -43,12 +53,12 @@ class Goal:
     rivals: tuple[str, ...] = ()
     hidden: tuple[RivalSeparation, ...] = ()
     inseparable: tuple[str, ...] = ()
-    structure: Structure = field(repr=False, kw_only=True)
+    rows: np.ndarray = field(repr=False, kw_only=True)
 
     @property
     def conditioned(self) -> Criterion:
         """The common criterion (condition number) for the same unknowns."""
-        return Conditioned(self.structure.independent(), self.columns.typical)
+        return partial(log_condition, typical=self.columns.typical, independent=independent(self.rows))
 
 
 @one_thread
@@ -65,26 +75,19 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
     """
     effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.reachable(find(name))]
     columns = _columns(model, effects, USUAL_EFFECTS, rate)
-    own = _indices(columns, effects)
-    structure = Structure.of(columns)
-    alone = structure.hopeless(own, np.zeros(0, dtype=int))
-    beside: list[str] = []
-    left_out: dict[str, str] = {}
-    for name in USUAL_EFFECTS:
-        others = np.setdiff1d(np.concatenate([columns.of(e) for e in (*beside, name)]), own)
-        if not len(np.setdiff1d(columns.of(name), own)):
-            continue
-        lost = np.setdiff1d(structure.hopeless(own, others), alone)
-        if len(lost):
-            left_out[name] = f"no motion could tell it from {columns.unknowns[lost[0]].name}"
-        else:
-            beside.append(name)
+    rows, own = random_rows(columns), _indices(columns, effects)
+    alone = hopeless(rows, own, NONE)
+
+    def confused(beside: Sequence[str]) -> str | None:
+        others = np.setdiff1d(np.concatenate([columns.of(name) for name in beside]), own)
+        lost = np.setdiff1d(hopeless(rows, own, others), alone)
+        return f"no motion could tell it from {columns.unknowns[lost[0]].name}" if len(lost) else None
+
+    beside, left_out = _nuisance([n for n in USUAL_EFFECTS if len(np.setdiff1d(columns.of(n), own))], confused)
     columns = _columns(model, effects, beside, rate)
-    structure, own = Structure.of(columns), _indices(columns, effects)
-    return Goal(
-        columns, DOptimality(own, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
-        left_out, structure=structure,
-    )  # fmt: skip
+    rows, own = random_rows(columns), _indices(columns, effects)
+    criterion = partial(d_optimality, prior=columns.prior, wanted=own)
+    return Goal(columns, criterion, own, hopeless(rows, own, NONE), beside, left_out, rows=rows)
 
 
 @one_thread
@@ -103,23 +106,23 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     """
     if first.name == second.name:
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
-    pair = (first, second)
+    pair, names = (first, second), (first.name, second.name)
     columns = _columns(model, pair, USUAL_EFFECTS, rate)
-    structure = Structure.of(columns)
-    beside: list[str] = []
-    left_out: dict[str, str] = {}
-    cases = _cases(columns, structure, pair, [])
-    for name in USUAL_EFFECTS:
-        if name in (first.name, second.name) or not len(columns.of(name)):
-            continue
-        narrowed = _cases(columns, structure, pair, [*beside, name])
-        if any(n.directions.shape[1] < c.directions.shape[1] for n, c in zip(narrowed, cases, strict=True)):
-            left_out[name] = "with it no motion could tell some of their changes apart"
-        else:
-            beside.append(name)
+    rows = random_rows(columns)
+
+    def ranks(beside: Sequence[str]) -> list[int]:
+        return [case.directions.shape[1] for case in _cases(columns, rows, pair, beside)]
+
+    def confused(beside: Sequence[str]) -> str | None:
+        fewer = np.less(ranks(beside), at_best).any()
+        return "with it no motion could tell some of their changes apart" if fewer else None
+
+    at_best = ranks(())
+    usual = [name for name in USUAL_EFFECTS if name not in names and len(columns.of(name))]
+    beside, left_out = _nuisance(usual, confused)
     columns = _columns(model, pair, beside, rate)
-    structure, own = Structure.of(columns), _indices(columns, pair)
-    cases = _cases(columns, structure, pair, beside)
+    rows, own = random_rows(columns), _indices(columns, pair)
+    cases = _cases(columns, rows, pair, beside)
     hidden = tuple(case for case in cases if case.directions.shape[1])
     inseparable = tuple(
         f"{case.effect}{f' on {case.joint}' if case.joint else ''} makes torques that {case.rival} makes as well"
@@ -128,10 +131,24 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     )
     if not hidden:
         raise TaskFailedError(f"no motion can tell {first.name} from {second.name}: {inseparable[0]}")
-    return Goal(
-        columns, Separated(hidden, columns.prior), own, structure.hopeless(own, np.zeros(0, dtype=int)), tuple(beside),
-        left_out, (first.name, second.name), hidden, inseparable, structure=structure,
-    )  # fmt: skip
+    criterion = partial(log_harmonic_separation, prior=columns.prior, cases=hidden)
+    lost = hopeless(rows, own, NONE)
+    return Goal(columns, criterion, own, lost, beside, left_out, names, hidden, inseparable, rows=rows)
+
+
+def _nuisance(
+    names: Sequence[str], confused: Callable[[Sequence[str]], str | None]
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The effects that can be fitted beside the wanted ones, and why the others are treated as known."""
+    beside: tuple[str, ...] = ()
+    left_out: dict[str, str] = {}
+    for name in names:
+        reason = confused((*beside, name))
+        if reason is None:
+            beside = (*beside, name)
+        else:
+            left_out[name] = reason
+    return beside, left_out
 
 
 def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
@@ -151,15 +168,15 @@ def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
 
 
 def _cases(
-    columns: Columns, structure: Structure, pair: tuple[Effect, Effect], beside: Sequence[str]
+    columns: Columns, rows: np.ndarray, pair: tuple[Effect, Effect], beside: Sequence[str]
 ) -> tuple[RivalSeparation, ...]:
     """Each effect on each of its joints, against the other effect on all of its joints."""
     found = []
     for truth, rival in (pair, pair[::-1]):
-        nuisance = [columns.of(name) for name in beside]
-        fitted = np.unique(np.concatenate([_indices(columns, [rival]), *nuisance]))
+        every = np.concatenate([_indices(columns, [rival]), *(columns.of(name) for name in beside)])
         for joint in truth.joints or columns.model.joints_with(truth.name):
             own = columns.of(truth.name, joint)
-            directions = structure.distinguishable(own, np.setdiff1d(fitted, own))
-            found.append(RivalSeparation(truth.name, joint, rival.name, own, np.setdiff1d(fitted, own), directions))
+            fitted = np.setdiff1d(every, own)
+            directions = distinguishable(rows, own, fitted)
+            found.append(RivalSeparation(truth.name, joint, rival.name, own, fitted, directions))
     return tuple(found)

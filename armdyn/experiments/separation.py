@@ -45,15 +45,14 @@ class Rival:
 
     def evaluate(self, values: np.ndarray) -> Expansion:
         """Half the rise of chi2, expanded at (m,) values of the rival's unknowns."""
-        away = values - self.predicted.start
+        away, prior = values - self.predicted.start, self.predicted.prior
         with np.errstate(all="ignore"):
             readings, slopes = self.predicted.predict(values)
             rest = self._readings - readings
-            cost = 0.5 * float(rest @ rest + away @ self.predicted.prior @ away)
+            cost = 0.5 * float(rest @ rest + away @ prior @ away)
         if not np.isfinite(cost):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
-        hessian = slopes.T @ slopes + self.predicted.prior
-        return Expansion(cost, self.predicted.prior @ away - slopes.T @ rest, hessian)
+        return Expansion(cost, prior @ away - slopes.T @ rest, slopes.T @ slopes + prior)
 
     def refitted(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
         """Rise of chi2 at the rival's best values, and these values (m,)."""
@@ -64,7 +63,7 @@ class Rival:
 def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
     """Rise of chi2 by one linearisation at the rival's present values."""
     difference = truth.predict(truth.start)[0] - rival.predict(rival.start)[0]
-    return float(_Around(rival, rival.start).left(difference[:, None])[0])
+    return float(_rise(rival, rival.start, difference[:, None])[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,40 +117,32 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int 
         errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWN_OUTCOMES))
         errors = np.clip(errors, truth.lower[:, None], truth.upper[:, None]) - truth.start[:, None]
         off = noise + slopes @ errors
-        own = _Around(truth, truth.start).left(off)
+        own = _rise(truth, truth.start, off)
         wins = np.ones(DRAWN_OUTCOMES, dtype=bool)
         for j, rival in enumerate(predicted):
             if i == j:
                 continue
             rises[i, j], best = Rival(rival, readings).refitted()
-            left = readings - rival.predict(best)[0]
-            other = _Around(rival, best).left(left[:, None] + off)
+            other = _rise(rival, best, (readings - rival.predict(best)[0])[:, None] + off)
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > TIE_CHI2
         right[i] = float(np.mean(wins))
     return ExpectedOutcome(rises, right, beliefs(hypotheses))
 
 
-class _Around:
-    """Residual of a hypothesis for readings that it does not predict, linearised at values of its unknowns.
+def _rise(rival: PredictedExperiment, values: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """(r,) rise of chi2 for (n, r) readings minus predictions, linearised at (m,) values of the rival's unknowns.
 
-    It computes min_delta |r - J delta|^2 + (a + delta)' L (a + delta), with a the distance of the values from the
-    prior, within the bounds of the unknowns: friction does not become negative.
+    It is min_delta |r - J delta|^2 + (a + delta)' L (a + delta), with a the distance of the values from the prior,
+    within the bounds of the unknowns: friction does not become negative.
     """
-
-    def __init__(self, predicted: PredictedExperiment, values: np.ndarray) -> None:
-        self._slopes = predicted.predict(values)[1] * predicted.typical
-        self._prior = predicted.prior * np.outer(predicted.typical, predicted.typical)
-        self._away = (values - predicted.start) / predicted.typical
-        self._room = (predicted.lower - values) / predicted.typical, (predicted.upper - values) / predicted.typical
-        self._normal = self._slopes.T @ self._slopes + self._prior
-        self._normal.flat[:: len(self._normal) + 1] *= 1.0 + ADDED_INFORMATION_SHARE
-        self._normal.flat[:: len(self._normal) + 1] += np.finfo(float).tiny
-
-    def left(self, rest: np.ndarray) -> np.ndarray:
-        """(r,) rise of chi2 for (n, r) readings minus predictions."""
-        pull = self._slopes.T @ rest - (self._prior @ self._away)[:, None]
-        change = solve_bounded(self._normal, pull.T, *self._room).x.T
-        squares = np.sum(rest**2, axis=0) + self._away @ self._prior @ self._away
-        taken = np.sum((2.0 * pull - self._normal @ change) * change, axis=0)
-        return np.asarray(squares - taken)
+    slopes = rival.predict(values)[1] * rival.typical
+    prior = rival.prior * np.outer(rival.typical, rival.typical)
+    away, lower, upper = ((x - values) / rival.typical for x in (rival.start, rival.lower, rival.upper))
+    normal = slopes.T @ slopes + prior
+    normal.flat[:: len(normal) + 1] *= 1.0 + ADDED_INFORMATION_SHARE
+    normal.flat[:: len(normal) + 1] += np.finfo(float).tiny
+    pull = (slopes.T @ rest).T + prior @ away  # (r, m)
+    change = solve_bounded(normal, pull, lower, upper).x
+    explained = np.sum((2.0 * pull - change @ normal) * change, axis=1)
+    return np.asarray(np.sum(rest**2, axis=0) + away @ prior @ away - explained)

@@ -1,7 +1,5 @@
 """Find unknowns that no motion identifies: their columns are spanned by others at every state of the arm."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import qr
 
@@ -22,63 +20,57 @@ MIN_CHANGE_SHARE = 1e-3
 """Least share of an unknown in a change that no motion reveals, if it takes part in the change at all."""
 
 
-@dataclass(frozen=True, eq=False)
-class Structure:
-    """The regressor of an arm at random states all over its limits.
+def random_rows(columns: Columns) -> np.ndarray:
+    """(N, P) regressor at random states all over the arm's limits, in typical sizes of the unknowns."""
+    found = columns.at(random_states(columns.arm, RANDOM_STATES))
+    rows = found.reshape(-1, found.shape[2])
+    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE] = 0.0
+    return rows
 
-    Attributes:
-        rows: (N, P) regressor in typical sizes of the unknowns.
+
+def distinguishable(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(len(own), k) orthonormal changes of the `own` unknowns that some motion distinguishes from the `others`.
+
+    A change of typical size that the noise hides even at full speed and acceleration counts as indistinguishable.
+
+    Args:
+        rows: (N, P) see `random_rows`.
+        own: indices of some unknowns.
+        others: indices of other unknowns.
     """
+    X, span = rows[:, own], _span(rows[:, others])
+    _, sizes, directions = np.linalg.svd(X - span @ (span.T @ X), full_matrices=False)
+    whole = np.linalg.norm(X @ directions.T, axis=0)
+    shows = sizes > np.maximum(MAX_SPANNED_SHARE * whole, MIN_VISIBLE_CHANGE * np.sqrt(RANDOM_STATES))
+    return np.asarray(directions[shows].T)
 
-    rows: np.ndarray
 
-    @classmethod
-    def of(cls, columns: Columns) -> "Structure":
-        """Compute the structure of an arm's unknowns."""
-        found = columns.at(random_states(columns.arm, RANDOM_STATES))
-        rows = found.reshape(-1, found.shape[2])
-        rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE] = 0.0
-        return cls(rows)
+def hopeless(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Indices of the `own` unknowns that no motion distinguishes from the rest of them and from `others`."""
+    X = rows[:, np.concatenate([own, others])]
+    lengths = np.linalg.norm(X, axis=0)
+    _, sizes, directions = np.linalg.svd(X / np.maximum(lengths, np.finfo(float).tiny), full_matrices=False)
+    nothing = directions[sizes <= MAX_SPANNED_SHARE * sizes[0]]  # changes of the unknowns that change no torque
+    return np.asarray(own[np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_CHANGE_SHARE])
 
-    def distinguishable(self, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """(len(own), k) orthonormal changes of the `own` unknowns that some motion distinguishes from the `others`.
 
-        A change of typical size that the noise hides even at full speed and acceleration counts as indistinguishable.
-        """
-        X = self.rows[:, own]
-        left = X - self._span(others) @ (self._span(others).T @ X)
-        _, sizes, directions = np.linalg.svd(left, full_matrices=False)
-        whole = np.linalg.norm(X @ directions.T, axis=0)
-        shows = sizes > np.maximum(MAX_SPANNED_SHARE * whole, MIN_VISIBLE_CHANGE * np.sqrt(RANDOM_STATES))
-        return np.asarray(directions[shows].T)
+def independent(rows: np.ndarray) -> np.ndarray:
+    """Indices of independent columns that span all others: base parameters by a QR decomposition.
 
-    def hopeless(self, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Indices of the `own` unknowns that no motion distinguishes from the rest of them and from `others`."""
-        everything = np.concatenate([own, others])
-        X = self.rows[:, everything]
-        lengths = np.linalg.norm(X, axis=0)
-        _, sizes, directions = np.linalg.svd(X / np.maximum(lengths, np.finfo(float).tiny), full_matrices=False)
-        nothing = directions[sizes <= MAX_SPANNED_SHARE * sizes[0]]  # changes of the unknowns that change no torque
-        takes_part = np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_CHANGE_SHARE
-        return np.asarray(own[takes_part])
+    Source: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic Systems 8(4), 1991.
+    """
+    lengths = np.linalg.norm(rows, axis=0)
+    acting = np.flatnonzero(lengths > 0.0)
+    _, R, order = qr(rows[:, acting] / lengths[acting], mode="economic", pivoting=True)
+    rank = int(np.count_nonzero(np.abs(np.diag(R)) > MAX_SPANNED_SHARE))
+    return np.sort(acting[order[:rank]])
 
-    def independent(self) -> np.ndarray:
-        """Indices of independent columns that span all others: base parameters by a QR decomposition.
 
-        Source: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic Systems 8(4), 1991.
-        """
-        lengths = np.linalg.norm(self.rows, axis=0)
-        acting = np.flatnonzero(lengths > 0.0)
-        _, R, order = qr(self.rows[:, acting] / lengths[acting], mode="economic", pivoting=True)
-        rank = int(np.count_nonzero(np.abs(np.diag(R)) > MAX_SPANNED_SHARE))
-        return np.sort(acting[order[:rank]])
-
-    def _span(self, indices: np.ndarray) -> np.ndarray:
-        """(N, r) orthonormal basis of columns."""
-        X = self.rows[:, indices]
-        lengths = np.linalg.norm(X, axis=0)
-        X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
-        if X.shape[1] == 0:
-            return np.zeros((len(X), 0))
-        U, sizes, _ = np.linalg.svd(X, full_matrices=False)
-        return np.asarray(U[:, sizes > MAX_SPANNED_SHARE * sizes[0]])
+def _span(X: np.ndarray) -> np.ndarray:
+    """(N, r) orthonormal basis of (N, k) columns."""
+    lengths = np.linalg.norm(X, axis=0)
+    X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if X.shape[1] == 0:
+        return X
+    U, sizes, _ = np.linalg.svd(X, full_matrices=False)
+    return np.asarray(U[:, sizes > MAX_SPANNED_SHARE * sizes[0]])

@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
@@ -5,7 +7,7 @@ from hidden_effects import arm as hidden_arm
 
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states
-from armdyn.experiments.criteria import Conditioned, DOptimality, RivalSeparation, Separated
+from armdyn.experiments.criteria import RivalSeparation, d_optimality, log_condition, log_harmonic_separation
 from armdyn.experiments.series import JOINT_MAX_PERIOD, AxisMotion, Series
 
 
@@ -144,9 +146,9 @@ HIDDEN = (
 
 
 CRITERIA = {
-    "determined": DOptimality(np.array([0, 3, 5]), PRIOR),
-    "separated": Separated(HIDDEN, PRIOR),
-    "conditioned": Conditioned(np.array([0, 1, 3, 4]), np.linspace(0.5, 2.0, P)),
+    "determined": partial(d_optimality, prior=PRIOR, wanted=np.array([0, 3, 5])),
+    "separated": partial(log_harmonic_separation, prior=PRIOR, cases=HIDDEN),
+    "conditioned": partial(log_condition, typical=np.linspace(0.5, 2.0, P), independent=np.array([0, 1, 3, 4])),
 }
 
 
@@ -168,14 +170,14 @@ def test_determined_is_the_mean_logarithm_of_the_standard_deviations_of_a_fit():
     wanted, prior = 4, np.full(P, 3.0)
     whole = np.vstack([ROWS, np.diag(1.0 / prior)])
     variance = np.linalg.inv(whole.T @ whole)[wanted, wanted]
-    value, _ = DOptimality(np.array([wanted]), prior)(ROWS.T @ ROWS)
+    value, _ = d_optimality(ROWS.T @ ROWS, prior, np.array([wanted]))
     assert value == pytest.approx(0.5 * np.log(variance))
 
 
 def test_a_separation_is_what_a_refit_of_the_rival_leaves():
     """Brute force: the hidden change as data, the rival and the nuisance fitted to it with their priors."""
     case = HIDDEN[0]
-    left = case.left(ROWS.T @ ROWS, PRIOR)
+    left, _ = case.refitted(ROWS.T @ ROWS, PRIOR)
     for change in (np.array([1.0, 0.0]), np.array([-0.3, 2.0])):
         X = np.vstack([ROWS[:, case.fitted], np.diag(1.0 / PRIOR[case.fitted])])
         data = np.concatenate([ROWS[:, case.own] @ change, np.zeros(len(case.fitted))])
@@ -187,6 +189,6 @@ def test_a_separation_is_what_a_refit_of_the_rival_leaves():
 
 
 def test_conditioned_is_the_condition_number_of_the_regression():
-    case = CRITERIA["conditioned"]
-    X = ROWS[:, case.independent] / case.typical[case.independent]
-    assert case(ROWS.T @ ROWS)[0] == pytest.approx(np.log(np.linalg.cond(X)))
+    independent, typical = np.array([0, 1, 3, 4]), np.linspace(0.5, 2.0, P)
+    X = ROWS[:, independent] / typical[independent]
+    assert log_condition(ROWS.T @ ROWS, typical, independent)[0] == pytest.approx(np.log(np.linalg.cond(X)))

@@ -5,7 +5,7 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
 from armdyn.experiments.goal import determining, separating
-from armdyn.experiments.structure import Structure
+from armdyn.experiments.structure import independent
 
 
 def test_friction_can_be_determined_beside_everything_usual(shoulder, effects):
@@ -76,9 +76,7 @@ def test_an_effect_of_another_model_is_refused(shoulder):
 
 def test_base_parameters_span_all_others(shoulder, effects):
     goal = determining(shoulder, effects("rotor_inertia link_inertia torque_offset"), 100.0)
-    structure = Structure.of(goal.columns)
-    chosen = structure.independent()
-    X = structure.rows
+    X, chosen = goal.rows, independent(goal.rows)
     fitted, *_ = np.linalg.lstsq(X[:, chosen], X, rcond=None)
     assert np.linalg.norm(X - X[:, chosen] @ fitted) < 1e-6 * np.linalg.norm(X)
     assert np.linalg.matrix_rank(X[:, chosen]) == len(chosen) < X.shape[1]
@@ -89,7 +87,7 @@ def test_a_place_along_parallel_axes_is_told_by_no_motion(effects):
     plane = arm_model(robot="baxter", joints=["right_s1", "right_e1", "right_w1"])
     goal = determining(plane, effects("payload"), 100.0)
     assert [goal.columns.unknowns[i].name for i in goal.hopeless] == ["payload.z[right_w1]"]
-    assert goal.hopeless[0] not in goal.structure.independent()
+    assert goal.hopeless[0] not in independent(goal.rows)
 
 
 def test_changes_of_a_link_that_the_noise_hides_at_any_speed_are_not_asked_for(shoulder):
@@ -98,5 +96,5 @@ def test_changes_of_a_link_that_the_noise_hides_at_any_speed_are_not_asked_for(s
     (case,) = goal.hidden
     assert 1 <= case.directions.shape[1] < 10
     assert case.directions.T @ case.directions == pytest.approx(np.eye(case.directions.shape[1]))
-    shown = goal.structure.rows[:, case.own] @ case.directions
+    shown = goal.rows[:, case.own] @ case.directions
     assert np.linalg.norm(shown, axis=0).min() > 5.0
