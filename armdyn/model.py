@@ -412,6 +412,11 @@ class Model(Displayable):
         return run
 
     @property
+    def hangs_from_gripper(self) -> bool:
+        """Whether it is a load on a string, for which motions of the gripper can be designed."""
+        return False
+
+    @property
     def open_questions(self) -> tuple[str, ...]:
         """Open questions that recordings leave, with what would answer them: sentences without full stops."""
         return ()

@@ -1,11 +1,13 @@
 """Hypotheses on the true model, each as fitted to the runs, and their predictions for an experiment."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from armdyn.experiments.series import Basis
 from armdyn.pendulum.model import PendulumModel
@@ -17,6 +19,7 @@ from armdyn.readout import Interpolated, lagged
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
+T = TypeVar("T")
 CHANNELS = ("load_force", "swing_angle")
 START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
 """Standard deviation of the start of a load that is said to hang at rest, rad and rad/s."""
@@ -80,14 +83,12 @@ class Experiment:
         """A recording of the experiment, whose measured values do not matter."""
         if self.motion is None:
             return None
-        time, units = self.motion.time, ("m", "m/s", "m/s^2")
-        gripper = {
-            name: Channel(time, row, unit)
-            for name, row, unit in zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, units, strict=True)
-        }
-        nothing = np.zeros(len(time))
-        empty = {name: Channel(time, nothing, unit) for name, unit in zip(CHANNELS, ("N", "rad"), strict=True)}
-        return Run("experiment", {**gripper, **empty})
+        time = self.motion.time
+        rows = [
+            *zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, ("m", "m/s", "m/s^2"), strict=True),
+            *((name, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, ("N", "rad"), strict=True)),
+        ]
+        return Run("experiment", {name: Channel(time, row, unit) for name, row, unit in rows})
 
 
 class PredictedExperiment:
@@ -98,42 +99,34 @@ class PredictedExperiment:
         prior: (m, m) information on them before the experiment.
         spread: (m, m) square root of the covariance of the true values, if the hypothesis is true.
         start: (m,) values of the unknowns before the experiment.
+        lower: (m,) smallest values.
+        upper: (m,) largest values.
+        typical: (m,) typical sizes.
     """
 
     def __init__(self, hypothesis: Hypothesis, experiment: Experiment) -> None:
         self.hypothesis, self.experiment = hypothesis, experiment
-        model, k = hypothesis.model, len(hypothesis.free)
-        own = (*model.start_names, *experiment.changed) if experiment.motion is not None else ()
-        self.names = (*hypothesis.free, *own)
-        self._shared = k
-        size = k + len(own)
-        self.prior, self.spread = np.zeros((size, size)), np.zeros((size, size))
-        self.prior[:k, :k] = hypothesis.information
-        self.spread[:k, :k] = _root_of_inverse(hypothesis.information)
-        begin = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
-        values = {**{name: model.value(name) for name in hypothesis.free}, **begin}
-        values |= {name: value for name, (value, _) in experiment.changed.items()}
-        self.start = np.array([model.value(name) for name in hypothesis.free] + [values[name] for name in own])
-        for i, name in enumerate(own, start=k):
-            if name in experiment.changed:
-                std = experiment.changed[name][1]
-                self.prior[i, i], self.spread[i, i] = std**-2.0, std
-            else:
-                self.spread[i, i] = START_SPREAD[name]
+        model, free, changed = hypothesis.model, hypothesis.free, experiment.changed
+        own = (*model.start_names, *changed) if experiment.motion is not None else ()
+        self.names = (*free, *own)
+        hangs = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
+        begin = hangs | {name: value for name, (value, _) in changed.items()}
+        self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
+        stds = [changed[name][1] if name in changed else START_SPREAD[name] for name in own]
+        known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
+        self.prior = block_diag(hypothesis.information, np.diag(known))
+        self.spread = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
         bounded = [model.parameters[name] for name in self.names]
-        self.lower = np.array([p.lower for p in bounded])
-        self.upper = np.array([p.upper for p in bounded])
-        self.typical = np.array([p.typical for p in bounded])
+        self.lower, self.upper, self.typical = np.array([(p.lower, p.upper, p.typical) for p in bounded]).T
         self._sign = np.array([-1.0 if name in experiment.turned else 1.0 for name in model.names])
         # Where a name occurs twice, the last one counts: the value in this run.
         self._place = {name: i for i, name in enumerate(self.names)}
-        self._known: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
-        self._rolled: tuple[bytes, Rollout] | None = None
+        self._last: dict[str, tuple[bytes, Any]] = {}
 
     def along(self, motion: GripperPath) -> "PredictedExperiment":
         """The same prediction for another motion."""
         other = copy(self)
-        other.experiment, other._known, other._rolled = self.experiment.along(motion), None, None
+        other.experiment, other._last = self.experiment.along(motion), {}
         other.__dict__.pop("weights", None)
         return other
 
@@ -143,12 +136,16 @@ class PredictedExperiment:
         given = [values[self._place[name]] if name in self._place else model.value(name) for name in model.names]
         return np.array(given) * self._sign
 
+    def _at(self, values: np.ndarray, what: str, compute: Callable[[np.ndarray], T]) -> T:
+        """A result at (m,) values of the unknowns; the last one is cached."""
+        key = values.tobytes()
+        if what not in self._last or self._last[what][0] != key:
+            self._last[what] = key, compute(values)
+        return cast(T, self._last[what][1])
+
     def predict(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) readings over their noise at (m,) values, and (n, m) derivatives; values measured by hand come last."""
-        key = values.tobytes()
-        if self._known is None or self._known[0] != key:
-            self._known = key, self._predicted(values)
-        return self._known[1]
+        return self._at(values, "prediction", self._predicted)
 
     def _predicted(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         e, model = self.experiment, self.hypothesis.model
@@ -159,21 +156,16 @@ class PredictedExperiment:
             rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
             found = model.readings(e.run, e.motion, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
+            # The value of the other runs does not act in this one.
+            acts = np.array([name not in e.changed or i == self._place[name] for i, name in enumerate(self.names)])
             for channel, weight in self.weights.items():
                 here = found.slices[channel]
                 readings.append(found.values[here] * weight)
-                slopes.append(found.sensitivities[here][:, columns] * (self._sign[columns] * weight))
-            for name in e.changed:
-                if name in self.hypothesis.free:  # the value of the other runs does not act in this one
-                    for part in slopes:
-                        part[:, self.hypothesis.free.index(name)] = 0.0
+                slopes.append(found.sensitivities[here][:, columns] * (self._sign[columns] * weight * acts))
         for name, std in e.measured.items():
-            row = np.zeros((1, len(self.names)))
-            if name in self._place:
-                row[0, self._place[name]] = 1.0 / std
-            value = values[self._place[name]] if name in self._place else model.value(name)
-            readings.append(np.array([value / std]))
-            slopes.append(row)
+            place = self._place.get(name)
+            readings.append(np.array([(model.value(name) if place is None else values[place]) / std]))
+            slopes.append((np.arange(len(self.names)) == place)[None] / std)
         return np.concatenate(readings), np.vstack(slopes)
 
     @cached_property
@@ -183,13 +175,17 @@ class PredictedExperiment:
         per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
         return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
 
+    @property
+    def motion(self) -> GripperPath:
+        """Motion of the gripper in an experiment that has one."""
+        assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
+        return self.experiment.motion
+
     def rollout(self, values: np.ndarray) -> Rollout:
-        """Both channels along the motion; the last result is cached."""
-        key = values.tobytes()
-        if self._rolled is None or self._rolled[0] != key:
-            assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
-            self._rolled = key, self.hypothesis.model.rollout(self.experiment.motion, self.theta(values), CHANNELS)
-        return self._rolled[1]
+        """Both channels along the motion."""
+        return self._at(
+            values, "rollout", lambda at: self.hypothesis.model.rollout(self.motion, self.theta(at), CHANNELS)
+        )
 
     def swing(self, values: np.ndarray) -> np.ndarray:
         """(K,) angle of the load along the motion, rad."""
@@ -210,8 +206,7 @@ class PredictedExperiment:
             readings: (n,) weights of the readings over their noise.
             swing: (K,) weights of the load's angle, besides the readings.
         """
-        model, motion = self.hypothesis.model, self.experiment.motion
-        assert motion is not None, "an experiment without a motion has no coefficients"
+        model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
         sampler, count = Interpolated(motion.time, motion.time), len(motion.time)
         outputs = np.zeros((count, len(CHANNELS)))
@@ -221,16 +216,18 @@ class PredictedExperiment:
             outputs[:, CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
             outputs[:, CHANNELS.index("swing_angle")] += swing
-        path = model.driven_by(motion, physics)
-        adjoint = _adjoint(model.system, model.formulation)
-        nodes, middle = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
-        at_nodes, between = _driving(basis, model.gripper_lag(physics))
-        jerk = slice(7, 8) if len(nodes) > 7 else slice(0, 0)
-        rows = [*nodes[1:4], *nodes[jerk]], [*middle[1:4], *middle[jerk]]
-        return (
-            np.concatenate(rows[0]) @ at_nodes[: count * len(rows[0])]
-            + np.concatenate(rows[1]) @ between[: (count - 1) * len(rows[1])]
-        )
+        path, adjoint = model.driven_by(motion, physics), _adjoint(model.system, model.formulation)
+        by_input = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
+        driving = _driving(basis, model.gripper_lag(physics))
+        total = np.zeros(basis.functions.shape[2])
+        for rows, functions in zip(by_input, driving, strict=True):
+            inputs = rows[list(DRIVING_ROWS if len(rows) > DRIVING_ROWS[-1] else DRIVING_ROWS[:-1])].ravel()
+            total += inputs @ functions[: len(inputs)]
+        return total
+
+
+DRIVING_ROWS = (1, 2, 3, 7)
+"""Rows of a path with position, velocity, acceleration and jerk of the gripper; only some models have a jerk."""
 
 
 @lru_cache(maxsize=32)
@@ -250,7 +247,7 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
         rows = np.stack([lagged(part, lag, step)[0] for part in rows])
     between = np.asarray(halfway(rows, step)).reshape(3, count - 1, size)
     jerk = slope(rows[2], step)
-    return (np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2]))
+    return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])
 
 
 def _root_of_inverse(information: np.ndarray) -> np.ndarray:

@@ -3,8 +3,11 @@
 Pairs that no motion of the gripper separates are named, with the reason, as far as the equations give one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import Say
 from armdyn.experiments.separation import ExpectedOutcome, Rival, beliefs, outlook
 from armdyn.pendulum.path import GripperPath
+from armdyn.run import Run
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
@@ -27,6 +31,24 @@ MIN_REPORTED_TURN = 1e-3
 """Smallest turn that is reported, rad."""
 MIN_REPORTED_CHANGE = 0.02
 """Smallest change of an unknown that is reported, in typical sizes."""
+ANGLE_NOISE = 5e-3
+"""Noise of an angle sensor that could be added, an encoder or a camera, rad."""
+WEIGHING_ERROR_SHARE = 5e-3
+"""Relative accuracy with which a load is weighed."""
+RULER_ERROR = 1e-3
+"""Accuracy with which a string is measured with a ruler, m."""
+OTHER_MASS_RATIO = 2.0
+"""Ratio of the other load's mass to the present one: the same shape, filled."""
+OTHER_LENGTH_RATIO = 0.7
+"""Ratio of the other string's length to the present one."""
+REST_SECONDS = 60.0
+"""Duration of a recording at rest, s."""
+REST_NODE_SECONDS = 0.02
+"""Time between the nodes of a simulation at rest, s."""
+MIN_RIGHT_PROBABILITY = 0.05
+"""Probability of a right verdict up to which an experiment is not worth doing."""
+ROOM_FIXED_EFFECTS = ("wind",)
+"""Effects whose direction is fixed to the room: when the robot is turned round, they change sign along its line."""
 
 
 @dataclass(frozen=True)
@@ -46,27 +68,24 @@ def inseparable(
     hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: Experiment
 ) -> tuple[Inseparable, ...]:
     """All pairs that the motion designed for them does not separate in either direction."""
-    found = []
-    for i, first in enumerate(hypotheses):
-        for j in range(i + 1, len(hypotheses)):
-            second = hypotheses[j]
-            if max(outlook.chi2_increase[i, j], outlook.chi2_increase[j, i]) < INSEPARABLE_RISE:
-                found.append(Inseparable((first.name, second.name), _why(first, second, experiment)))
-    return tuple(found)
+    rises = np.maximum(outlook.chi2_increase, outlook.chi2_increase.T)
+    pairs = [pair for pair in combinations(range(len(hypotheses)), 2) if rises[pair] < INSEPARABLE_RISE]
+    both = [(hypotheses[i], hypotheses[j]) for i, j in pairs]
+    return tuple(Inseparable((one.name, other.name), _why(one, other, experiment)) for one, other in both)
 
 
 def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
     """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
-    rise, best = Rival(rival, truth.predict(truth.start)[0]).refitted()
-    whole = float(np.sqrt(rise / max(len(truth.predict(truth.start)[0]), 1)))
+    readings, _ = truth.predict(truth.start)
+    rise, best = Rival(rival, readings).refitted()
     said = (
         f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
-        f"({whole:.1g} of the noise apart)"
+        f"({float(np.sqrt(rise / max(len(readings), 1))):.1g} of the noise apart)"
     )
-    values = {name: float(value) for name, value in zip(rival.names, best, strict=True)}
-    own = second.model.start_names
-    hangs = second.model.with_values({n: v for n, v in values.items() if n not in own}).rest_angle()
+    model = second.model
+    values = {n: float(v) for n, v in zip(rival.names, best, strict=True) if n not in model.start_names}
+    hangs = model.with_values(values).rest_angle()
     if abs(hangs) > MIN_REPORTED_TURN and abs(hangs - first.rest_angle) < SAME_ANGLE_SHARE * abs(hangs):
         said += (
             f": both turn the direction in which the load hangs by {abs(hangs):.3g} rad, and apart from that nothing: "
@@ -76,38 +95,16 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
 
 
 def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) -> str:
-    own = {n: p for n, p in rival.hypothesis.model.parameters.items() if p.effect and n not in first.model.names}
+    base = {name: first.model.value(name) for name in first.model.names}
+    base |= dict.fromkeys(rival.hypothesis.model.start_names, 0.0) | {"initial_angle": first.rest_angle}
     parts = []
-    for i, name in enumerate(rival.names):
+    for name, value in zip(rival.names, best, strict=True):
         p = rival.hypothesis.model.parameters[name]
-        if name in own:
-            parts.append(f"{name} = {best[i]:.3g} {p.unit}")
-        elif name in first.model.names:
-            given = first.model.value(name) if name not in rival.hypothesis.model.start_names else None
-            base = first.rest_angle if name == "initial_angle" else 0.0 if given is None else given
-            if abs(best[i] - base) > MIN_REPORTED_CHANGE * p.typical:
-                parts.append(f"{name} off by {best[i] - base:.3g} {p.unit}")
+        if name not in first.model.names and p.effect:
+            parts.append(f"{name} = {value:.3g} {p.unit}")
+        elif name in first.model.names and abs(value - base[name]) > MIN_REPORTED_CHANGE * p.typical:
+            parts.append(f"{name} off by {value - base[name]:.3g} {p.unit}")
     return " and ".join(parts) or "the same values"
-
-
-ANGLE_NOISE = 5e-3
-"""Noise of an angle sensor that could be added, an encoder or a camera, rad."""
-WEIGHING_ERROR_SHARE = 5e-3
-"""Relative accuracy with which a load is weighed."""
-RULER_ERROR = 1e-3
-"""Accuracy with which a string is measured with a ruler, m."""
-OTHER_MASS_RATIO = 2.0
-"""Ratio of the other load's mass to the present one: the same shape, filled."""
-OTHER_LENGTH_RATIO = 0.7
-"""Ratio of the other string's length to the present one."""
-REST_SECONDS = 60.0
-"""Duration of a recording at rest, s."""
-REST_NODE_SECONDS = 0.02
-"""Time between the nodes of a simulation at rest, s."""
-MIN_RIGHT_PROBABILITY = 0.05
-"""Probability of a right verdict up to which an experiment is not worth doing."""
-ROOM_FIXED_EFFECTS = ("wind",)
-"""Effects whose direction is fixed to the room: when the robot is turned round, they change sign along its line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +148,11 @@ class Plan(Displayable):
 
     def document(self) -> Document:
         """Build the tables: every experiment with its expected result, present beliefs, and the designed motion."""
-        chances = [p.outlook.probability for p in self.proposals]
+        outlooks = [p.outlook for p in self.proposals]
+        chances, beliefs = [one.probability for one in outlooks], list(self.belief)
         experiments = [
             Column("experiment", [p.experiment.kind for p in self.proposals]),
-            Column("separation [std]", [p.outlook.separation for p in self.proposals], ".1f"),
+            Column("separation [std]", [one.separation for one in outlooks], ".1f"),
             Column("right verdict", chances, ".0%", shares=chances),
             Column("what to do", [p.experiment.what for p in self.proposals]),
         ]
@@ -164,23 +162,18 @@ class Plan(Displayable):
             "effect, and the right one."
         )
         names = [h.name for h in self.rivals.hypotheses]
-        believed = [Column("may be true", names), Column("belief so far", self.belief, ".0%", shares=self.belief)]
+        believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", shares=beliefs)]
         tables = [
             Table(experiments, promise, "experiments"),
             Table(believed, "From how well each fits the runs so far."),
         ]
         if self.inseparable:
-            pairs = [Column("no motion separates", [" / ".join(p.effects) for p in self.inseparable])]
-            tables.append(Table([*pairs, Column("why", [p.why for p in self.inseparable])]))
-        moves = self.motion is not None and self.motion.experiment.run is not None
+            pairs = [[" / ".join(pair.effects), pair.why] for pair in self.inseparable]
+            tables.append(Table.of(["no motion separates", "why"], pairs))
         section = Section("Which experiment", self.sentence, tables=tables)
-        return Document("Next experiment", self.sentence, [section], curves=self._curves if moves else None)
-
-    def _curves(self) -> list[Curve]:
-        """The designed motion over time, as curves."""
-        run = None if self.motion is None else self.motion.experiment.run
-        drawn = None if run is None else run.document().curves
-        return [] if drawn is None else [curve for curve in drawn() if curve.row.startswith("gripper")]
+        run = self.motion.experiment.run if self.motion is not None else None
+        curves = partial(_moved, run) if run is not None else None
+        return Document("Next experiment", self.sentence, [section], curves=curves)
 
     @property
     def sentence(self) -> str:
@@ -190,18 +183,15 @@ class Plan(Displayable):
         best = next((p for p in self.proposals if p.outlook.probability > MIN_RIGHT_PROBABILITY), None)
         if best is None:
             return f"{said}: none of these experiments does."
-        text = (
-            f"{said}: {best.experiment.what} ({best.outlook.separation:.1f} standard deviations, "
-            f"a right verdict with {best.outlook.probability:.0%})"
-        )
-        motion = best.experiment.motion
+        motion, size = best.experiment.motion, ""
         if best.experiment.kind == "motion" and motion is not None:
             x, _, a = motion.peaks
-            text += (
-                f", in {motion.seconds:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
-                f"effort {motion.effort:.1f} m²/s³"
-            )
-        return text + "."
+            size = f", in {motion.seconds:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
+            size += f"effort {motion.effort:.1f} m²/s³"
+        return (
+            f"{said}: {best.experiment.what} ({best.outlook.separation:.1f} standard deviations, "
+            f"a right verdict with {best.outlook.probability:.0%}){size}."
+        )
 
     @property
     def belief(self) -> list[float]:
@@ -212,6 +202,12 @@ class Plan(Displayable):
     def motion(self) -> Proposal | None:
         """The designed motion; None where none is proposed."""
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
+
+
+def _moved(run: Run) -> list[Curve]:
+    """The curves of the gripper's motion."""
+    curves = run.document().curves
+    return [curve for curve in curves() if curve.row.startswith("gripper")] if curves else []
 
 
 @one_thread
@@ -267,57 +263,44 @@ def designed_motion(
 
 def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
     """All other experiments that could be done, along the last run's motion, except those already done."""
-    last, best = rivals.last, rivals.hypotheses[0].model
-    again, noise = last_motion(last, seconds), rivals.noise
-    mass, length = best.value("mass"), best.value("length")
-    other_mass, other_length = OTHER_MASS_RATIO * mass, OTHER_LENGTH_RATIO * length
+    best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
+    mass, length = best.value("mass"), OTHER_LENGTH_RATIO * best.value("length")
+    weight, weighing = OTHER_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
+
+    def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> Experiment:
+        return Experiment(kind, f"the last motion again, {how}", last, noise, **changes)
+
     found = [
-        Experiment(
-            "mass",
-            f"the last motion again, with a load of the same shape that weighs {1e3 * other_mass:.0f} g "
-            f"+/- {1e3 * WEIGHING_ERROR_SHARE * other_mass:.1f} g",
-            again, noise, changed={"mass": (other_mass, WEIGHING_ERROR_SHARE * other_mass)},
+        varied(
+            "mass", f"with a load of the same shape that weighs {1e3 * weight:.0f} g "
+            f"+/- {1e3 * WEIGHING_ERROR_SHARE * weight:.1f} g",
+            changed={"mass": (weight, WEIGHING_ERROR_SHARE * weight)},
         ),
-        Experiment(
-            "length",
-            f"the last motion again, on a string of {other_length:.3f} m +/- {1e3 * RULER_ERROR:g} mm",
-            again, noise, changed={"length": (other_length, RULER_ERROR)},
+        varied(
+            "length", f"on a string of {length:.3f} m +/- {1e3 * RULER_ERROR:g} mm",
+            changed={"length": (length, RULER_ERROR)},
         ),
     ]  # fmt: skip
-    if "swing_angle" not in noise and "swing_rate" not in noise:
-        found.append(
-            Experiment(
-                "angle_sensor",
-                f"the last motion again, with a sensor of the swing angle (noise {1e3 * ANGLE_NOISE:g} mrad)",
-                again, {**noise, "swing_angle": ANGLE_NOISE},
-            )
-        )  # fmt: skip
-    weighing = f'weigh the load and state it: mass = "... g +/- {1e3 * WEIGHING_ERROR_SHARE * mass:.1f} g"'
-    measuring = f'measure the string and state it: length = "... m +/- {1e3 * RULER_ERROR:g} mm"'
+    if not {"swing_angle", "swing_rate"} & noise.keys():
+        what = f"with a sensor of the swing angle (noise {1e3 * ANGLE_NOISE:g} mrad)"
+        found.append(varied("angle_sensor", what, noise={**noise, "swing_angle": ANGLE_NOISE}))
     for kind, name, std, what in (
-        ("weigh", "mass", WEIGHING_ERROR_SHARE * mass, weighing),
-        ("measure", "length", RULER_ERROR, measuring),
-    ):
-        known = last.known.get(name)
+        ("weigh", "mass", weighing, f'weigh the load and state it: mass = "... g +/- {1e3 * weighing:.1f} g"'),
+        ("measure", "length", RULER_ERROR,
+         f'measure the string and state it: length = "... m +/- {1e3 * RULER_ERROR:g} mm"'),
+    ):  # fmt: skip
+        known = rivals.last.known.get(name)
         if known is None or (known.std or 0.0) > 2.0 * std:
             found.append(Experiment(kind, what, measured={name: std}))
-    turned = tuple(
-        n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in ROOM_FIXED_EFFECTS
-    )
+    turned = [n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in ROOM_FIXED_EFFECTS]
     if turned:
-        found.append(
-            Experiment(
-                "turn",
-                "the last motion again, with the robot turned round by 180 degrees: what belongs to the room changes "
-                "sign along the line, what belongs to the robot does not",
-                again, noise, turned=tuple(dict.fromkeys(turned)),
-            )
-        )  # fmt: skip
+        what = "with the robot turned round by 180 degrees: what belongs to the room changes sign along the line, what "
+        what += "belongs to the robot does not"
+        found.append(varied("turn", what, turned=tuple(dict.fromkeys(turned))))
     if "load_force" in noise:
         still = GripperPath(0.0, REST_NODE_SECONDS, *np.zeros((3, round(REST_SECONDS / REST_NODE_SECONDS) + 1)))
-        found.append(
-            Experiment("rest", f"record the load cell for {REST_SECONDS:g} s while all hangs at rest", still, noise)
-        )
+        what = f"record the load cell for {REST_SECONDS:g} s while all hangs at rest"
+        found.append(Experiment("rest", what, still, noise))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -52,10 +53,11 @@ def require_gripper(study: Study) -> None:
     Raises:
         InputError: the model is no pendulum, or the runs contain no gripper position or no channel that is predicted.
     """
-    if not isinstance(study.model, PendulumModel):
+    model = study.model
+    if not model.hangs_from_gripper:
         raise InputError(
-            f"experiments are designed for pendulums, and this model is of base '{study.model.base}': for an arm, "
-            f"'armdyn excite' designs the motion{''.join(f'. {text}' for text in study.model.open_questions)}"
+            f"experiments are designed for pendulums, and this model is of base '{model.base}': for an arm, "
+            f"'armdyn excite' designs the motion{''.join(f'. {text}' for text in model.open_questions)}"
         )
     for run in study.runs:
         if "gripper_x" not in run.channels:
@@ -131,7 +133,7 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     added = group_by_effect([c for c in found.search.last.effects if c not in steps[0].effects])
     leading = {c.effect for c in steps[1].added}
     rest = tuple(c for c in added if c.effect not in leading)
-    by_name = {c.effect: c for c in study.candidates}
+    by_name = _by_name(study)
     others = [s.effect for s in found.suspects if s.effect not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
     all_of_them = _fitted(study, sets, steps[0].fit)
@@ -147,22 +149,19 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
     Raises:
         UnknownNameError: the catalogue has no such effect, or the model has it already.
     """
-    sets: list[tuple[Candidate, ...]] = []
-    by_name = {c.effect: c for c in study.candidates}
-    for name in dict.fromkeys(names):
-        if name in {c.effect for c in study.present}:
+    by_name, present = _by_name(study), {c.effect for c in study.present}
+    for name in names:
+        if name in present:
             raise InputError(f"--rivals {name}: the model has this effect already: name one that it lacks")
         if name not in by_name:
             raise UnknownNameError("effect", name, by_name)
-        sets.append((by_name[name],))
-    if len(sets) == 1:
-        sets.append(())
-    return _fitted(study, sets, study.first())
+    sets: list[tuple[Candidate, ...]] = [(by_name[name],) for name in dict.fromkeys(names)]
+    return _fitted(study, sets if len(sets) > 1 else [*sets, ()], study.first())
 
 
 def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
     """The same rivals, by the names of their effects, fitted to the runs of another study."""
-    by_name = {c.effect: c for c in study.candidates}
+    by_name = _by_name(study)
     return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
@@ -179,7 +178,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     covariance = np.linalg.pinv(best.information, hermitian=True)
     parameters = [best.model.parameters[name] for name in best.free]
     stds = np.sqrt(np.diag(covariance))
-    shares = np.array([std / p.typical for std, p in zip(stds, parameters, strict=True)])
+    shares = stds / [p.typical for p in parameters]
     worst = int(np.argmax(shares))
     if shares[worst] < WELL_KNOWN_STD_SIZES:
         return None
@@ -187,29 +186,27 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     away = LIKELY_DEVIATES * std if p.value + LIKELY_DEVIATES * std <= p.upper else -LIKELY_DEVIATES * std
     rest = [i for i in range(len(best.free)) if i != worst]
     # With the parameter at the other value, the others change with it, as the runs correlate them.
-    moved = {best.free[i]: parameters[i].value + covariance[i, worst] / std**2 * away for i in rest}
-    bounds = {n: best.model.parameters[n] for n in moved}
-    values = {n: float(np.clip(v, bounds[n].lower, bounds[n].upper)) for n, v in moved.items()}
-    other = Hypothesis(
-        name=f"{p.name} = {p.value + away:.4g} {p.unit}",
-        model=best.model.with_values({**values, p.name: p.value + away}),
-        free=tuple(best.free[i] for i in rest),
+    moved = [(parameters[i], parameters[i].value + covariance[i, worst] / std**2 * away) for i in rest]
+    values = {q.name: float(np.clip(value, q.lower, q.upper)) for q, value in moved} | {p.name: p.value + away}
+    first = replace(
+        best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=tuple(best.free[i] for i in rest),
         information=best.information[np.ix_(rest, rest)],
-        misfit=LIKELY_DEVIATES**2,
-    )
-    first = replace(best, name=f"{p.name} = {p.value:.4g} {p.unit}", free=other.free, information=other.information)
-    return Rivals((first, other), noise, study.runs[-1])
+    )  # fmt: skip
+    name = f"{p.name} = {p.value + away:.4g} {p.unit}"
+    second = replace(first, name=name, model=best.model.with_values(values), misfit=LIKELY_DEVIATES**2)
+    return Rivals((first, second), noise, study.runs[-1])
+
+
+def _by_name(study: Study) -> dict[str, Candidate]:
+    return {c.effect: c for c in study.candidates}
 
 
 def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
     fits = [converged(study.fit_with((*study.present, *s), first)) for s in sets]
-    best = min(fits, key=lambda one: one.cost)
-    noise = _effective_noise(best)
+    noise = _effective_noise(min(fits, key=lambda one: one.cost))
     common = set.intersection(*(set(s) for s in sets))
-    hypotheses = [
-        _hypothesis(study, one, tuple(c for c in s if c not in common), noise)
-        for one, s in zip(fits, sets, strict=True)
-    ]
+    own = [tuple(c for c in s if c not in common) for s in sets]
+    hypotheses = [_hypothesis(study, fit, effects, noise) for fit, effects in zip(fits, own, strict=True)]
     least = min(h.misfit for h in hypotheses)
     hypotheses = sorted((replace(h, misfit=h.misfit - least) for h in hypotheses), key=lambda h: h.misfit)
     return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1])
@@ -217,48 +214,38 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
 
 def _effective_noise(best: Fit) -> dict[str, float]:
     """By channel, the residual of the best model, at least the noise, increased for the samples' correlation."""
-    noise = {}
     left = best.rmse()
-    for channel, blocks in by_channel(best.blocks).items():
-        stated = max(block.noise for block in blocks)
-        together = correlation_time([block.misfit for block in blocks])
-        noise[channel] = max(left[channel], stated) * float(np.sqrt(together))
-    return noise
+    return {
+        channel: max(left[channel], *(block.noise for block in blocks))
+        * float(np.sqrt(correlation_time([block.misfit for block in blocks])))
+        for channel, blocks in by_channel(best.blocks).items()
+    }
 
 
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
-    problem, model = lean.problem, lean.problem.model
-    assert isinstance(model, PendulumModel), "asked for with `require_gripper`"
+    problem, model = lean.problem, cast(PendulumModel, lean.problem.model)  # see `require_gripper`
     blocks = problem.blocks(lean.values, lean.free)
     weights = [b.noise / noise[b.channel] for b in blocks]
     off = problem.prior_weight * (problem.prior_mean - lean.values)
     misfit = float(off @ off) + sum(w**2 * float(b.residual @ b.residual) for w, b in zip(weights, blocks, strict=True))
     jacobian = np.vstack([w * b.sensitivities for w, b in zip(weights, blocks, strict=True)])
     information = jacobian.T @ jacobian + np.diag(problem.prior_weight**2)
-    last = problem.places(len(problem.runs) - 1)
-    shared = [i for i in last if lean.free[i] and problem.columns[i].parameter.name not in model.start_names]
-    others = [i for i in np.flatnonzero(lean.free) if i not in shared]
-    kept = (
-        information[np.ix_(shared, shared)]
-        - information[np.ix_(shared, others)]
-        @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
-        @ information[np.ix_(others, shared)]
-    )
-    names = tuple(problem.columns[i].parameter.name for i in shared)
-    at = problem.theta(len(problem.runs) - 1, lean.values)
-    values = {name: float(v) for name, v in zip(model.names, at, strict=True) if name not in model.start_names}
-    mine = [i for i, name in enumerate(names) if any(name in c.names for c in own)]
-    for i in mine:
-        values[names[i]] = _sizeable(model, names[i], values[names[i]], float(kept[i, i]))
-    return Hypothesis(
-        name=" + ".join(c.spoken for c in own) or NO_EFFECT,
-        model=model.with_values(values),
-        free=names,
-        information=kept,
-        misfit=misfit,
-    )
+    last, unknowns = len(problem.runs) - 1, [column.parameter.name for column in problem.columns]
+    shared = [i for i in problem.places(last) if lean.free[i] and unknowns[i] not in model.start_names]
+    others = np.setdiff1d(np.flatnonzero(lean.free), shared)
+    nuisance = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+    between = information[np.ix_(shared, others)]
+    kept = information[np.ix_(shared, shared)] - between @ nuisance @ between.T
+    names = tuple(unknowns[i] for i in shared)
+    at = zip(model.names, problem.theta(last, lean.values).tolist(), strict=True)
+    values = {name: value for name, value in at if name not in model.start_names}
+    for i, name in enumerate(names):
+        if any(name in c.names for c in own):
+            values[name] = _sizeable(model, name, values[name], float(kept[i, i]))
+    spoken = " + ".join(c.spoken for c in own) or NO_EFFECT
+    return Hypothesis(spoken, model.with_values(values), names, kept, misfit)
 
 
 def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:

@@ -128,6 +128,11 @@ class PendulumModel(SimulatedModel):
         """The run, cut at blind gaps of the gripper (`start.pieces`); below a fixed pivot its free swing."""
         return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
 
+    @property
+    def hangs_from_gripper(self) -> bool:
+        """See `Model.hangs_from_gripper`."""
+        return True
+
     @cached_property
     def formulation(self) -> str:
         """Identifier of the equations; see `SimulatedModel.formulation`."""

@@ -93,8 +93,11 @@ def test_only_what_was_not_done_is_proposed(windy):
 def test_names_that_cannot_be_rivals_are_refused(windy):
     with pytest.raises(UnknownNameError, match="nonsense"):
         named(windy, ["nonsense"])
+    arm = SimpleNamespace(base="arm", hangs_from_gripper=False, open_questions=())
     with pytest.raises(InputError, match="armdyn excite"):
-        require_gripper(SimpleNamespace(model=SimpleNamespace(base="arm", open_questions=()), runs=()))
+        require_gripper(
+            SimpleNamespace(model=arm, runs=())
+        )
     time = np.arange(20.0)
     free = Run("free.csv", {"swing_angle": Channel(time, np.sin(time), "rad")})
     with pytest.raises(InputError, match="gripper_x"):
