@@ -67,7 +67,7 @@ class Moved:
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, velocities, accelerations."""
-        found = self.series.motion(self.coefficients, time)
+        found = self.series.at(time).motion(self.coefficients)
         return found.q, found.v, found.a
 
 

@@ -93,8 +93,7 @@ class ArmProblem(MotionProblem):
 
     def information(self, x: np.ndarray) -> np.ndarray:
         """(P, P) Fisher information of a recording of the whole motion."""
-        columns = self.columns.at(self.grid.motion(x))
-        X = columns.reshape(-1, columns.shape[2])
+        X = np.vstack(list(self.columns.at(self.grid.motion(x))))
         return np.asarray(self.weight * X.T @ X)
 
     def cost(self, x: np.ndarray) -> float:
@@ -120,33 +119,25 @@ class ArmProblem(MotionProblem):
         """A posture that is allowed and that the joints' torques can hold."""
         still = np.zeros((len(self.limits.half), self.series.size))
         for _ in range(MAX_CENTRES):
-            centre = self.limits.middle + CENTRE_RANGE_SHARE * self.limits.half * rng.uniform(
-                -1.0, 1.0, len(self.limits.half)
-            )
-            still[:, 0] = centre
-            if self.postures.free(centre) and self.grid_excess(still) <= 0.0:
-                return np.asarray(centre)
+            away = self.limits.half * rng.uniform(-1.0, 1.0, len(still))
+            still[:, 0] = self.limits.middle + CENTRE_RANGE_SHARE * away
+            if self.postures.free(still[:, 0]) and self.grid_excess(still) <= 0.0:
+                return still[:, 0]
         return None
 
     def about(self, x: np.ndarray) -> "ArmProblem":
         """The problem with half-spaces at the postures of a motion that are near an obstacle."""
-        finer = self.finer.motion(x).q
+        finer, margin = self.finer.motion(x).q, self.postures.margin
         normal, bound = np.zeros(finer.shape), np.full(len(finer), -np.inf)
         for i, q in enumerate(self.grid.motion(x).q):
-            margin = self.postures.margin(q)
-            if margin > WATCHED_MARGIN:
+            here = margin(q)
+            if here > WATCHED_MARGIN:
                 continue
-            slope = (
-                np.array([self.postures.margin(q + step) - margin for step in MARGIN_DIFFERENCE * np.eye(len(q))])
-                / MARGIN_DIFFERENCE
-            )
-            for k in range(
-                KINEMATIC_REFINEMENT * i - KINEMATIC_REFINEMENT // 2,
-                KINEMATIC_REFINEMENT * i + KINEMATIC_REFINEMENT // 2 + 1,
-            ):
-                here = finer[k % len(finer)]
-                left = margin if k == KINEMATIC_REFINEMENT * i else self.postures.margin(here)
-                normal[k % len(finer)], bound[k % len(finer)] = slope, slope @ here - left
+            steps = MARGIN_DIFFERENCE * np.eye(len(q))
+            slope = np.array([margin(q + step) - here for step in steps]) / MARGIN_DIFFERENCE
+            for away in range(-(KINEMATIC_REFINEMENT // 2), KINEMATIC_REFINEMENT // 2 + 1):
+                k = (KINEMATIC_REFINEMENT * i + away) % len(finer)
+                normal[k], bound[k] = slope, slope @ finer[k] - (margin(finer[k]) if away else here)
         return replace(self, cuts=(normal, bound))
 
     def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:

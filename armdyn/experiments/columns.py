@@ -22,6 +22,8 @@ SLOW_SPEED_SHARE = 0.02
 information."""
 REGRESSION_PRIOR_SIZE = 10.0
 """Prior standard deviation of an unknown before the recording, in typical sizes, as in a repair's fits."""
+PROBED_STATES = 50
+"""Number of random states; an unknown that changes no torque at any of them acts through another one."""
 STATE_DIFFERENCE = 1e-5
 """Step of finite differences, rad, rad/s, rad/s^2."""
 Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -57,12 +59,8 @@ class Columns:
     @cached_property
     def prior(self) -> np.ndarray:
         """(P,) prior standard deviations before the recording, in typical sizes."""
-        return np.array(
-            [
-                min(REGRESSION_PRIOR_SIZE, p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_SIZE)
-                for p in self.unknowns
-            ]
-        )
+        stds = [p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_SIZE for p in self.unknowns]
+        return np.minimum(stds, REGRESSION_PRIOR_SIZE)
 
     @cached_property
     def noise(self) -> np.ndarray:
@@ -71,9 +69,7 @@ class Columns:
 
     def of(self, effect: str, joint: str | None = None) -> np.ndarray:
         """Column indices of an effect's unknowns, on one joint or on all."""
-        return np.array(
-            [i for i, p in enumerate(self.unknowns) if p.effect == effect and joint in (None, p.joint)], dtype=int
-        )
+        return np.flatnonzero([p.effect == effect and joint in (None, p.joint) for p in self.unknowns])
 
     def at(self, motion: AxisMotion) -> np.ndarray:
         """(n, nj, P) changes of the torques, in units of their noise, for changes of typical size."""
@@ -114,11 +110,9 @@ class Columns:
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
 
         def gradient(by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            whole = np.einsum("dnjp,njp->dn", columns[1:], by_columns, optimize=True)
-            whole -= np.einsum("njp,njp->n", columns[0], by_columns)
-            whole += np.einsum("dnj,nj->dn", torque[1:], by_torque)
-            whole -= np.einsum("nj,nj->n", torque[0], by_torque)
-            q, v, a = (whole / STATE_DIFFERENCE).reshape(3, nj, n).transpose(0, 2, 1)
+            whole = np.einsum("dnjp,njp->dn", columns, by_columns, optimize=True)
+            whole += np.einsum("dnj,nj->dn", torque, by_torque)
+            q, v, a = ((whole[1:] - whole[0]) / STATE_DIFFERENCE).reshape(3, nj, n).transpose(0, 2, 1)
             return q, v, a
 
         return columns[0], torque[0], gradient
@@ -141,10 +135,6 @@ def present(model: ArmModel) -> ArmModel:
                 size = driver.typical if driver.upper > driver.value else -driver.typical
                 changed[driver.name] = float(np.clip(driver.value + size, driver.lower, driver.upper))
     return model.with_values(changed) if changed else model
-
-
-PROBED_STATES = 50
-"""Number of random states; an unknown that changes no torque at any of them acts through another one."""
 
 
 def random_states(arm: Arm, count: int) -> AxisMotion:

@@ -9,8 +9,10 @@ with respect to them vanish, so that (envelope theorem; Milgrom & Segal, Econome
 is exact with one reverse pass through each model, for any number of coefficients c.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
+from functools import cached_property
+from itertools import permutations
 
 import numpy as np
 
@@ -99,17 +101,16 @@ class GripperProblem(MotionProblem):
         step: float = COARSE_NODE_SECONDS,
     ) -> None:
         self.series, self.limits, self.swing = series, limits.along, limits.swing
-        self._basis = series.at(np.linspace(0.0, series.seconds, round(series.seconds / step) + 1))
+        self._nodes = round(series.seconds / step) + 1
         still = self.motion(np.zeros((1, series.size)))
         self._predicted = [PredictedExperiment(h, experiment.along(still)) for h in hypotheses]
-        count = range(len(hypotheses))
-        self.pairs: tuple[Pair, ...] = tuple((i, j) for i in count for j in count if i != j)
+        self.pairs: tuple[Pair, ...] = tuple(permutations(range(len(hypotheses)), 2))
         self._values: dict[Pair, np.ndarray] = {}
 
-    @property
+    @cached_property
     def finer(self) -> Basis:
         """The nodes themselves, at which positions, velocities and accelerations are limited."""
-        return self._basis
+        return self.series.at(np.linspace(0.0, self.series.seconds, self._nodes))
 
     @property
     def steps(self) -> tuple[int, ...]:
@@ -119,8 +120,8 @@ class GripperProblem(MotionProblem):
 
     def motion(self, x: np.ndarray) -> GripperPath:
         """The gripper's motion for (1, size) coefficients."""
-        moved, time = self._basis.motion(x), self._basis.time
-        return GripperPath(0.0, float(time[1]), moved.q[:, 0], moved.v[:, 0], moved.a[:, 0])
+        q, v, a = self.finer.motion(x)
+        return GripperPath(0.0, float(self.finer.time[1]), q[:, 0], v[:, 0], a[:, 0])
 
     def along(self, x: np.ndarray) -> list[PredictedExperiment]:
         """Prediction of every hypothesis along the motion of (1, size) coefficients."""
@@ -156,46 +157,44 @@ class GripperProblem(MotionProblem):
     def about(self, x: np.ndarray) -> "GripperProblem":
         """The problem for the pairs that the motion separates least, with their rivals refitted to convergence."""
         here = self.along(x)
-        hardest = self.only(tuple(self.pairs[k] for k in np.argsort(self.separations(x))[:PAIRS_PER_ROUND]))
+        hardest = self.only(np.argsort(self.separations(x))[:PAIRS_PER_ROUND])
         hardest._values = {
             (i, j): Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[1] for i, j in hardest.pairs
         }
         return hardest
 
-    def only(self, pairs: tuple[Pair, ...]) -> "GripperProblem":
-        """The problem for some pairs only."""
+    def only(self, which: Iterable[int]) -> "GripperProblem":
+        """The problem for the pairs with these indices only."""
         other = copy(self)
-        other.pairs = pairs
+        other.pairs = tuple(self.pairs[k] for k in which)
         return other
 
     def effect(self, x: np.ndarray) -> Evaluated:
         """Negative smooth minimum of the logarithm of the separations, and the swings, with their gradient."""
         here = self.along(x)
         truths = [p.predict(p.start)[0] for p in here]
-        rises, rests = np.empty(len(self.pairs)), []
+        rises, residuals = np.empty(len(self.pairs)), []
         for k, (i, j) in enumerate(self.pairs):
             rises[k], values = Rival(here[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
             self._values[i, j] = values
-            rests.append(truths[i] - here[j].predict(values)[0])
+            residuals.append(truths[i] - here[j].predict(values)[0])
         logs = np.log(rises + ADDED_RISE)
         shares = np.exp(-MINIMUM_SHARPNESS * (logs - logs.min()))
         smallest = float(logs.min() - np.log(shares.sum()) / MINIMUM_SHARPNESS)
         shares /= shares.sum()
-        by_rise = shares * 2.0 / (rises + ADDED_RISE)
+        pulls = [2.0 * share / (rise + ADDED_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)]
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
             total = np.zeros(x.size)
             for i, (predicted, by) in enumerate(zip(here, weights, strict=True)):
-                rest = np.zeros(len(truths[i]))
-                for weight, left, (truth, _) in zip(by_rise, rests, self.pairs, strict=True):
-                    if truth == i:
-                        rest -= weight * left
+                own = [pull for pull, (truth, _) in zip(pulls, self.pairs, strict=True) if truth == i]
+                pull = -np.sum(own, axis=0) if own else np.zeros(len(truths[i]))
                 push = (by[0] - by[1]) / self.swing
-                if rest.any() or push.any():
-                    total += predicted.by_coefficients(predicted.start, self._basis, rest, push)
-            for share, weight, left, (i, j) in zip(shares, by_rise, rests, self.pairs, strict=True):
+                if pull.any() or push.any():
+                    total += predicted.by_coefficients(predicted.start, self.finer, pull, push)
+            for share, pull, (i, j) in zip(shares, pulls, self.pairs, strict=True):
                 if share > NEGLIGIBLE_PAIR_SHARE:
-                    total += here[j].by_coefficients(self._values[i, j], self._basis, weight * left)
+                    total += here[j].by_coefficients(self._values[i, j], self.finer, pull)
             return total[None]
 
         return Evaluated(-smallest, [two_sided(p.swing(p.start) / self.swing) for p in here], gradient)
@@ -209,15 +208,7 @@ def design_motion(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> tuple[GripperPath, float]:
-    """Find the motion that maximises the smallest separation between any two hypotheses.
-
-    Args:
-        hypotheses: two or more hypotheses.
-        experiment: the experiment; its motion is replaced.
-        seconds: duration of the motion, s.
-        limits: limits of gripper and swing.
-        seed: seed of the random motions.
-        say: called with a text on the progress.
+    """Find the motion of a duration, s, that maximises the smallest separation between any two hypotheses.
 
     Returns:
         The motion, within the limits, and the smallest rise of chi2 over all ordered pairs, by linearisation, of the
@@ -237,7 +228,7 @@ def design_motion(
     widest = dict(zip(problem.pairs, rises.max(axis=0), strict=True))
     wanted = [k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > BLIND_RISE]
     if wanted:
-        problem, rises = problem.only(tuple(problem.pairs[k] for k in wanted)), rises[:, wanted]
+        problem, rises = problem.only(wanted), rises[:, wanted]
     found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
     fine = GripperProblem(hypotheses, experiment, series, limits, NODE_SECONDS)
     inside = shrink(fine, found)

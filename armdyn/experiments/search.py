@@ -10,6 +10,7 @@ Wright, Numerical Optimization, 2006, §17.3), each round by L-BFGS. Limits are 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from scipy.optimize import minimize
@@ -56,7 +57,6 @@ class MotionProblem(ABC):
     Attributes:
         series: the series of which motions consist.
         limits: limits of every axis.
-        finer: the series at the instants at which positions, velocities and accelerations are limited.
         starts: number of random motions, the best of all, from which a search starts; the best after one round goes on.
     """
 
@@ -118,7 +118,7 @@ class MotionProblem(ABC):
 
     def kinematic_excess(self, x: np.ndarray) -> float:
         """Largest share by which a position, velocity or acceleration exceeds its limit."""
-        return max(float(part.max()) for part in self.limits.beyond(self.finer.motion(x)))
+        return float(np.max(self.limits.beyond(self.finer.motion(x))))
 
 
 def scale(x: np.ndarray, size: float) -> np.ndarray:
@@ -140,14 +140,14 @@ def shrink(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.
     return None
 
 
-def random_motions(problem: MotionProblem, count: int, rng: np.random.Generator, say: Say) -> list[np.ndarray]:
-    """Random motions inside the limits, as large as these allow; fewer than `count` where some could not be made."""
+def random_motions(problem: MotionProblem, most: int, rng: np.random.Generator, say: Say) -> list[np.ndarray]:
+    """Random motions inside the limits, as large as these allow; fewer than `most` where some could not be made."""
     found = []
-    for k in range(count):
+    for k in range(most):
         x = random_motion(problem, rng)
         if x is not None:
             found.append(x)
-        say(f"{k + 1} of {count} random motions tried")
+        say(f"{k + 1} of {most} random motions tried")
     return found
 
 
@@ -161,17 +161,13 @@ def random_motion(problem: MotionProblem, rng: np.random.Generator) -> np.ndarra
     centre = problem.centre(rng)
     if centre is None:
         return None
-    x = rng.standard_normal((len(centre), series.size)) @ series.low(
-        int(rng.integers(MIN_HARMONICS, series.harmonics + 1))
-    )
+    x = rng.standard_normal((len(centre), series.size))
+    x = x @ series.low(int(rng.integers(MIN_HARMONICS, series.harmonics + 1)))
     x[:, 0] = 0.0
-    motion = problem.finer.motion(x)
+    peaks = np.abs(problem.finer.motion(x)).max(axis=1)
     apart = np.minimum(limits.upper - centre, centre - limits.lower)
-    peaks = [np.abs(part).max(axis=0) for part in (motion.q, motion.v, motion.a)]
-    allowed = (apart, limits.velocity, limits.acceleration)
-    x *= (1.0 - LIMIT_CLEARANCE_SHARE) * np.min(
-        [size / peak for size, peak in zip(allowed, peaks, strict=True)], axis=0
-    )[:, None]
+    room = np.array([apart, limits.velocity, limits.acceleration]) / peaks
+    x *= (1.0 - LIMIT_CLEARANCE_SHARE) * room.min(axis=0)[:, None]
     x[:, 0] = centre
     return shrink(problem, x)
 
@@ -185,20 +181,18 @@ def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence
         costs: cost of each start, by `MotionProblem.cost`.
         say: called with a text on the progress.
     """
-    rounds = len(problem.steps) + min(problem.starts, len(starts)) - 1
+    rounds, done = len(problem.steps) + min(problem.starts, len(starts)) - 1, count(1)
+
+    def one_more() -> None:
+        say(f"{next(done)} of {rounds} rounds of the design done")
+
     tried = []
     for k, i in enumerate(np.argsort(costs)[: problem.starts]):
-        x = improve(problem, starts[i], last=1)
+        x = improve(problem, starts[i], last=1, done=one_more)
         inside = shrink(problem, x, COMPARED_EXCESS)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
-        say(f"{k + 1} of {rounds} rounds of the design done")
-    done = len(tried)
     _, _, x = min(tried)
-
-    def count(k: int) -> None:
-        say(f"{done + k} of {rounds} rounds of the design done")
-
-    return improve(problem, x, first=1, done=count)
+    return improve(problem, x, first=1, done=one_more)
 
 
 def improve(
@@ -207,7 +201,7 @@ def improve(
     *,
     first: int = 0,
     last: int | None = None,
-    done: Callable[[int], None] = lambda _: None,
+    done: Callable[[], None] = lambda: None,
 ) -> np.ndarray:
     """(axes, size) coefficients of a motion with a lower cost, nearly inside the limits.
 
@@ -216,7 +210,7 @@ def improve(
         start: (axes, size) coefficients of the start.
         first: first round of the multiplier method.
         last: round before which to stop; None means all rounds.
-        done: called with the number of each finished round.
+        done: called after each round.
     """
     multipliers: list[np.ndarray] | None = None
     unit, x = problem.unit[:, None], start
@@ -228,7 +222,7 @@ def improve(
         )  # fmt: skip
         x = problem.accepted(x, found.x.reshape(start.shape) * unit)
         multipliers = lagrangian.updated(x)
-        done(k)
+        done()
     return x
 
 

@@ -11,6 +11,7 @@ the motion follows a rest with a continuous acceleration.
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -26,8 +27,7 @@ JOINT_MAX_PERIOD = 20.0
 limited."""
 
 
-@dataclass(frozen=True, eq=False)
-class AxisMotion:
+class AxisMotion(NamedTuple):
     """Positions and derivatives of all axes at some times; all arrays are (n, axes).
 
     Attributes:
@@ -103,12 +103,9 @@ class Series:
     def _free(self) -> tuple[np.ndarray, np.ndarray]:
         """(H, H - 1) sines and cosines that meet the conditions of rest; amplitudes fall with frequency."""
         h = np.arange(1.0, self.harmonics + 1)
-        found = []
-        for power in (1, 2):
-            weight = 1.0 / h  # amplitudes of a motion with the same speed at all frequencies
-            free = null_space((weight * h**power)[None])
-            found.append(weight[:, None] * free)
-        return found[0], found[1]
+        weight = 1.0 / h  # amplitudes of a motion with the same speed at all frequencies
+        sines, cosines = (weight[:, None] * null_space((weight * h**power)[None]) for power in (1, 2))
+        return sines, cosines
 
     def functions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """(n, size) values, at (n,) times in s, of the functions or of one of their derivatives."""
@@ -127,10 +124,6 @@ class Series:
         """The functions and their derivatives at (n,) times, s."""
         return Basis(time, np.stack([self.functions(time, k) for k in range(3)]))
 
-    def motion(self, coefficients: np.ndarray, time: np.ndarray) -> AxisMotion:
-        """The motion of (axes, size) coefficients, rad or m, at (n,) times, s."""
-        return self.at(time).motion(coefficients)
-
     def low(self, harmonics: int) -> np.ndarray:
         """(size, size) projection of coefficients onto the first `harmonics` harmonics; the centre stays."""
         kept = np.zeros((self.size, self.size))
@@ -139,7 +132,6 @@ class Series:
         for power, free, rows in zip((1, 2), self._free, (slice(1, m + 1), slice(m + 1, None)), strict=True):
             low = np.zeros((self.harmonics, harmonics - 1))
             low[:harmonics] = null_space((h**power)[None, :harmonics])
-            inside = np.linalg.pinv(free) @ low
-            basis, _ = np.linalg.qr(inside)
+            basis, _ = np.linalg.qr(np.linalg.pinv(free) @ low)
             kept[rows, rows] = basis @ basis.T
         return kept

@@ -200,7 +200,7 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
-    motion = problem.series.motion(x, time)
+    motion = problem.series.at(time).motion(x)
     return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 

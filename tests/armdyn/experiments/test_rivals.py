@@ -95,9 +95,7 @@ def test_names_that_cannot_be_rivals_are_refused(windy):
         named(windy, ["nonsense"])
     arm = SimpleNamespace(base="arm", hangs_from_gripper=False, open_questions=())
     with pytest.raises(InputError, match="armdyn excite"):
-        require_gripper(
-            SimpleNamespace(model=arm, runs=())
-        )
+        require_gripper(SimpleNamespace(model=arm, runs=()))
     time = np.arange(20.0)
     free = Run("free.csv", {"swing_angle": Channel(time, np.sin(time), "rad")})
     with pytest.raises(InputError, match="gripper_x"):
