@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -24,46 +25,35 @@ MIN_WAVE_PERIOD, MAX_WAVE_PERIOD = 0.03, 1.5
 
 def arm_terms(fit: Fit) -> Iterator[Term]:
     """All candidate formulas, for every joint whose torque was measured."""
+    recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
-        found = [*_of_joint(site, v)]
-        for recorded in recorded_variables(fit.problem.runs):
-            found += shapes.recorded_frictions(site, recorded, v["speed"])
-            found += shapes.recorded_torques(site, recorded)
-        yield from (_as_declared(fit, term) for term in found)
+        for term in (*_of_joint(site, **v), *shapes.of_recorded(site, recorded, v["speed"])):
+            yield _as_declared(fit, term)
 
 
 def arm_curves(fit: Fit) -> Iterator[Term]:
     """Smooth curves over the quantities on which a joint's torque may depend."""
+    recorded = recorded_variables(fit.problem.runs)
     for site, v in _joints(fit):
-        found = [shapes.curve(site, v[name]) for name in ("position", "speed", "load")]
-        for recorded in recorded_variables(fit.problem.runs):
-            found += [shapes.curve(site, recorded), shapes.curve(site, recorded, v["speed"])]
-        yield from (_as_declared(fit, term) for term in found)
+        for term in shapes.curves(site, (v["position"], v["speed"], v["load"]), recorded, v["speed"]):
+            yield _as_declared(fit, term)
 
 
-def _of_joint(site: Site, v: dict[str, Variable]) -> Iterator[Term]:
-    q, speed, load, time = v["position"], v["speed"], v["load"], v["time"]
-    yield shapes.power(site, speed, 3, "cubic drag", "friction with the cube of the speed")
-    yield shapes.power(site, q, 2, "crooked spring", "a torque with the square of the position")
-    yield shapes.power(site, q, 3, "flexure", "a spring that stiffens with the cube of the position")
-    yield shapes.product(site, "damping by position", "friction that grows with the position", (q, 2), (speed, 1))
+def _of_joint(site: Site, position: Variable, speed: Variable, load: Variable, time: Variable) -> Iterator[Term]:
+    widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_PLACES, JOINT_RUB_PLACES)
+    yield from shapes.of_hinge(site, position, speed, time, grid, widths)
     yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
     yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
-    yield from shapes.stops(site, q, JOINT_STOP_PLACES)
-    yield from shapes.one_sided(site, q, speed, JOINT_RUB_PLACES)
-    yield from shapes.sticky(site, speed, (0.05 * speed.size, 0.3 * speed.size))
-    yield from shapes.warming(site, speed, time)
-    yield from shapes.growing(site, q, JOINT_CABLE_PLACES)
-    yield from shapes.magnets(site, q, JOINT_MAGNET_PLACES)
-    yield from shapes.play(site, speed, q, (0.01 * q.span, 0.05 * q.span))
-    periods = q.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
-    yield from shapes.waves(site, q, periods.tolist())
+    yield from shapes.growing(site, position, JOINT_CABLE_PLACES)
+    yield from shapes.magnets(site, position, JOINT_MAGNET_PLACES)
+    yield from shapes.play(site, speed, position, (0.01 * position.span, 0.05 * position.span))
+    periods = position.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
+    yield from shapes.waves(site, position, periods.tolist())
 
 
 def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
     """Every joint, with the quantities on which its torque may depend and their ranges in the runs."""
-    model = fit.problem.model
-    assert isinstance(model, ArmModel)
+    model = cast(ArmModel, fit.problem.model)
     seen: dict[str, list[FloatArray]] = {}
     for run in fit.problem.runs:
         states = model.covariates(run, fit.values)
@@ -92,8 +82,7 @@ def _joints(fit: Fit) -> Iterator[tuple[Site, dict[str, Variable]]]:
 
 def _as_declared(fit: Fit, term: Term) -> Term:
     """A term in the units of a typical joint, which the arm scales to its own joint; see `Arm.parameter`."""
-    model, joint = fit.problem.model, term.site.joint
-    assert isinstance(model, ArmModel)
+    model, joint = cast(ArmModel, fit.problem.model), term.site.joint
 
     def scale(unit: str) -> float:
         return float(model.arm.parameter(Quantity(unit, 1.0), "term", "size", joint).typical)

@@ -8,7 +8,8 @@ that were tried. The result is a formula, or the name of an effect of the catalo
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import count
+from functools import partial
+from itertools import chain, count
 
 import numpy as np
 
@@ -32,15 +33,20 @@ from armdyn.identify.selection.search import Search, search
 from armdyn.identify.study import Study
 from armdyn.model import Model
 from armdyn.parameter import Parameter
-from armdyn.physics.model import PhysicsModel
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-TERMS_BY_BASE: dict[str, tuple[Callable[[Fit], Iterator[Term]], Callable[[Fit], Iterator[Term]]]] = {
+Terms = Callable[[Fit], Iterator[Term]]
+TERMS_BY_BASE: dict[str, tuple[Terms, Terms]] = {
     "arm": (arm_terms, arm_curves),
     "pendulum": (pendulum_terms, pendulum_curves),
 }
-"""Candidate terms and candidate curves, by base."""
+"""Candidate terms and candidate curves, by base; a user's own base has those of `physics_terms`."""
+MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
+"""Number of terms of a joint, and of each kind, that are fully evaluated: those with the largest predicted
+contribution."""
+MAX_CURVE_RESIDUAL_SHARE = 0.7
+"""Largest share of a formula's squared error above the noise that a curve may leave to be reported instead."""
 
 
 @one_thread
@@ -71,41 +77,31 @@ def discover(
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
-    formulas, curves = (physics_terms, physics_curves) if isinstance(model, PhysicsModel) else TERMS_BY_BASE[model.base]
+    formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
+    searched = partial(_searched, partial(Study.of, model, runs, held_out), catalogue, say)
     terms = named_terms(formulas(first), taken)
-    study, found = _searched(model, runs, held_out, catalogue, terms, say)
+    study, found = searched(terms)
     if study.is_lost(found.last.fit):
         raise TaskFailedError(lost_sentence(found.last.fit))
     if not _is_whole(study, found):
         smooth = named_terms(curves(first), taken)
-        other, drawn = _searched(model, runs, held_out, catalogue, smooth, say)
+        other, drawn = searched(smooth)
         if other.squared_error(drawn.last.fit) < MAX_CURVE_RESIDUAL_SHARE * study.squared_error(found.last.fit):
             study, found, terms = other, drawn, smooth
     return concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
-MAX_TERMS_PER_JOINT, MAX_TERMS_PER_KIND = 12, 3
-"""Number of terms of a joint, and of each kind, that are fully evaluated: those with the largest predicted
-contribution."""
-MAX_CURVE_RESIDUAL_SHARE = 0.7
-"""Largest share of a formula's squared error above the noise that a curve may leave to be reported instead."""
-
-
 def _searched(
-    model: Model,
-    runs: Sequence[Run],
-    held_out: Sequence[Run],
-    catalogue: Sequence[Effect],
-    terms: dict[str, Term],
-    say: Progress,
+    study_of: Callable[..., Study], catalogue: Sequence[Effect], say: Progress, terms: dict[str, Term]
 ) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
     size = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
-    study = Study.of(model, runs, held_out, [*catalogue, *effects], catalogue_size=size)
-    if model.linear:
-        promising = [effect for effect in effects if effect.name in _promising(study, terms)]
-        study = Study.of(model, runs, held_out, [*catalogue, *promising], catalogue_size=size)
+    study = study_of([*catalogue, *effects], catalogue_size=size)
+    if study.model.linear:
+        names = _promising(study, terms)
+        promising = [effect for effect in effects if effect.name in names]
+        study = study_of([*catalogue, *promising], catalogue_size=size)
     found = search(study, say)
     return study, found if predicts_better(study, found) else Search(found.steps[:1])
 
@@ -143,15 +139,10 @@ def _is_whole(study: Study, found: Search) -> bool:
 def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[str, Effect]) -> Discovery:
     """The result of a search, as formulas."""
     start, last = found.steps[0], found.last
-    values = fitted_parameters(study, last.fit)
-    shares = [study.explained_share(start.fit, step.fit) for step in found.steps[1:]]
-    gains = dict(zip(found.steps[1:], np.diff([0.0, *shares]).tolist(), strict=True))
-    findings = [
-        _finding(study, candidate, {step: gain for step, gain in gains.items() if _brings(step, candidate)},
-                 terms, known, values)
-        for candidate in last.effects
-        if candidate not in start.effects
-    ]  # fmt: skip
+    shares = [0.0, *(study.explained_share(start.fit, step.fit) for step in found.steps[1:])]
+    gains = dict(zip(found.steps[1:], np.diff(shares).tolist(), strict=True))
+    fitted = fitted_parameters(study, last.fit)
+    findings = [_finding(study, c, gains, fitted, terms, known) for c in last.effects if c not in start.effects]
     unfitted = [study.held_out_blocks(step.fit) for step in (start, last)]
     scale = Scale.of(last.fit.blocks)
     return Discovery(
@@ -162,7 +153,7 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
         held_out_rmse=channel_rmse(unfitted[1]),
         noise=scale.noise,
         units=scale.units,
-        explains=study.explained_share(start.fit, last.fit) if len(found.steps) > 1 else 0.0,
+        explains=shares[-1],
         leaves_something=last.tests.fails,
         judged=bool(unfitted[1]),
         runs=tuple(run.name for run in study.runs),
@@ -172,34 +163,25 @@ def concluded(study: Study, found: Search, terms: dict[str, Term], known: dict[s
     )
 
 
-def _brings(step: Step, candidate: Candidate) -> bool:
-    """Whether a step added an effect, or one of the joints of its final form."""
-    return any(not set(candidate.names).isdisjoint(added.names) for added in step.added)
-
-
 def _finding(
     study: Study,
     candidate: Candidate,
     gains: Mapping[Step, float],
+    fitted: Mapping[str, Parameter],
     terms: dict[str, Term],
     known: dict[str, Effect],
-    values: Mapping[str, Parameter],
 ) -> Finding:
-    """One effect of the result, with the share that the steps which added it explain."""
-    own = {n.split(".", 1)[1]: values[n] for n in candidate.names if n in values}
+    """One effect of the result, with the share that the steps which added it, or one of its joints, explain."""
+    own = set(candidate.names)
+    steps = [step for step in gains if any(not own.isdisjoint(added.names) for added in step.added)]
+    values = {n.split(".", 1)[1]: fitted[n] for n in candidate.names if n in fitted}
     if len(candidate.joints) == 1:
-        own = {name.partition("[")[0]: value for name, value in own.items()}
-    term = terms.get(candidate.effect)
-    tied = [c.effect for step in gains for c in step.tied]
-    same = [name for name in tied if name in known]
-    rivals = dict.fromkeys(
-        _formula(name, terms, known)
-        for name in tied
-        if term is None or name not in terms or terms[name].kind != term.kind
-    )
-    effect = study.effects[candidate.effect]
+        values = {name.partition("[")[0]: value for name, value in values.items()}
+    effect, term = study.effects[candidate.effect], terms.get(candidate.effect)
+    tied = [c.effect for step in steps for c in step.tied]
+    other_kind = [name for name in tied if term is None or name not in terms or terms[name].kind != term.kind]
     if term is not None:
-        term = term.at({name: own[name].value for name in term.constants if name in own})
+        term = term.at({name: values[name].value for name in term.constants if name in values})
     return Finding(
         effect=candidate.effect,
         joints=candidate.joints,
@@ -207,10 +189,10 @@ def _finding(
         kind=candidate.effect if term is None else term.kind,
         says=effect.summary.rstrip("."),
         formula=_formula(candidate.effect, terms, known),
-        values=own,
-        explains=sum(gains.values()),
-        known_as=candidate.effect if term is None else next(iter(same), None),
-        rivals=tuple(rivals),
+        values=values,
+        explains=sum(gains[step] for step in steps),
+        known_as=candidate.effect if term is None else next((name for name in tied if name in known), None),
+        rivals=tuple(dict.fromkeys(_formula(name, terms, known) for name in other_kind)),
         term=term,
     )
 
@@ -228,7 +210,7 @@ def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]
         if one.term is None:
             yield one
             continue
-        stem = one.term.stem
-        name = next(n for k in count(1) if (n := stem if k == 1 else f"{stem}_{k}") not in taken)
+        names = chain([one.term.stem], (f"{one.term.stem}_{k}" for k in count(2)))
+        name = next(name for name in names if name not in taken)
         taken = taken | {name}
-        yield replace(one, effect=name, term=one.term.named(name))
+        yield replace(one, effect=name, term=replace(one.term, name=name))

@@ -11,17 +11,16 @@ from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
-RAIL_RUB_PLACES, RAIL_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
+STRING_RUB_PLACES, STRING_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
 """Number of positions on a grid: a fit from one of them reaches half the distance to its neighbours."""
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
     """All candidate formulas for the runs of a fit of the bare model."""
     string, load, rail, v = _sites(fit)
-    yield from _of_string(string, v["angle"], v["speed"], v["time"])
-    for recorded in recorded_variables(fit.problem.runs):
-        yield from shapes.recorded_frictions(string, recorded, v["speed"])
-        yield from shapes.recorded_torques(string, recorded)
+    widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
+    yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
+    yield from shapes.of_recorded(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
         yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
@@ -34,11 +33,7 @@ def pendulum_terms(fit: Fit) -> Iterator[Term]:
 def pendulum_curves(fit: Fit) -> Iterator[Term]:
     """Smooth curves over the quantities on which a force may depend."""
     string, load, rail, v = _sites(fit)
-    yield shapes.curve(string, v["angle"])
-    yield shapes.curve(string, v["speed"])
-    for recorded in recorded_variables(fit.problem.runs):
-        yield shapes.curve(string, recorded)
-        yield shapes.curve(string, recorded, v["speed"])
+    yield from shapes.curves(string, (v["angle"], v["speed"]), recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         yield shapes.curve(load, v["position"])
         yield shapes.curve(rail, v["along"])
@@ -46,20 +41,18 @@ def pendulum_curves(fit: Fit) -> Iterator[Term]:
 
 def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
     """String, load and rail, and the quantities on which forces there may depend, with their ranges in the runs."""
-    problem = fit.problem
-    values = [
-        dict(zip(problem.model.names, problem.theta(i, fit.values), strict=True)) for i in range(len(problem.runs))
-    ]
-    mass, length, gravity = (values[0][name] for name in ("mass", "length", "gravity"))
+    problem, model = fit.problem, fit.problem.model
+    at = [problem.theta(i, fit.values) for i in range(len(problem.runs))]
+    mass, length, gravity = (at[0][model.names.index(name)] for name in ("mass", "length", "gravity"))
     seen: dict[str, list[np.ndarray]] = {}
-    for i, run in enumerate(problem.runs):
-        states = problem.model.covariates(run, problem.theta(i, fit.values))
-        angle = run.channels.get("swing_angle") or states["swing_angle"]
+    for run, theta in zip(problem.runs, at, strict=True):
+        states = model.covariates(run, theta)
+        measured = run.channels.get("swing_angle") or states["swing_angle"]
         time, rate = states["swing_rate"].time, states["swing_rate"].value
         along = states["gripper_x"].value if "gripper_x" in states else np.zeros(len(time))
-        at = np.interp(time, angle.time, angle.value)
-        found = {"angle": at, "speed": rate, "time": time - time[0], "along": along}
-        for name, value in {**found, "position": along - length * np.sin(at)}.items():
+        angle = np.interp(time, measured.time, measured.value)
+        found = {"angle": angle, "speed": rate, "time": time - time[0], "along": along}
+        for name, value in {**found, "position": along - length * np.sin(angle)}.items():
             seen.setdefault(name, []).append(value)
     samples = {name: np.concatenate(parts) for name, parts in seen.items()}
     torque = MISSING_FORCE_SHARE * mass * gravity * length
@@ -75,14 +68,3 @@ def _sites(fit: Fit) -> tuple[Site, Site, Site, dict[str, Variable]]:
     of = {"angle": ("string.angle", "rad"), "speed": ("string.rate", "rad/s"), "time": ("string.time", "s"),
           "position": ("load.position[0]", "m"), "along": ("gripper.x", "m")}  # fmt: skip
     return string, load, rail, {name: Variable(name, *what, samples[name]) for name, what in of.items()}
-
-
-def _of_string(string: Site, angle: Variable, rate: Variable, time: Variable) -> Iterator[Term]:
-    yield shapes.power(string, rate, 3, "cubic drag", "drag with the cube of the speed")
-    yield shapes.power(string, angle, 2, "crooked spring", "a torque with the square of the angle")
-    yield shapes.power(string, angle, 3, "flexure", "a spring that stiffens with the cube of the angle")
-    yield shapes.product(string, "damping by angle", "damping that grows with the angle", (angle, 2), (rate, 1))
-    yield from shapes.stops(string, angle, RAIL_STOP_PLACES)
-    yield from shapes.one_sided(string, angle, rate, RAIL_RUB_PLACES)
-    yield from shapes.sticky(string, rate, (0.1 * rate.size, 0.4 * rate.size))
-    yield from shapes.warming(string, rate, time)

@@ -4,6 +4,7 @@ import keyword
 import re
 from collections.abc import Iterator, Mapping
 from itertools import combinations
+from typing import cast
 
 import numpy as np
 
@@ -43,34 +44,30 @@ def physics_curves(fit: Fit) -> Iterator[Term]:
 
 def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
     """Every state whose rate is no state itself, with states and inputs and their ranges in the runs."""
-    model = fit.problem.model
-    assert isinstance(model, PhysicsModel)
-    variables = _variables(fit, model)
-    seen: dict[str, list[np.ndarray]] = {}
+    model = cast(PhysicsModel, fit.problem.model)
+    units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
+    samples: dict[str, list[np.ndarray]] = {name: [] for name in units}
+    rates: dict[str, list[np.ndarray]] = {name: [] for name in model.rated}
     for i, run in enumerate(fit.problem.runs):
-        for name, rate in model.rates(run, fit.problem.theta(i, fit.values)).items():
-            seen.setdefault(name, []).append(rate)
-    for name in model.rated:
-        unit = over(_plain(model.physics.states[name].unit, name), ("s", 1))
-        size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(seen[name]) ** 2)))
+        theta = fit.problem.theta(i, fit.values)
+        for name, values in _followed(model, run, theta).items():
+            samples[name].append(values)
+        found = model.rates(run, theta)
+        for name, parts in rates.items():
+            parts.append(found[name])
+    variables = [
+        Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
+        for name, parts in samples.items()
+    ]
+    variables = [variable for variable in variables if variable.span > 0.0]
+    for name, parts in rates.items():
+        unit = over(_plain(units[name], name), ("s", 1))
+        size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 
 
-def _variables(fit: Fit, model: PhysicsModel) -> list[Variable]:
-    """States as fitted, and inputs as recorded, without those that are constant."""
-    units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
-    samples: dict[str, list[np.ndarray]] = {name: [] for name in units}
-    for i, run in enumerate(fit.problem.runs):
-        for name, values in _followed(model, run, fit.problem.theta(i, fit.values)).items():
-            samples[name].append(values)
-    found = []
-    for name, parts in samples.items():
-        variable = Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
-        found += [variable] if variable.span > 0.0 else []
-    return found
-
-
 def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
+    """States as fitted, and inputs as recorded."""
     path = model.path(run)
     states = model.rollout(path, theta, model.predicted_channels(run)).states[:, : len(model.physics.states)]
     inputs = {name: path.nodes[1 + 3 * k] for k, name in enumerate(model.physics.inputs)}

@@ -70,9 +70,14 @@ class Finding:
         return f"{self.effect}:{self.joint}" if self.joint else self.effect
 
     @property
+    def value_texts(self) -> dict[str, str]:
+        """Its parameters with values and standard deviations for a reader, by their short names."""
+        return {name: f"{name} = {_number(value)}" for name, value in self.values.items()}
+
+    @property
     def sentence(self) -> str:
         """The formula with its values, as a sentence."""
-        values = ", ".join(f"{name} = {_number(v)}" for name, v in self.values.items() if not name.startswith("value_"))
+        values = ", ".join(text for name, text in self.value_texts.items() if not name.startswith("value_"))
         at = f"{self.joint}: " if self.joint else ""
         return f"{at}{self.formula}" + (f" with {values}" if values else "")
 
@@ -123,35 +128,30 @@ class Discovery(Displayable):
     def sentence(self) -> str:
         """The result in one or two sentences, for a reader."""
         if not self.findings:
-            if not self.leaves_something:
-                return "Nothing is missing: what is left is noise." + (
-                    " But nothing moves by more than the noise: record a motion, which shows a law."
-                    if self.still
-                    else ""
-                )
-            why = (
-                "the force of another body, or depend on what was not recorded. Record what it may depend on as well, "
-                "as a column such as 'extra.temperature [degC]'"
-            )
-            if not self.judged:
-                why += ", and another motion: one alone shows a force in few places and at few speeds"
-            return (
-                "Something is missing, and no formula and no curve over what this model knows explains it: it may be "
-                f"{why}."
-            )
-        parts = [one.sentence for one in self.findings]
-        text = f"Found {'; '.join(parts)}. It explains {in_percent(self.explains)} of the misfit"
+            return self._why_nothing()
+        text = f"Found {'; '.join(one.sentence for one in self.findings)}. It explains {in_percent(self.explains)} of "
+        text += "the misfit"
         text += (
             "." if self.judged else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
         known = [
             f"{o.formula.split(' = ')[0]} is {o.known_as} of the catalogue as well" for o in self.new if o.known_as
         ]
-        rivals = [r for one in self.findings for r in one.rivals]
+        rivals = dict.fromkeys(r for one in self.findings for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
-        text += f" These runs cannot tell it from {'; '.join(dict.fromkeys(rivals))}." if rivals else ""
-        text += " More than noise is left." if self.leaves_something and self.explains < 0.99 else ""
-        return text
+        text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""
+        return text + (" More than noise is left." if self.leaves_something and self.explains < 0.99 else "")
+
+    def _why_nothing(self) -> str:
+        if not self.leaves_something:
+            still = " But nothing moves by more than the noise: record a motion, which shows a law."
+            return f"Nothing is missing: what is left is noise.{still if self.still else ''}"
+        other = ", and another motion: one alone shows a force in few places and at few speeds"
+        return (
+            "Something is missing, and no formula and no curve over what this model knows explains it: it may be the "
+            "force of another body, or depend on what was not recorded. Record what it may depend on as well, as a "
+            f"column such as 'extra.temperature [degC]'{'' if self.judged else other}."
+        )
 
     def file_text(self) -> str:
         """The text of the file of effects, with the evidence in its docstrings.
@@ -176,60 +176,45 @@ class Discovery(Displayable):
         atomic.write_text(path, self.file_text())
         load_effects(path, (*STAGES, RATE_STAGE))
 
-    @staticmethod
-    def _values(one: Finding) -> str:
-        return ", ".join(f"{name} = {_number(value)}" for name, value in one.values.items())
-
     def _evidence(self, one: Finding) -> str:
         """The evidence in a docstring: the values, the share that they explain, the data of the picture."""
-        fitted = "\n".join(f"{name} = {_number(value)}" for name, value in one.values.items())
-        error = ", ".join(
-            f"{channel} {self.before[channel]:.3g} to {self.after[channel]:.3g} {self.units[channel]}"
-            for channel in self.after
-        )
+
+        def errors(before: Mapping[str, float], after: Mapping[str, float]) -> str:
+            return ", ".join(f"{c} {before[c]:.3g} to {error:.3g} {self.units[c]}" for c, error in after.items())
+
         text = f"Fitted to {', '.join(self.runs)}" + (
             f", chosen with {', '.join(self.held_out)}" if self.held_out else ""
         )
-        text += f": it explains {in_percent(one.explains)} of the misfit; rms error {error}"
+        text += f": it explains {in_percent(one.explains)} of the misfit; rms error {errors(self.before, self.after)}"
         if self.held_out_rmse:
-            text += "; of runs not fitted " + ", ".join(
-                f"{c} {self.held_out_before[c]:.3g} to {v:.3g} {self.units[c]}" for c, v in self.held_out_rmse.items()
-            )
+            text += f"; of runs not fitted {errors(self.held_out_before, self.held_out_rmse)}"
         if one.rivals:
             text += f". These runs cannot tell it from {'; '.join(one.rivals)}"
-        parts = [paragraph(f"{text}."), paragraph(fitted)]
+        parts = [f"{text}.", "\n".join(one.value_texts.values())]
         drawn = _curve_of(one, self.missing_force)
         if drawn is not None:
             points = ", ".join(f"{x:.3g}: {y:.3g}" for x, y in zip(drawn.x, drawn.as_given, strict=True))
-            parts.append(
-                paragraph(f"The missing force, {drawn.unit}, over the {drawn.against}, {drawn.x_unit}:\n{points}")
-            )
-        return "\n\n".join(parts)
+            parts.append(f"The missing force, {drawn.unit}, over the {drawn.against}, {drawn.x_unit}:\n{points}")
+        return "\n\n".join(map(paragraph, parts))
 
     def document(self) -> Document:
         """Build the tables: the laws with their values, then the errors."""
         laws = [
-            [o.formula, o.label, self._values(o), in_percent(o.explains), o.known_as or "", "; ".join(o.rivals)]
+            [o.formula, o.label, ", ".join(o.value_texts.values()), in_percent(o.explains), o.known_as or "",
+             "; ".join(o.rivals)]
             for o in self.findings
-        ]
-        given, then = self.held_out_before, self.held_out_rmse
-        errors = [
-            [c, self.units[c], self.noise[c], self.before[c], after, *(of.get(c, float("nan")) for of in (given, then))]
-            for c, after in self.after.items()
-        ]
+        ]  # fmt: skip
+        nothing = dict.fromkeys(self.after, float("nan"))
+        kinds = (nothing | dict(errors) for errors in (self.held_out_before, self.held_out_rmse))
+        columns = (self.units, self.noise, self.before, self.after, *kinds)
+        errors = [[channel, *(column[channel] for column in columns)] for channel in self.after]
         found = Table.of(["formula", "effect", "values", "explains", "known as", "as good"], laws)
         heads = ["channel", "unit", "noise", "as given", "with it", "not fitted, as given", "not fitted, with it"]
-        error = Table.of(heads, errors)
         sections = [Section("What was found", tables=[found])] if laws else []
-        sections.append(Section("Errors", "Root mean square.", tables=[error]))
+        sections.append(Section("Errors", "Root mean square.", tables=[Table.of(heads, errors)]))
         level = Level.CAUTION if self.leaves_something and self.explains < MIN_LAW_SHARE else Level.GOOD
-        return Document(
-            "Discover",
-            self.sentence,
-            sections,
-            level,
-            data={"missing_force": lambda: missing_force_columns(self.missing_force)},
-        )
+        data = {"missing_force": lambda: missing_force_columns(self.missing_force)}
+        return Document("Discover", self.sentence, sections, level, data=data)
 
 
 def _curve_of(one: Finding, curves: Sequence[ForceCurve]) -> ForceCurve | None:

@@ -55,6 +55,49 @@ def of_anything(site: Site, v: Variable) -> Shapes:
                       f"ca.tanh({v.name} / {narrow:g})", [], scale=1.0)  # fmt: skip
 
 
+def of_hinge(
+    site: Site, at: Variable, speed: Variable, time: Variable, grid: tuple[int, int], widths: Sequence[float],
+    drag: str = "friction", damping: str = "friction",
+) -> Shapes:  # fmt: skip
+    """Shapes of a torque on anything that turns: drag, springs, stops, rubs, a sticky seal, and friction that fades.
+
+    Args:
+        site: place in the equations.
+        at: angle or position.
+        speed: its rate.
+        time: time since the start of the run.
+        grid: number of positions of stops, and of rubs.
+        widths: speeds over which a sticky seal's friction falls.
+        drag: a word for a force against the speed.
+        damping: a word for a force against the speed that depends on the position.
+    """
+    yield power(site, speed, 3, "cubic drag", f"{drag} with the cube of the speed")
+    yield power(site, at, 2, "crooked spring", f"a torque with the square of the {at.name}")
+    yield power(site, at, 3, "flexure", f"a spring that stiffens with the cube of the {at.name}")
+    grows = f"{damping} that grows with the {at.name}"
+    yield product(site, f"damping by {at.name}", grows, (at, 2), (speed, 1))
+    yield from stops(site, at, grid[0])
+    yield from one_sided(site, at, speed, grid[1])
+    yield from sticky(site, speed, widths)
+    yield from warming(site, speed, time)
+
+
+def of_recorded(site: Site, recorded: Sequence[Variable], speed: Variable) -> Shapes:
+    """Frictions and torques that depend on recorded quantities."""
+    for v in recorded:
+        yield from recorded_frictions(site, v, speed)
+        yield from recorded_torques(site, v)
+
+
+def curves(site: Site, variables: Sequence[Variable], recorded: Sequence[Variable], speed: Variable) -> Shapes:
+    """Smooth curves over each quantity, and of friction over each recorded one."""
+    for v in variables:
+        yield curve(site, v)
+    for v in recorded:
+        yield curve(site, v)
+        yield curve(site, v, speed)
+
+
 def sought(v: Variable) -> Constant:
     """A position parameter that is searched over the whole range of the runs."""
     return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)

@@ -221,10 +221,6 @@ class Term:
         )
         return re.sub(r"\bca\.", "", text).replace("**", "^")
 
-    def named(self, name: str) -> "Term":
-        """The same term under another name."""
-        return replace(self, name=name)
-
     def at(self, values: Mapping[str, float]) -> "Term":
         """The same term with other start values of its constants."""
         moved = {
@@ -240,7 +236,7 @@ def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str,
     numbers = count()
     for term in terms:
         name = next(n for number in numbers if (n := f"{term.stem}_{number}") not in taken)
-        found[name] = term.named(name)
+        found[name] = replace(term, name=name)
     return found
 
 

@@ -1,5 +1,7 @@
 """Candidate terms: their units, and that each is an effect which a user's file could hold."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -65,7 +67,7 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
 
 
 def test_a_formula_is_read_as_it_is_computed(tmp_path):
-    stop = next(shapes.stops(STRING, ANGLE, 2)).named("my_stop")
+    stop = replace(next(shapes.stops(STRING, ANGLE, 2)), name="my_stop")
     assert stop.formula == "-stiffness * min(0, angle - place)"
     path = tmp_path / "effect.py"
     path.write_text(file_text("A stop.", [stop], {"my_stop": "    As seen."}))
@@ -75,12 +77,14 @@ def test_a_formula_is_read_as_it_is_computed(tmp_path):
 
 
 def test_a_recorded_quantity_is_declared_as_it_was_recorded():
-    friction = next(shapes.recorded_frictions(STRING, TEMPERATURE, SPEED)).named("oil")
+    friction = replace(next(shapes.recorded_frictions(STRING, TEMPERATURE, SPEED)), name="oil")
     assert friction.formula == "-coefficient * speed * exp(-(extra_temperature - 295.0) / width)"
     assert friction.units == {"coefficient": "N m s/rad"}
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
-    assert "import effect, quantity" in file_text("No column.", [next(shapes.stops(STRING, ANGLE, 2)).named("stop")])
+    assert "import effect, quantity" in file_text(
+        "No column.", [replace(next(shapes.stops(STRING, ANGLE, 2)), name="stop")]
+    )
 
 
 def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
