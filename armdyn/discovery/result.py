@@ -134,9 +134,8 @@ class Discovery(Displayable):
         text += (
             "." if self.judged else ", in the one recording that it was fitted to: hold another one out to believe it."
         )
-        known = [
-            f"{o.formula.split(' = ')[0]} is {o.known_as} of the catalogue as well" for o in self.new if o.known_as
-        ]
+        in_catalogue = [one for one in self.new if one.known_as]
+        known = [f"{one.formula.split(' = ')[0]} is {one.known_as} of the catalogue as well" for one in in_catalogue]
         rivals = dict.fromkeys(r for one in self.findings for r in one.rivals)
         text += f" {'; '.join(known)}." if known else ""
         text += f" These runs cannot tell it from {'; '.join(rivals)}." if rivals else ""

@@ -35,13 +35,8 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
 def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> Valued:
     r"""Mean logarithm of the standard deviations of the wanted unknowns, over all directions: D-optimality.
 
-    It is log det K_{WW} / (2 |W|), a constant less twice the expected gain of information (Chaloner & Verdinelli,
-    Statistical Science 10(3), 1995).
-
-    Args:
-        information: (P, P) Fisher information F.
-        prior: (P,) prior standard deviations.
-        wanted: indices W of the wanted unknowns.
+    For (P, P) information F, (P,) prior standard deviations and indices W it is log det K_{WW} / (2 |W|), a constant
+    less twice the expected gain of information (Chaloner & Verdinelli, Statistical Science 10(3), 1995).
     """
     K = covariance(information, prior)
     block, columns = K[np.ix_(wanted, wanted)], K[:, wanted]
@@ -73,12 +68,9 @@ class RivalSeparation:
     def refitted(self, information: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k, k) matrix L, and (len(own) + len(fitted), k) changes of all these unknowns, the refit included.
 
-        L is the Schur complement F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA: after the refit, chi2 rises by d' L d for a
-        change d along `directions`, in typical sizes.
-
-        Args:
-            information: (P, P) Fisher information F.
-            prior: (P,) prior standard deviations.
+        For (P, P) information F and (P,) prior standard deviations, L is the Schur complement
+        F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA: after the refit, chi2 rises by d' L d for a change d along `directions`,
+        in typical sizes.
         """
         K = covariance(information[np.ix_(self.fitted, self.fitted)], prior[self.fitted])
         onto = K @ information[np.ix_(self.fitted, self.own)]  # change of the fitted unknowns per change of the effect
@@ -94,12 +86,8 @@ class RivalSeparation:
 def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]) -> Valued:
     r"""Logarithm of the harmonic sum of all separations, which the smallest one dominates.
 
-    It is log \sum_A tr L_A^{-1}, over every effect and joint A that may be the true one.
-
-    Args:
-        information: (P, P) Fisher information F.
-        prior: (P,) prior standard deviations.
-        cases: effects that may be the true one.
+    For (P, P) information and (P,) prior standard deviations it is log \sum_A tr L_A^{-1}, over every effect and joint A
+    that may be the true one.
     """
     total, slopes = 0.0, np.zeros_like(information)
     for case in cases:

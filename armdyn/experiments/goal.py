@@ -63,12 +63,7 @@ class Goal:
 
 @one_thread
 def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
-    """Build the goal to determine the unknowns of effects; those of `USUAL_EFFECTS` where none is given.
-
-    Args:
-        model: the arm as described, without effects.
-        wanted: effects, on some joints or on all on which they can act.
-        rate: sampling rate of the recording, Hz.
+    """Build the goal to determine unknowns of effects, by default `USUAL_EFFECTS`; `rate` of the recording in Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
@@ -92,13 +87,7 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
 
 @one_thread
 def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
-    """Build the goal to distinguish two effects, whichever of them is present.
-
-    Args:
-        model: the arm as described, without effects.
-        first: an effect, on some joints or on all on which it can act.
-        second: the other effect.
-        rate: sampling rate of the recording, Hz.
+    """Build the goal to distinguish two effects, whichever is present, by a recording with a sampling rate in Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.

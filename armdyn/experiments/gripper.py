@@ -77,14 +77,7 @@ def motion_series(seconds: float) -> Series:
 
 
 class GripperProblem(MotionProblem):
-    """Find a motion of the gripper that separates hypotheses.
-
-    Args:
-        hypotheses: two or more hypotheses.
-        experiment: the experiment; its motion is replaced.
-        series: the series of which motions consist.
-        limits: limits of gripper and swing.
-        step: time between the nodes, s.
+    """Find a motion of the gripper, with nodes `step` s apart, that separates hypotheses in an experiment.
 
     Attributes:
         pairs: pairs to separate; at first all ordered pairs.

@@ -214,15 +214,7 @@ def _moved(run: Run) -> list[Curve]:
 def plan(
     rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Plan:
-    """Design a motion and compare it with every other kind of experiment.
-
-    Args:
-        rivals: the hypotheses to distinguish.
-        seconds: duration of the motion, s.
-        limits: limits of gripper and swing.
-        seed: seed of everything random.
-        say: called with a text on the progress.
-    """
+    """Design a motion of a duration, s, and compare it with every other kind of experiment."""
     moving = designed_motion(rivals, seconds, limits, seed, say)
     pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
     proposals = [moving]

@@ -72,10 +72,7 @@ def undecided(
 ) -> tuple[str, str, Rivals | None]:
     """Verdict and sentence of the diagnosis, and the rivals to distinguish; None where there are none.
 
-    Args:
-        study: study of all runs.
-        names: names of the effects to distinguish; None means those that the diagnosis leaves.
-        say: called with a text on the progress.
+    `names` are those of the effects to distinguish, in place of those that the diagnosis leaves.
 
     Raises:
         InputError: see `require_gripper` and `named`.

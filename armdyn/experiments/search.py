@@ -173,14 +173,7 @@ def random_motion(problem: MotionProblem, rng: np.random.Generator) -> np.ndarra
 
 
 def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence[float], say: Say) -> np.ndarray:
-    """(axes, size) coefficients of the best motion found from the best starts, nearly inside the limits.
-
-    Args:
-        problem: purpose and limits of the motion.
-        starts: motions inside the limits, (axes, size) each.
-        costs: cost of each start, by `MotionProblem.cost`.
-        say: called with a text on the progress.
-    """
+    """(axes, size) coefficients of the best motion from the best of (axes, size) starts, nearly inside the limits."""
     rounds, done = len(problem.steps) + min(problem.starts, len(starts)) - 1, count(1)
 
     def one_more() -> None:

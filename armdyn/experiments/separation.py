@@ -100,13 +100,7 @@ def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
 
 
 def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> ExpectedOutcome:
-    """Predict the result of an experiment, with every rival refitted nonlinearly.
-
-    Args:
-        hypotheses: hypotheses on the true model.
-        experiment: the experiment to predict.
-        seed: seed of the outcomes that are drawn.
-    """
+    """Predict the result of an experiment, with every rival refitted nonlinearly."""
     predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
     count = len(predicted)
     rises, right = np.zeros((count, count)), np.ones(count)

@@ -107,15 +107,7 @@ def read_as(
 def stamped(
     channels: Iterable[str], said: str, price: float, shifts: Iterable[float], rates: Iterable[float] = ()
 ) -> Iterator[Mistake]:
-    """Mistakes of the clock of some channels; `said` is a sentence with a placeholder for its error.
-
-    Args:
-        channels: channels with this clock.
-        said: the mistake in words.
-        price: log prior odds against it, nats.
-        shifts: delays, s; those of `SENSOR_LAGS` are effects.
-        rates: relative rate errors.
-    """
+    """Mistakes of the clock of some channels: delays, s, those of `SENSOR_LAGS` being effects, and rate errors."""
     of_channels = replace(read_as("clock_shift", channels, said, price=price), clock=said)
     for late, pace in (*((late, 0.0) for late in shifts), *((0.0, pace) for pace in rates)):
         yield replace(of_channels.with_clock(late, pace), is_effect=late in SENSOR_LAGS)

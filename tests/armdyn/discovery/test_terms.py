@@ -82,9 +82,8 @@ def test_a_recorded_quantity_is_declared_as_it_was_recorded():
     assert friction.units == {"coefficient": "N m s/rad"}
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
-    assert "import effect, quantity" in file_text(
-        "No column.", [replace(next(shapes.stops(STRING, ANGLE, 2)), name="stop")]
-    )
+    stop = replace(next(shapes.stops(STRING, ANGLE, 2)), name="stop")
+    assert "import effect, quantity" in file_text("No column.", [stop])
 
 
 def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
