@@ -86,8 +86,8 @@ class RivalSeparation:
 def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]) -> Valued:
     r"""Logarithm of the harmonic sum of all separations, which the smallest one dominates.
 
-    For (P, P) information and (P,) prior standard deviations it is log \sum_A tr L_A^{-1}, over every effect and joint A
-    that may be the true one.
+    For (P, P) information and (P,) prior standard deviations it is log \sum_A tr L_A^{-1}, over every case A that may
+    be true.
     """
     total, slopes = 0.0, np.zeros_like(information)
     for case in cases:

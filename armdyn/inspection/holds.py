@@ -11,6 +11,7 @@ from math import comb
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from armdyn.identify.noise import DIFFERENCE_ORDERS
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
@@ -21,14 +22,16 @@ from armdyn.smoothing.choice import resolution
 MIN_STUCK_SHARE = 0.02
 """Share of the samples, but at least `MIN_STUCK_SAMPLES`, with the same value while the rest of the signal changes."""
 MIN_STUCK_SAMPLES = 12
+MIN_STUCK_HOLDS = 8.0
+"""Length of such a stretch, at least, in usual stretches of one value."""
 JUMP_STEPS = 6.0
 """Size of the jump at the end of such a stretch, in usual steps of the signal: a signal that was really at rest starts
 gently."""
 MIN_JUMP_SHARE = 0.03
 """Smallest size of such a jump, as a share of the signal's range."""
-HOLD_NOISE_ORDERS = (3, 4, 5, 6, 7, 8)
-NORMAL_QUANTILE_30 = 0.3853
-"""Quantile 0.3 of |x| over the standard deviation, for normally distributed x."""
+QUIET_SHARE, QUIET_NORMAL = 0.3, 0.3853
+"""Share of a signal's differences that contain only noise, and this quantile of |x| over the standard deviation, for
+normally distributed x."""
 MAX_STOP_DISTANCE_SHARE = 0.02
 """Largest distance of stops at one position, as a share of the joint's range."""
 MAX_CHANCE_OF_STOPS = 0.01
@@ -64,20 +67,16 @@ def stuck(run: Run) -> Iterator[Check]:
     sticks = [name for name, channel in _joints(run) if held_at(channel)]
     for name, channel in run.channels.items():
         found = None if name in sticks else longest_hold(channel)
-        if (
-            found is not None
-            and channel.unit.endswith("/s")
-            and abs(channel.value[found[0]]) <= resolution(channel.value)
-        ):
+        if found is None:
+            continue
+        (begin, end), value = channel.time[list(found)], channel.value[found[0]]
+        if channel.unit.endswith("/s") and abs(value) <= resolution(channel.value):
             continue  # a joint at rest has a speed of 0
-        if found is not None:
-            begin, end = channel.time[found[0]], channel.time[found[1]]
-            yield Check(
-                "frozen", Severity.SUSPECT, run.name, (name,),
-                f"{name} holds {amount(channel.value[found[0]])} {channel.unit} from {begin:.4g} to {end:.4g} s, then "
-                "jumps",
-                f"empty the cells of {name} there, or look for a lost connection", float(begin), float(end),
-            )  # fmt: skip
+        yield Check(
+            "frozen", Severity.SUSPECT, run.name, (name,),
+            f"{name} holds {amount(value)} {channel.unit} from {begin:.4g} to {end:.4g} s, then jumps",
+            f"empty the cells of {name} there, or look for a lost connection", float(begin), float(end),
+        )  # fmt: skip
 
 
 def longest_hold(channel: Channel) -> tuple[int, int] | None:
@@ -88,14 +87,10 @@ def longest_hold(channel: Channel) -> tuple[int, int] | None:
         return None
     edges = np.concatenate([[-1], change, [len(value) - 1]])
     lengths = np.diff(edges)
-    usual = float(np.median(lengths))
     steps = np.abs(np.diff(value)[change])
     step = max(JUMP_STEPS * float(np.median(steps)), MIN_JUMP_SHARE * float(np.ptp(value)))
-    longest = [
-        k
-        for k in np.argsort(-lengths)[:3]
-        if lengths[k] >= max(MIN_STUCK_SAMPLES, MIN_STUCK_SHARE * len(value), 8.0 * usual)
-    ]
+    shortest = max(MIN_STUCK_SAMPLES, MIN_STUCK_SHARE * len(value), MIN_STUCK_HOLDS * float(np.median(lengths)))
+    longest = [k for k in np.argsort(-lengths)[:3] if lengths[k] >= shortest]
     shown = 2.0 * resolution(value)
     noisy = bool(longest) and np.mean(lengths == 1) > 0.9 and least_noise(channel) > shown
     for k in longest:
@@ -209,9 +204,9 @@ def encoders(run: Run) -> Iterator[tuple[str, Channel]]:
 def least_noise(channel: Channel) -> float:
     """Standard deviation of white noise where a signal is quietest, from the difference order with the least result."""
     found = []
-    for order in HOLD_NOISE_ORDERS:
+    for order in DIFFERENCE_ORDERS:
         if len(channel) > 4 * order:
             size = np.abs(normalised_differences(channel.time, channel.value, order))
             size = size[np.isfinite(size)]
-            found.append(float(np.quantile(size, 0.3)) / NORMAL_QUANTILE_30 if len(size) else 0.0)
+            found.append(float(np.quantile(size, QUIET_SHARE) / QUIET_NORMAL) if len(size) else 0.0)
     return min(found, default=0.0)

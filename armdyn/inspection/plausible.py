@@ -1,12 +1,14 @@
 """Check that the values of a fitted model are physically possible; otherwise the recording is probably wrong."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.identify.compare import Comparison
+from armdyn.inspection.arm import MAX_LIMITED_EFFORT
 from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount
 from armdyn.model import Model
 from armdyn.parameter import Parameter
@@ -32,9 +34,10 @@ def least(p: Parameter) -> float:
 
 def implausible(model: Model) -> list[Check]:
     """Find impossible values: a payload heavier than the robot, a friction that pushes, a base upside down."""
+    of_base = IMPOSSIBLE_BY_BASE.get(model.base, lambda _: iter(()))
     return [
         Check("implausible_model", Severity.WRONG, None, (name,), f"{said}: check your recording", CHECK_REMEDY)
-        for name, said in (*_sizes(model), *(_of_arm(model) if isinstance(model, ArmModel) else _of_swing(model)))
+        for name, said in (*_sizes(model), *of_base(model))
     ]
 
 
@@ -78,45 +81,28 @@ def _sizes(model: Model) -> Iterator[tuple[str, str]]:
 
 def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
     whole = float(model.arm.described[:, 0].sum())
+    limits = dict(zip(model.arm.joints, model.arm.model.effortLimit.tolist(), strict=True))
     for name, p in model.parameters.items():
         if p.effect == "payload" and p.unit == "kg" and least(p) > whole:
             yield name, f"{name} = {amount(p.value)} kg is a payload heavier than the arm of {amount(whole)} kg"
-        limit = _effort(model, p)
-        if (
-            limit is not None
-            and p.unit in ("N m", "N")
-            and least(p) > MAX_PERMANENT_TORQUE_SHARE * limit
-            and "spring" not in p.effect
-        ):
-            yield (
-                name,
-                f"{name} = {amount(p.value)} {p.unit} is more than the joint's limit of {amount(limit)} {p.unit}",
-            )
-    if any(p.effect == "link_inertia" for p in model.parameters.values()):
-        for joint, inertial in model.link_parameters().items():
-            own = model.parameters.get(f"link_inertia.mass[{joint}]")
-            if inertial[0] - (DETERMINED_DEVIATES * (own.std or 0.0) if own is not None else 0.0) > max(whole, 1.0):
-                said = (
-                    f"the link of {joint} would weigh {amount(inertial[0])} kg, more than the arm of {amount(whole)} kg"
-                )
-                yield f"link_inertia.mass[{joint}]", said
+        limit = limits.get(p.joint, 0.0) if p.effect and p.unit in ("N m", "N") and "spring" not in p.effect else 0.0
+        if 0.0 < limit < MAX_LIMITED_EFFORT and least(p) > MAX_PERMANENT_TORQUE_SHARE * limit:
+            said = f"{name} = {amount(p.value)} {p.unit} is more than the joint's limit of {amount(limit)} {p.unit}"
+            yield name, said
+    links = model.link_parameters() if any(p.effect == "link_inertia" for p in model.parameters.values()) else {}
+    for joint, (mass, *_) in links.items():
+        own = model.parameters.get(f"link_inertia.mass[{joint}]")
+        if mass - DETERMINED_DEVIATES * ((own.std if own is not None else 0.0) or 0.0) > max(whole, 1.0):
+            said = f"the link of {joint} would weigh {amount(mass)} kg, more than the arm of {amount(whole)} kg"
+            yield f"link_inertia.mass[{joint}]", said
     described, found = np.array(model.arm.model.gravity.linear), model.gravity()
     size = float(np.linalg.norm(described) * np.linalg.norm(found))
-    if size > 0.0 and np.arccos(np.clip(described @ found / size, -1.0, 1.0)) > MAX_BASE_TILT:
-        lean = float(np.rad2deg(np.arccos(np.clip(described @ found / size, -1.0, 1.0))))
-        yield "base_tilt", f"the base would lean by {lean:.0f} degrees against its description"
-
-
-def _effort(model: ArmModel, p: Parameter) -> float | None:
-    if not p.effect or p.joint not in model.joints:
-        return None
-    limit = float(model.arm.model.effortLimit[model.arm.joints.index(p.joint)])
-    return limit if 0.0 < limit < 1e4 else None
+    lean = np.arccos(np.clip(described @ found / size, -1.0, 1.0)) if size > 0.0 else 0.0
+    if lean > MAX_BASE_TILT:
+        yield "base_tilt", f"the base would lean by {np.rad2deg(lean):.0f} degrees against its description"
 
 
 def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
-    if model.base != "pendulum":
-        return
     length, mass, gravity = (model.parameters[name].value for name in ("length", "mass", "gravity"))
     for name in ("length", "mass"):
         p = model.parameters[name]
@@ -125,3 +111,7 @@ def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
     for name, p in model.parameters.items():
         if p.effect == "pivot_coulomb_friction" and p.value > mass * gravity * length:
             yield name, f"{name} = {amount(p.value)} {p.unit} would hold the load at any angle"
+
+
+IMPOSSIBLE_BY_BASE: Mapping[str, Callable[[Any], Iterator[tuple[str, str]]]] = {"arm": _of_arm, "pendulum": _of_swing}
+"""Impossible values of a model, by its base: the parameter's name, and what is wrong."""

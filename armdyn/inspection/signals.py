@@ -23,8 +23,8 @@ LOST_COUNT_DEVIATES = 12.0
 """Size of a permanent step of an encoder's mean, in standard deviations of the noise."""
 MIN_LOST_STEP = 0.01
 """Smallest such step, rad or m."""
-SAMPLES_BESIDE_STEP = 10
-"""Number of samples to either side of a step."""
+SAMPLES_BESIDE_STEP, MAX_STEPPED_DIFFERENCES = 10, 8
+"""Number of samples to either side of a step, and largest number of differences of a signal that show a step."""
 MIN_JITTER_RATIO = 0.15
 """Ratio of the interval's standard deviation to its median that is reported."""
 INTERVAL_TOLERANCE, MIN_REGULAR_SHARE = 0.2, 0.98
@@ -41,6 +41,10 @@ PLAUSIBLE_RANGES: Mapping[str, tuple[float, Kind, str]] = {
 }  # fmt: skip
 """Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
 kind of mistake, and the unit that it may be in. Used where no physics decides better."""
+FULL_TURNS = (2.0 * np.pi, 360.0)
+"""A full turn in rad, and in degrees that are declared as rad."""
+MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
+"""Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
@@ -54,23 +58,40 @@ def gaps(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def dropped(run: Run) -> Iterator[Check]:
-    """Find single samples, or a few, that are missing from a regular clock's sequence."""
+def _clocks(run: Run) -> Iterator[tuple[str, Channel, np.ndarray, float]]:
+    """First channel of every clock, with its name, its intervals (n - 1,) and their median, s."""
     seen: set[bytes] = set()
     for name, channel in run.channels.items():
         steps = np.diff(channel.time)
-        if len(steps) < MIN_SAMPLES or channel.time.tobytes() in seen:
+        if len(steps) >= MIN_SAMPLES and channel.time.tobytes() not in seen:
+            yield name, channel, steps, float(np.median(steps))
+            seen.add(channel.time.tobytes())
+
+
+def dropped(run: Run) -> Iterator[Check]:
+    """Find single samples, or a few, that are missing from a regular clock's sequence."""
+    for name, channel, steps, usual in _clocks(run):
+        counts = np.round(steps / usual)
+        if np.mean(np.abs(steps / usual - counts) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
             continue
-        seen.add(channel.time.tobytes())
-        times = steps / float(np.median(steps))
-        if np.mean(np.abs(times - np.round(times)) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
-            continue
-        missing = int(np.sum(np.round(times[steps <= shortest_gap(channel.time)]) - 1.0))
+        missing = int(np.sum(counts[steps <= shortest_gap(channel.time)] - 1.0))
         if missing > 0:
             yield Check(
                 "samples_dropped", Severity.NOTE, run.name, (name,),
                 f"{missing} of {len(channel) + missing} samples of {name} are missing, one or a few at a time",
                 "nothing to do: what lies between is interpolated",
+            )  # fmt: skip
+
+
+def rates(run: Run) -> Iterator[Check]:
+    """Find stamps with jitter."""
+    for name, _, steps, usual in _clocks(run):
+        spread = float(np.std(steps[steps < GAP_INTERVALS * usual])) / usual
+        if spread > MIN_JITTER_RATIO:
+            yield Check(
+                "rate", Severity.NOTE, run.name, (name,),
+                f"the interval between samples is {1e3 * usual:.3g} ms give or take {100 * spread:.0f} %",
+                "let the sensor's own clock stamp the samples; a program that reads a queue stamps when it reads",
             )  # fmt: skip
 
 
@@ -174,65 +195,34 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
 
     The size is the distance of the parabolas through the samples before and after it.
     """
-    value, n = channel.value, len(channel)
-    if n < 6 * SAMPLES_BESIDE_STEP:
+    time, value, n, beside = channel.time, channel.value, len(channel), SAMPLES_BESIDE_STEP
+    if n < 6 * beside:
         return None
-    third = np.nan_to_num(normalised_differences(channel.time, value, 3))
-    usual = quiet_std(channel.time, value) + resolution(value) / np.sqrt(12.0)
-    at = int(np.clip(np.argmax(np.abs(third)) + 1, SAMPLES_BESIDE_STEP, n - SAMPLES_BESIDE_STEP - 2))
-    if np.sum(np.abs(third) > 0.5 * LOST_COUNT_DEVIATES * usual) > 8:
+    third = np.abs(np.nan_to_num(normalised_differences(time, value, 3)))
+    usual = quiet_std(time, value) + resolution(value) / np.sqrt(12.0)
+    at = int(np.clip(np.argmax(third) + 1, beside, n - beside - 2))
+    longest = np.diff(time[at - beside + 1 : at + beside + 1]).max()
+    steps_often = np.sum(third > 0.5 * LOST_COUNT_DEVIATES * usual) > MAX_STEPPED_DIFFERENCES
+    if steps_often or longest > MAX_DIFFERENCE_SPAN * float(np.median(np.diff(time))):
         return None
-    around = channel.time[at - SAMPLES_BESIDE_STEP + 1 : at + SAMPLES_BESIDE_STEP + 1]
-    if np.diff(around).max() > MAX_DIFFERENCE_SPAN * float(np.median(np.diff(channel.time))):
-        return None
-    places = range(max(SAMPLES_BESIDE_STEP, at - 2), min(n - SAMPLES_BESIDE_STEP - 1, at + 3))
-    sizes, roughs = zip(*(_jump(channel.time, value, k) for k in places), strict=True)
-    best = int(np.argmin(roughs))
-    after = places[best] + 1
+    places = range(max(beside, at - 2), min(n - beside - 1, at + 3))
+    rough, after, size = min((_jump(time, value, k)[1], k + 1, _jump(time, value, k)[0]) for k in places)
     # Where a single sample makes the step, the sample is wrong.
-    without = [
-        _jump(np.delete(channel.time, i), np.delete(value, i), after - 2 + k)[0]
-        for k, i in enumerate((after - 1, after))
-    ]
-    size = min((sizes[best], *without), key=abs)
-    return (
-        (after, size)
-        if abs(size) > max(LOST_COUNT_DEVIATES * usual, LOST_COUNT_DEVIATES * roughs[best], MIN_LOST_STEP)
-        else None
-    )
+    for k, i in enumerate((after - 1, after)):
+        size = min(size, _jump(np.delete(time, i), np.delete(value, i), after - 2 + k)[0], key=abs)
+    return (after, size) if abs(size) > max(LOST_COUNT_DEVIATES * max(usual, rough), MIN_LOST_STEP) else None
 
 
 def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
     """Distance of the parabolas between samples k and k + 1, and the root mean square of their residuals."""
-    when = time[k - SAMPLES_BESIDE_STEP + 1 : k + SAMPLES_BESIDE_STEP + 1] - time[k]
-    middle = 0.5 * (when[SAMPLES_BESIDE_STEP - 1] + when[SAMPLES_BESIDE_STEP])
+    beside, middle = SAMPLES_BESIDE_STEP, 0.5 * (time[k + 1] - time[k])
     ends, left = [], []
-    for t, y in zip(
-        np.split(when, 2), np.split(value[k - SAMPLES_BESIDE_STEP + 1 : k + SAMPLES_BESIDE_STEP + 1], 2), strict=True
-    ):
+    for part in (slice(k - beside + 1, k + 1), slice(k + 1, k + beside + 1)):
+        t, y = time[part] - time[k], value[part]
         curve = np.polyfit(t, y, 2)
         ends.append(float(np.polyval(curve, middle)))
         left.append(float(np.std(y - np.polyval(curve, t))))
     return ends[1] - ends[0], max(left)
-
-
-def rates(run: Run) -> Iterator[Check]:
-    """Find stamps with jitter."""
-    seen: set[bytes] = set()
-    for name, channel in run.channels.items():
-        steps = np.diff(channel.time)
-        if len(steps) < MIN_SAMPLES or channel.time.tobytes() in seen:
-            continue
-        seen.add(channel.time.tobytes())
-        usual = float(np.median(steps))
-        near = steps[steps < GAP_INTERVALS * usual]
-        spread = float(np.std(near)) / usual
-        if spread > MIN_JITTER_RATIO:
-            yield Check(
-                "rate", Severity.NOTE, run.name, (name,),
-                f"the interval between samples is {1e3 * usual:.3g} ms give or take {100 * spread:.0f} %",
-                "let the sensor's own clock stamp the samples; a program that reads a queue stamps when it reads",
-            )  # fmt: skip
 
 
 def noises(run: Run) -> Iterator[Check]:
@@ -253,9 +243,7 @@ def noises(run: Run) -> Iterator[Check]:
 def motions(run: Run) -> Iterator[Check]:
     """Find recordings in which nothing moves."""
     moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
-    if not moving:
-        return
-    if not any(moves(run.channels[name]) for name in moving):
+    if moving and not any(moves(run.channels[name]) for name in moving):
         yield Check(
             "no_motion", Severity.SUSPECT, run.name, tuple(moving),
             f"nothing moves: {', '.join(moving[:4])} stay where they are",
@@ -274,15 +262,14 @@ def moves(channel: Channel) -> bool:
 def ranges(run: Run) -> Iterator[Check]:
     """Find values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
-        if channel.unit in PLAUSIBLE_RANGES:
-            most, kind, unit = PLAUSIBLE_RANGES[channel.unit]
-            top = float(np.quantile(np.abs(channel.value), 0.99))
-            if top > most:
-                yield Check(
-                    kind, Severity.SUSPECT, run.name, (name,),
-                    f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
-                    f"write '{name} [{unit}]' in the header if it is",
-                )  # fmt: skip
+        most, kind, unit = PLAUSIBLE_RANGES.get(channel.unit, (np.inf, "scale", ""))
+        top = float(np.quantile(np.abs(channel.value), 0.99))
+        if top > most:
+            yield Check(
+                kind, Severity.SUSPECT, run.name, (name,),
+                f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
+                f"write '{name} [{unit}]' in the header if it is",
+            )  # fmt: skip
 
 
 def wraps(run: Run) -> Iterator[Check]:
@@ -292,15 +279,16 @@ def wraps(run: Run) -> Iterator[Check]:
             continue
         step = np.diff(channel.value)
         usual = float(np.quantile(np.abs(step), 1.0 - MAX_WRAPPED_SHARE)) if len(step) else 0.0
-        turn = next((t for t in FULL_TURNS if usual < MAX_STEP_TURNS * t and np.any(_round(step, t))), 0.0)
-        if not turn:
+        turns = ((turn, _round(step, turn)) for turn in FULL_TURNS if usual < MAX_STEP_TURNS * turn)
+        turn, wrapped = next(((turn, at) for turn, at in turns if at.any()), (0.0, None))
+        if wrapped is None:
             continue
-        many = int(np.count_nonzero(_round(step, turn)))
         yield Check(
             "wrapped", Severity.WRONG, run.name, (name,),
-            f"{name} counts from the other end again after {amount(turn)} rad, {many} times: no joint turns that fast",
+            f"{name} counts from the other end again after {amount(turn)} rad, {wrapped.sum()} times: no joint turns "
+            "that fast",
             f"armdyn inspect {run.source or run.name} --fix fixed",
-            float(channel.time[1:][_round(step, turn)][0]), float(channel.time[-1]),
+            float(channel.time[1:][wrapped][0]), float(channel.time[-1]),
             correction=Correction({name: Reading(name, turn=turn)}),
         )  # fmt: skip
 
@@ -325,10 +313,6 @@ def unanswered(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-FULL_TURNS = (2.0 * np.pi, 360.0)
-"""A full turn in rad, and in degrees that are declared as rad."""
-MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
-"""Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
     rates, noises, unanswered,
