@@ -80,9 +80,14 @@ class Entry:
     why: str = ""
 
     @property
-    def reason(self) -> str:
-        """Why, and what is open; for a person."""
-        return reason(self.why, self.check)
+    def quantity(self) -> str:
+        """The channel's name before the dot, such as ``"q"``."""
+        return self.channel.partition(".")[0]
+
+    @property
+    def joint(self) -> str:
+        """Joint of the channel; empty for a channel of a pendulum."""
+        return self.channel.partition(".")[2]
 
 
 def reason(why: str, check: str) -> str:
