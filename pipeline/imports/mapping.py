@@ -9,8 +9,8 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 "M1 cur" = { channel = "tau.shoulder", unit = "A", torque_constant = "0.12 N m/A", gear_ratio = 100 }
 ```
 
-A channel is ``sign * scale * value * (unit) + offset``; ``late`` is the delay of its stamps. With a gear ratio N, a motor
-turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
+A channel is ``sign * scale * value * (unit) + offset``, and ``late`` is the delay of its stamps. With a gear ratio N, a
+motor turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
 torques are multiplied by it. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
 
 Where the columns of one file belong to several runs, ``[runs.NAME]`` contains the keys of one run, such as
