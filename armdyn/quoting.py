@@ -50,3 +50,9 @@ def script_json(value: object) -> str:
 def _escape(character: str) -> str:
     code = ord(character)
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def listed(names: Iterable[str], most: int = 4) -> str:
+    """Names for a sentence, separated by commas; beyond `most` of them, the number of the others."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

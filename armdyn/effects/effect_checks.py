@@ -149,7 +149,7 @@ def _wrong_with_column(column: RecordedColumn) -> str | None:
         base = to_base_units(column.unit) if isinstance(column.unit, str) else None
     except InputError as error:
         return str(error)
-    if base != (column.unit, 1.0, 0.0):
+    if base is None or base[1:] != (1.0, 0.0):
         return f"unit is {column.unit!r:.60}: write it in SI base units, such as {'K' if base is None else base[0]!r}"
     return None
 

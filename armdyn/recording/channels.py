@@ -136,7 +136,8 @@ def channel_unit(name: str, unit: str) -> Conversion:
     if is_auxiliary(name):
         if not unit:
             raise InputError(f"it has no unit: write it as '{name} [K]', or in whatever it is; '1' is a plain number")
-        return Conversion(*to_base_units(unit))
+        base, factor, zero = to_base_units(unit)
+        return Conversion(unit if (factor, zero) == (1.0, 0.0) else base, factor, zero)
     problems = []
     for si in choices:
         try:

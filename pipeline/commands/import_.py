@@ -178,7 +178,7 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
     if found.time:
         table.add_row(found.time, "time", found.time_unit, reason(found.why, found.check))
     for column, entry in found.entries.items():
-        table.add_row(column, entry.channel, entry.unit or columns[column].unit, entry.reason)
+        table.add_row(column, entry.channel, entry.unit or columns[column].unit, reason(entry.why, entry.check))
     to_screen().print(table)
     asked = [column for column, entry in found.entries.items() if entry.check]
     asked += [found.time] if found.check else []

@@ -1,4 +1,4 @@
-"""Recordings of others as runs. Each file here that has `READERS` reads more kinds; nothing else lists them."""
+"""Recordings in other formats as runs. The readers are the `READERS` of every module here; nothing else lists them."""
 
 from functools import cache
 from importlib import import_module
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
 @cache
 def readers() -> "tuple[Reader, ...]":
-    """Of every kind of recording."""
+    """The readers of all kinds of recordings."""
     modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return tuple(reader for module in modules for reader in getattr(module, "READERS", ()))
 
 
 def read_foreign(path: Path) -> "list[Foreign]":
-    """The recordings in a file or directory; most hold one.
+    """The recordings in a file or directory; most contain one.
 
     Raises:
-        InputError: it is of no kind that can be read, or cannot be read.
+        InputError: no reader is for it, or it cannot be read.
     """
     for reader in readers():
         if reader.accepts(path):

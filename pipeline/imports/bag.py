@@ -1,21 +1,24 @@
-"""ROS 1 bags, ROS 2 bags (sqlite3, MCAP) and MCAP files, with the message definitions that they carry.
+"""ROS 1 bags, ROS 2 bags (sqlite3, MCAP) and MCAP files, with the message definitions that they contain.
 
-A JointState gives positions, velocities and efforts by joint; of every other message each number is a column, named by
-topic and field. Stamps are the header's, else the time at which the message was recorded.
+A JointState gives positions, velocities and efforts by joint. Of every other message each number becomes a column,
+named by topic and field. The time of a sample is the header's stamp, or else the time at which it was recorded.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from armdyn.errors import InputError
+from armdyn.quoting import listed
 from armdyn.recording.channels import MIN_SAMPLES
 from pipeline.imports.foreign import Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
-from pipeline.imports.messages import Reading, messages
+from pipeline.imports.messages import Decoders
+from pipeline.imports.packets import packets
 from pipeline.imports.publishers import FIELDS, JOINT_STATE, TOLD, Publishers
 from pipeline.imports.words import COMMANDED, words_of
 from urdf.bounds import MOST_COLUMNS
@@ -23,10 +26,10 @@ from urdf.bounds import MOST_COLUMNS
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
-TOLD_TOPIC = COMMANDED - {"as", "action", "plan", "planned", "nominal", "demand"}
-"""Words of topics on which joint states are what joints are told."""
+COMMAND_TOPIC = COMMANDED - {"as", "action", "plan", "planned", "nominal", "demand"}
+"""Words in the name of a topic whose joint states are commands."""
 LONGEST_ARRAY = 64
-"""Numbers of an array that become columns; longer ones are images and clouds."""
+"""Largest length of an array whose numbers become columns; longer ones are images and point clouds."""
 
 
 def read_bag(path: Path) -> Foreign:
@@ -36,67 +39,74 @@ def read_bag(path: Path) -> Foreign:
         path: a .bag, .mcap or .db3 file, or the directory of a ROS 2 bag.
 
     Raises:
-        InputError: rosbags is not installed, or the bag cannot be read or holds no number.
+        InputError: rosbags is not installed, or the bag cannot be read or contains no number.
     """
-    reading, publishers, crowded = Reading(), Publishers(), set[str]()
-    for connection, received, content in messages(path, reading):
+    decoders, publishers, problems = Decoders(), Publishers(), list[str]()
+    unread: dict[str, int] = {}
+    for connection, received, data in packets(path, problems):
         topic = connection.topic
+        if (decode := decoders.of(connection)) is None:
+            continue
         try:
-            joints, command = _joints(connection.kind, content), _told(connection.kind, content)
-            if command is not None:
-                beside = [(name, value, "") for name, value in _numbers(topic, content)]
-                at = topic, connection.publisher
-                publishers.take_joints(*at, *command, _stamp(content), received, told=True, beside=beside)
-            elif joints is not None and TOLD_TOPIC & set(words_of(topic)):
-                at = topic, connection.publisher
-                publishers.take_joints(*at, *joints, _stamp(content), received, told=True)
-            elif joints is not None:
-                publishers.take_joints(topic, connection.publisher, *joints, _stamp(content), received)
-            elif topic not in crowded:
-                entries = [(name, value, "") for name, value in _numbers(topic, content)]
-                if publishers.count + len(entries) > MOST_COLUMNS:
-                    crowded.add(topic)
-                publishers.take(topic, connection.publisher, _stamp(content), received, entries[:MOST_COLUMNS])
+            content = decode(data)
+        except Exception:  # bytes that do not fit a definition surface as any exception
+            unread[topic] = unread.get(topic, 0) + 1
+            continue
+        try:
+            _take(publishers, topic, connection.kind, connection.publisher, 1e-9 * received, content)
         except (TypeError, ValueError, AttributeError, OverflowError):  # fields that are not what their names say
-            reading.unread[topic] += 1
-    notes = list(reading.notes)
-    if reading.ending.problem:
-        if not publishers.count:
-            raise InputError(f"{path}: cannot be read as a bag: {reading.ending.problem}")
-        notes.append(f"not all of it can be read: {reading.ending.problem}")
-    if crowded:
-        notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {', '.join(sorted(crowded))} left out")
-    columns, accounts, told = publishers.columns(reading.unread)
-    nothing = [f"{topic}: nothing can be read of its {n} messages" for topic, n in reading.unread.items()]
-    notes += [said for said, topic in zip(nothing, reading.unread, strict=True) if topic not in accounts]
-    columns, more = _chosen(_measured(columns))
+            unread[topic] = unread.get(topic, 0) + 1
+    notes = decoders.notes()
+    columns, accounts, changes = publishers.columns(unread)
+    if problems and not columns:
+        raise InputError(f"{path}: cannot be read as a bag: {problems[-1]}")
+    if problems:
+        notes.append(f"not all of it can be read: {problems[-1]}")
+    if publishers.crowded:
+        notes.append(f"more than {MOST_COLUMNS} numbers in its messages: {listed(sorted(publishers.crowded))} left out")
+    notes += [
+        f"{topic}: nothing can be read of its {n} messages" for topic, n in unread.items() if topic not in accounts
+    ]
+    columns, choices = _chosen(_measured(columns))
     if not columns:
         raise InputError(f"{path}: holds no numbers that were recorded {MIN_SAMPLES} times: give another bag")
-    return Foreign(path.stem, columns, (*notes, *told, *more), accounts=accounts)
+    return Foreign(path.stem, columns, (*notes, *changes, *choices), accounts=accounts)
 
 
-def _joints(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
-    """Names and fields of a message of joints; None of any other."""
+def _take(publishers: Publishers, topic: str, kind: str, publisher: str, received: float, content: Any) -> None:
+    """Add the numbers of one message: as measurements or commands of joints, else as they are."""
+    stamp = _stamp(content)
+    numbers = ((name, value, "") for name, value in _numbers(topic, content))
+    if (command := _command(kind, content)) is not None:
+        publishers.take_joints(topic, publisher, *command, stamp, received, told=True, beside=list(numbers))
+    elif (state := _joint_state(kind, content)) is not None:
+        told = not COMMAND_TOPIC.isdisjoint(words_of(topic))
+        publishers.take_joints(topic, publisher, *state, stamp, received, told=told)
+    else:
+        publishers.take(topic, publisher, stamp, received, list(numbers))
+
+
+def _joint_state(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
+    """Names and fields of a message about the state of joints; None for any other message."""
     if kind == DYNAMIC_JOINT_STATE:
-        every = [
-            (f"{joint}/{interface}", value)
+        found = {
+            f"{joint}/{interface}": value
             for joint, own in zip(content.joint_names, content.interface_values, strict=True)
             for interface, value in zip(own.interface_names, own.values, strict=True)
-        ]
-        return [name for name, _ in every], {"position": [value for _, value in every]}
+        }
+        return list(found), {"position": list(found.values())}
     names = _field(content, "name")
     if kind == JOINT_STATE or (isinstance(content, dict) and isinstance(names, list) and "position" in content):
         return names, {part: _field(content, part) for part, _ in FIELDS}
     return None
 
 
-def _told(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
-    """Names and fields of what a message tells joints to do now; None of any other.
+def _command(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | None:
+    """Names and fields of a message that contains the present command of joints; None for any other message.
 
-    A controller's state says what it was told, as it interpolates it; a trajectory of one point is a command, one of
-    many is a plan, which its controller's state tells.
+    The state of a controller contains the interpolated command. A trajectory of one point is a command; one of many
+    points is a plan, whose present point is in the controller's state.
     """
-    parts = {"position": "positions", "velocity": "velocities", "effort": "effort"}
     point: Any = None
     if kind == CONTROLLER_STATE:
         point = _field(content, "reference") or _field(content, "desired")
@@ -105,11 +115,12 @@ def _told(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]] | 
         point = points[0] if points is not None and len(points) == 1 else None
     if point is None:
         return None
+    parts = {"position": "positions", "velocity": "velocities", "effort": "effort"}
     return _field(content, "joint_names"), {part: _field(point, name) for part, name in parts.items()}
 
 
 def _measured(columns: Mapping[str, Column]) -> Mapping[str, Column]:
-    """Columns, of which what joints were told counts as measured where nothing says where they went."""
+    """The columns; where no position was measured, commands count as measurements."""
     if any(column.channel.startswith("q.") for column in columns.values()):
         return columns
     back = {told: quantity for quantity, told in TOLD.items()}
@@ -125,61 +136,57 @@ def _field(content: Any, name: str) -> Any:
 
 
 def _stamp(content: Any) -> float:
-    """s, of a message's header; nan where it has none, or one of 0."""
+    """Stamp of a message's header [s]; nan where there is none, or it is 0."""
     stamp = _field(_field(content, "header"), "stamp")
-    parts = [next((p for n in names if (p := _field(stamp, n)) is not None), 0) for names in (("sec", "secs"), _NANO)]
-    time = float(parts[0]) + 1e-9 * float(parts[1])
+    seconds, nanoseconds = (
+        next((value for name in names if (value := _field(stamp, name)) is not None), 0)
+        for names in (("sec", "secs"), ("nanosec", "nsecs", "nsec"))
+    )
+    time = float(seconds) + 1e-9 * float(nanoseconds)
     return time if time > 0.0 else np.nan
 
 
-_NANO = ("nanosec", "nsecs", "nsec")
-
-
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Every number in a message, named by its way there."""
+    """Every number in a message, named by its path."""
     if isinstance(value, bool | int | float | np.bool_ | np.integer | np.floating):
         yield name, float(value)
-    elif isinstance(value, list | np.ndarray):
-        if 0 < len(value) <= LONGEST_ARRAY:
-            for i, entry in enumerate(value):
-                yield from _numbers(f"{name}/{i}", entry)
+        return
+    parts: Mapping[str, Any] = {}
+    if isinstance(value, list | np.ndarray):
+        parts = {str(i): entry for i, entry in enumerate(value)} if len(value) <= LONGEST_ARRAY else {}
     elif isinstance(value, dict):  # of JSON
-        for part, entry in value.items():
-            if part != "header":
-                yield from _numbers(f"{name}/{part}", entry)
+        parts = value
     elif hasattr(value, "__dataclass_fields__"):
-        for part in value.__dataclass_fields__:
-            if part not in ("header", "__msgtype__") and not part.isupper():  # constants of the definition
-                yield from _numbers(f"{name}/{part}", getattr(value, part))
+        fields = value.__dataclass_fields__
+        # Names in capitals are constants of the definition.
+        parts = {part: getattr(value, part) for part in fields if part != "__msgtype__" and not part.isupper()}
+    yield from chain.from_iterable(_numbers(f"{name}/{part}", own) for part, own in parts.items() if part != "header")
 
 
 def _chosen(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
-    """What was recorded often enough; of several topics with the same joint that which changes, else the longest."""
+    """Columns with enough samples, and sentences; of several topics with one channel, the most informative is used."""
     kept = {name: column for name, column in columns.items() if np.isfinite(column.value).sum() >= MIN_SAMPLES}
     best: dict[str, str] = {}
     for name, column in kept.items():
-        if column.channel and (column.channel not in best or _said(column) > _said(kept[best[column.channel]])):
-            best[column.channel] = name
+        if column.channel and (best.setdefault(column.channel, name) != name):
+            best[column.channel] = max(best[column.channel], name, key=lambda of: _information(kept[of]))
     notes = []
     for name, column in kept.items():
         if column.channel and best[column.channel] != name:
-            kept[name] = Column(column.value, column.unit, column.time, source=column.source)
+            kept[name] = replace(column, channel="")
             notes.append(f"{name}: {best[column.channel]} has more samples of {column.channel}, and is used")
-    efforts = {c.channel.removeprefix("tau.") for c in kept.values() if c.channel.startswith("tau.")}
-    if efforts >= AMPERE:
+    if {f"tau.{joint}" for joint in AMPERE} <= {column.channel for column in kept.values()}:
         notes.append(f"efforts were taken as N m: {IN_AMPERE}; then give --map with a torque_constant")
-    few = [name for name in columns if name not in kept]
-    if few:
-        some = ", ".join(few[:4]) + (f" and {len(few) - 4} more" if len(few) > 4 else "")
-        notes.append(f"fewer than {MIN_SAMPLES} numbers: {some}: left out")
+    if few := [name for name in columns if name not in kept]:
+        notes.append(f"fewer than {MIN_SAMPLES} numbers: {listed(few)}: left out")
     return kept, notes
 
 
-def _said(column: Column) -> tuple[bool, int]:
-    """How much a column says."""
+def _information(column: Column) -> tuple[bool, int]:
+    """Sort key of columns of one channel: whether the values change, number of samples."""
     return bool(np.ptp(column.value[np.isfinite(column.value)]) > 0.0), len(column.value)
 
 
-PARTS = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
-"""How recorders of ROS 2 call the files of a bag: as its directory."""
-READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", PARTS),)
+BAG_FILES = tuple(f"{{name}}{number}.{kind}" for number in ("", "_[0-9]*") for kind in ("db3", "db3.zstd", "mcap"))
+"""Names of the files in the directory of a ROS 2 bag, by the name of the directory."""
+READERS = (Reader(lambda path: [read_bag(path)], (".bag", ".mcap", ".db3"), "ROS 2 bag", "metadata.yaml", BAG_FILES),)

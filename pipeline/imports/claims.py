@@ -1,4 +1,4 @@
-"""What a column may be, and which of several columns a channel is taken from: the same of an arm and of a pendulum."""
+"""Claims of columns to channels; the best claim to each channel is used."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -8,14 +8,14 @@ from pipeline.imports.words import Label
 
 @dataclass(frozen=True)
 class Claim:
-    """That a column is a quantity of a body.
+    """A possible meaning of a column.
 
     Attributes:
-        column: its name.
-        channel: of the contract, that it would become.
-        body: whose quantity it is: a joint, or the part of a pendulum.
-        label: what its header says, with the quantity that it is taken for.
-        doubts: why a person must look; empty where it is sure.
+        column: name of the column.
+        channel: channel of the contract that it would become.
+        body: joint, or part of a pendulum, to which the quantity belongs.
+        label: the column's header, with the claimed quantity.
+        doubts: reasons why a person must look; empty where the meaning is certain.
     """
 
     column: str
@@ -26,12 +26,12 @@ class Claim:
 
     @property
     def rank(self) -> tuple[bool, bool, bool]:
-        """Smaller is better: a torque before a current, the joint's before the motor's, the sure before the unsure."""
+        """Sort key, smaller is better: a torque before a current, a joint before a motor, certain before uncertain."""
         return self.label.quantity == "current", "motor" in self.label.words, bool(self.doubts)
 
 
 def best_claims(claims: Iterable[Claim]) -> list[Claim]:
-    """The best claim to every channel, in the order of the columns; of equals the first, with a doubt."""
+    """The best claim to every channel, in the order of the columns; of equal ones the first, with a doubt."""
     groups: dict[str, list[Claim]] = {}
     for claim in claims:
         groups.setdefault(claim.channel, []).append(claim)

@@ -1,6 +1,6 @@
-"""Makes a run of a foreign recording by a mapping; every mistake in the mapping is told at once.
+"""Make a run of a foreign recording by a mapping; every mistake in the mapping is reported at once.
 
-What the recording lacks blocks nothing else: a column without numbers is left out and named.
+A column without numbers is left out and named; the other columns are imported all the same.
 """
 
 from collections.abc import Collection
@@ -33,19 +33,21 @@ from pipeline.imports.words import fits
 from urdf.table_file import join_problems
 
 YEARS = 2000, 2100
-"""Between which stamps since 1970 are dates; no recording lasts so long that its own time goes so far."""
+"""Years of stamps that are dates, in seconds since 1970; no recording lasts so long that its own time goes so far."""
 MOTOR_SIDE = {"q": -1, "v": -1, "a": -1, "tau": 1, "q_cmd": -1, "v_cmd": -1, "tau_ff": 1}
-"""Power of the gear ratio by which a motor's value is multiplied to be the joint's."""
+"""Power of the gear ratio that converts a motor's value to the joint's, by quantity."""
+NEVER_ZERO = ("v", "a", "tau")
+"""Quantities of a joint for which drivers send 0 where they do not measure them."""
 Rows = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of a recording.
+    """A run that was made of a recording.
 
     Attributes:
         run: the channels of the mapping.
-        accounts: what became of the samples that they are made of, for each topic, or for the table.
+        accounts: accounts of the samples, for each topic, or for the table.
     """
 
     run: Run
@@ -53,7 +55,7 @@ class Imported:
 
     @property
     def checks(self) -> list[Check]:
-        """What a person must know before the run is believed."""
+        """Findings of the import, which a person must know before using the run."""
         return [check for account in self.accounts for check in account.checks(self.run.name)]
 
 
@@ -62,71 +64,68 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
 
     Args:
         foreign: the recording.
-        mapping: which column is which channel.
-        elsewhere: columns that other recordings have which are imported with it; this one may lack them.
+        mapping: meaning of its columns.
+        elsewhere: columns of other recordings that are imported with it; this one may lack them.
 
     Raises:
-        InputError: lists everything that is wrong.
+        InputError: the message lists every mistake.
     """
     problems: list[str] = []
     notes = [*foreign.notes, *mapping.notes]
     table: tuple[FloatArray, Rows] | None = None
     accounts: list[Account] = []
-    silent: list[str] = []
+    empty: list[str] = []
     if foreign.is_table:
         with collect(problems):
             time, rows, account = _table_time(foreign, mapping)
             table = time, rows
             accounts.append(account)
     channels: dict[str, Channel] = {}
-    taken: dict[str, str] = {}
+    used: dict[str, str] = {}
     for name, entry in mapping.entries.items():
         if name not in foreign.columns and name in elsewhere:
             notes.append(f"no column '{name}', which others have: no {entry.channel}")
         elif name not in foreign.columns:
             problems.append(str(UnknownNameError("column", name, foreign.columns)))
-        elif taken.setdefault(entry.channel, name) != name:
-            problems.append(f"'{taken[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
-        elif why := _says_nothing(foreign.columns[name], entry):
-            silent.append(f"'{name}' {why}: no {entry.channel}")
+        elif used.setdefault(entry.channel, name) != name:
+            problems.append(f"'{used[entry.channel]}' and '{name}' are both {entry.channel}: keep one of them")
+        elif why := _is_empty(foreign.columns[name], entry):
+            empty.append(f"'{name}' {why}: no {entry.channel}")
         else:
             with collect(problems, f"'{name}'"):
                 channels[entry.channel] = _channel(name, foreign.columns[name], entry, table, notes)
     if not (problems or channels):
-        problems += silent or ["it has none of the columns of the mapping"]
-    notes += silent
+        problems += empty or ["it has none of the columns of the mapping"]
+    notes += empty
     with collect(problems):
         check_joint_units((name, channel.unit) for name, channel in channels.items())
     if problems:
         raise InputError(f"{foreign.name}: {join_problems(problems)}")
     first = min(channel.time[0] for channel in channels.values())
-    channels = {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()}
     sources = dict.fromkeys(column.source for name, column in foreign.columns.items() if name in mapping.entries)
-    accounts += [foreign.accounts[source] for source in sources if source in foreign.accounts]
     run = Run(
-        foreign.name, channels, mapping.sidecar.known, {n: k.value for n, k in mapping.sidecar.noise.items()},
-        mapping.sidecar.description, warnings=tuple(notes), recorded=mapping.sidecar.recorded or _date(first),
+        foreign.name,
+        {name: Channel(c.time - first, c.value, c.unit) for name, c in channels.items()},
+        mapping.sidecar.known,
+        {name: noise.value for name, noise in mapping.sidecar.noise.items()},
+        mapping.sidecar.description,
+        warnings=tuple(notes),
+        recorded=mapping.sidecar.recorded or _date(first),
         asked={channel: doubt for channel, doubt in mapping.asked.items() if channel in {"time", *channels}},
-    )  # fmt: skip
-    return Imported(run, tuple(accounts))
+    )
+    return Imported(run, (*accounts, *(foreign.accounts[source] for source in sources if source in foreign.accounts)))
 
 
-NEVER_ZERO = ("v", "a", "tau")
-"""Quantities of a joint that drivers send as 0 where they do not measure them."""
-
-
-def _says_nothing(column: Column, entry: Entry) -> str:
-    """Why a column becomes no channel; empty where it does."""
+def _is_empty(column: Column, entry: Entry) -> str:
+    """Reason why a column becomes no channel; empty where it becomes one."""
     present = column.value[np.isfinite(column.value)]
     if len(present) < MIN_SAMPLES:
         return f"holds {len(present)} numbers where at least {MIN_SAMPLES} are needed"
-    if entry.channel.partition(".")[0] in NEVER_ZERO and not present.any():
-        return "holds nothing but zeros"
-    return ""
+    return "holds nothing but zeros" if entry.quantity in NEVER_ZERO and not present.any() else ""
 
 
 def _date(stamp: float) -> datetime | None:
-    """When a recording began whose stamps are s since 1970; None where they count from anything else."""
+    """Date of a stamp in seconds since 1970; None where the stamp counts from another moment."""
     first, last = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in YEARS)
     return datetime.fromtimestamp(round(stamp), UTC).replace(tzinfo=None) if first <= stamp < last else None
 
@@ -134,22 +133,20 @@ def _date(stamp: float) -> datetime | None:
 def _channel(
     name: str, column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None, notes: list[str]
 ) -> Channel:
-    """The channel that a column becomes, with the time of its table, or with its own where that is None."""
+    """The channel that a column becomes; `table` contains the stamps [s] and indices of the rows of a table."""
     to_si = _conversion(entry, entry.unit or column.unit)
     value = to_si(column.value)
     if table is not None:
         time, value = table[0], value[table[1]]
     elif column.time is not None:
         time = column.time
-    else:  # the time of the table cannot be used, which is told once
+    else:  # the time of the table is unusable, which is reported once
         time = np.arange(len(value), dtype=float)
     present = np.isfinite(value)
     if table is None and not present.all():
         notes.append(f"'{name}': {np.count_nonzero(~present)} of {len(value)} values are no numbers: they are missing")
-    beyond = present & (
-        np.abs(value, where=present, out=np.zeros_like(value))
-        > MAX_SIZE_BY_UNIT.get(to_si.unit, MAX_SIZE_OF_OTHER_UNITS)
-    )
+    largest = MAX_SIZE_BY_UNIT.get(to_si.unit, MAX_SIZE_OF_OTHER_UNITS)
+    beyond = np.abs(np.where(present, value, 0.0)) > largest
     if beyond.any() and 2 * beyond.sum() < present.sum():
         notes.append(
             f"'{name}': {beyond.sum()} values, such as {value[beyond][0]:.4g} {to_si.unit}, are nothing that a sensor "
@@ -163,37 +160,36 @@ def _channel(
 
 
 def _conversion(entry: Entry, unit: str) -> Conversion:
-    """From values in `unit` to those of the channel that they become.
+    """The conversion of values in `unit` to those of the entry's channel.
 
     Raises:
-        InputError: the unit is missing or of another kind, or a gear stands where none can be.
+        InputError: the unit is missing or of another kind, or the channel has no gear.
     """
-    quantity = entry.channel.partition(".")[0]
     zero = 0.0
     if not unit:
         units = " or ".join(channel_kind(entry.channel).units)
         raise InputError(f'its unit is not known: add unit = "..." to its line, such as {units}')
     if entry.torque_constant:
-        if quantity != "tau":
+        if entry.quantity != "tau":
             raise InputError(f"a torque constant makes torques of currents, not {entry.channel}")
         try:
             constant, si = parse_quantity(entry.torque_constant, "N m/A").value, "N m"
         except InputError:
             constant, si = parse_quantity(entry.torque_constant, "N/A").value, "N"
         factor = si_factor(unit, "A") * constant
-    elif quantity == "tau" and fits(unit, "A"):
+    elif entry.quantity == "tau" and fits(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
         si, factor, zero = channel_unit(entry.channel, unit)
-    if entry.gear_ratio != 1.0 and quantity not in MOTOR_SIDE:
+    if entry.gear_ratio != 1.0 and entry.quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
-    factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(quantity, 0)
+    factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(entry.quantity, 0)
     offset = parse_quantity(entry.offset, si).value if entry.offset else 0.0
     return Conversion(si, factor, zero + offset)
 
 
 def _table_time(foreign: Foreign, mapping: ColumnMap) -> tuple[FloatArray, Rows, Account]:
-    """Stamps in s of the rows of a table that are used, their indices, and what became of the others."""
+    """Stamps [s] and indices of the rows of a table that are used, and their account."""
     count = len(next(iter(foreign.columns.values())).value)
     if mapping.rate:
         return np.arange(count) / parse_quantity(mapping.rate, "Hz").value, np.arange(count), Account("", count, count)
@@ -203,8 +199,7 @@ def _table_time(foreign: Foreign, mapping: ColumnMap) -> tuple[FloatArray, Rows,
         raise UnknownNameError("column", mapping.time, foreign.columns)
     column = foreign.columns[mapping.time]
     with at(f"'{mapping.time}'"):
-        time = column.value * si_factor(mapping.time_unit or column.unit or "s", "s")
-    found = dated(time)
+        found = dated(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
     account = Account("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_SAMPLES:
         raise InputError(f"'{mapping.time}' is no time: {account.sentence}: sort the rows by time, or {TIME_LINE}")

@@ -1,11 +1,12 @@
-"""A recording as somebody else wrote it, a table, a bag or a data set: columns of numbers, whatever they are called."""
+"""A recording in another format, a table, a bag or a data set: columns of numbers under the names of the file."""
 
 import glob
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armdyn.inspection.check import Check, Severity
+from armdyn.inspection.check import Check, Kind, Severity
+from armdyn.quoting import listed
 from armdyn.recording.channels import FloatArray, name_and_unit
 
 
@@ -14,11 +15,11 @@ class Column:
     """Numbers under one name.
 
     Attributes:
-        value: (n,), nan for missing samples.
-        unit: as it is written in the file; empty where it is not.
-        time: (n,) s; None in a table, where a column of it is the time.
-        channel: of the contract, where the file itself says so, such as a joint's position in a JointState.
-        source: topic that it comes from; empty in a table.
+        value: (n,) numbers, nan where a sample is missing.
+        unit: unit as the file writes it; empty where the file states none.
+        time: (n,) times [s]; None in a table, where another column is the time.
+        channel: channel of the contract, where the format defines it, such as a joint's position in a JointState.
+        source: topic of the messages; empty in a table.
     """
 
     value: FloatArray
@@ -28,17 +29,21 @@ class Column:
     source: str = ""
 
 
+SECOND = "of a second publisher"
+"""First words of the reason why the messages of a second publisher are left out."""
+
+
 @dataclass(frozen=True)
 class Account:
-    """What became of the messages of a topic, or of the rows of a table.
+    """Number of the messages of a topic, or of the rows of a table, that are used or left out.
 
     Attributes:
-        source: the topic; empty of a table.
-        came: how many there were.
-        kept: how many became rows.
-        left_out: how many did not, by reason, as in "3 whose stamp goes back".
-        steps: s by which its clock was set, of each time that it was.
-        stamped: False where stamps could not be used, and times are those at which messages were recorded.
+        source: the topic; empty for a table.
+        came: number of messages or rows in the file.
+        kept: number of those that are used.
+        left_out: number of those that are not used, by reason, such as "whose stamp goes back".
+        steps: every step by which the clock was set [s].
+        stamped: False where the stamps are unusable, and the times are those of the recording.
     """
 
     source: str
@@ -50,49 +55,31 @@ class Account:
 
     @property
     def sentence(self) -> str:
-        """For a person."""
+        """The account as a sentence for a person."""
         things = "messages" if self.source else "rows"
         said = [f"{self.came} {things} came, " + ("all" if self.kept == self.came else str(self.kept)) + " are used"]
         if self.left_out:
             said.append("left out are " + ", ".join(f"{count} {why}" for why, count in self.left_out.items()))
         if self.steps:
-            sizes = ", ".join(f"{step:+.6g}" for step in self.steps[:SHOWN])
-            more = f" and {len(self.steps) - SHOWN} more" if len(self.steps) > SHOWN else ""
-            said.append(f"the clock was set by {sizes} s{more}: a gap stands there")
+            said.append(
+                f"the clock was set by {listed((f'{step:+.6g}' for step in self.steps), 3)} s: a gap stands there"
+            )
         if not self.stamped:
             said.append("its stamps cannot be used: times are those at which it was recorded")
         return (f"{self.source}: " if self.source else "") + "; ".join(said)
 
     def checks(self, run: str) -> list[Check]:
-        """What a person must know before the run of this name is believed."""
+        """The finding on the run with this name; empty where every message is used as it was stamped."""
+        kind: Kind = "samples_dropped"
+        severity, remedy = Severity.SUSPECT, "look for what set the clock, or for a driver that does not stamp"
         if any(why.startswith(SECOND) for why in self.left_out):
-            return [
-                Check(
-                    "second_publisher", Severity.SUSPECT, run, (), self.sentence,
-                    "see that the right one was taken; if not, record it alone ('rosbag filter')",
-                )
-            ]  # fmt: skip
-        if self.steps or not self.stamped:
-            return [
-                Check(
-                    "samples_dropped", Severity.SUSPECT, run, (), self.sentence,
-                    "look for what set the clock, or for a driver that does not stamp",
-                )
-            ]  # fmt: skip
-        if self.left_out:
-            return [
-                Check(
-                    "samples_dropped", Severity.NOTE, run, (), self.sentence,
-                    "nothing to do: what was left out is missing in the run",
-                )
-            ]  # fmt: skip
-        return []
-
-
-SECOND = "of a second publisher"
-"""How the reason begins why its messages are left out."""
-SHOWN = 3
-"""Steps of a clock that a sentence holds."""
+            kind = "second_publisher"
+            remedy = "see that the right one was taken; if not, record it alone ('rosbag filter')"
+        elif self.stamped and not self.steps:
+            severity, remedy = Severity.NOTE, "nothing to do: what was left out is missing in the run"
+            if not self.left_out:
+                return []
+        return [Check(kind, severity, run, (), self.sentence, remedy)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,24 +87,24 @@ class Foreign:
     """One recording.
 
     Attributes:
-        name: of the run that it becomes, without an ending.
-        columns: by name, as the file calls them.
+        name: name of the run that it becomes, without an ending.
+        columns: columns by the names in the file.
         notes: sentences on what was left out while reading.
-        texts: by name: what a column of text says that says the same throughout, such as a joint's name.
-        accounts: by topic: what became of its messages; of a table that is not known before its time is.
-        headed: False of a table without a header, whose columns are called by their place.
+        texts: text of a column that contains the same text in every row, such as a joint's name, by column.
+        accounts: accounts of the messages by topic. A table has none before the mapping defines its time.
+        headed: False for a table without a header, whose columns are named by their number.
     """
 
     name: str
     columns: Mapping[str, Column]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
     accounts: Mapping[str, Account] = field(default_factory=dict)
     headed: bool = True
 
     @property
     def is_table(self) -> bool:
-        """Whether all columns share rows, and time is one of them."""
+        """Whether all columns share rows, and one of them is the time."""
         return all(column.time is None for column in self.columns.values())
 
 
@@ -132,27 +119,27 @@ def split_label(label: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Reader:
-    """Reads one kind of recording.
+    """Reader of one kind of recording.
 
     Attributes:
-        read: the recordings in a file or directory; most hold one.
-        endings: of the files' names.
-        folder: what a directory of this kind is; empty where it is never one.
-        marker: file in such a directory, by which it is known.
-        parts: patterns of files, `name` that of the directory, by which it is known where that one is missing, as
-            after a recorder that was killed.
+        read: reads the recordings of a file or directory; most contain one.
+        endings: endings of the file names.
+        folder: name of the kind of directory that is read; empty where directories are not read.
+        marker: file by which such a directory is recognised.
+        files: patterns of files, with ``{name}`` for the directory's name, by which a directory without the marker is
+            recognised: a recorder that was killed has not written it.
     """
 
     read: Callable[[Path], list[Foreign]]
     endings: tuple[str, ...] = ()
     folder: str = ""
     marker: str = ""
-    parts: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     def accepts(self, path: Path) -> bool:
         """Whether a file or directory is of this kind."""
-        if path.is_dir():
-            name = glob.escape(path.resolve().name)
-            known = [self.marker, *(part.format(name=name) for part in self.parts)] if self.marker else []
-            return any(file.is_file() for pattern in known for file in path.glob(pattern))
-        return path.suffix.lower() in self.endings
+        if not path.is_dir():
+            return path.suffix.lower() in self.endings
+        name = glob.escape(path.resolve().name)
+        patterns = [self.marker, *(file.format(name=name) for file in self.files)] if self.marker else []
+        return any(file.is_file() for pattern in patterns for file in path.glob(pattern))

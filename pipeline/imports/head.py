@@ -1,6 +1,6 @@
-"""Where a table of text begins: its header may stand in a comment, below other lines, above its units, or nowhere.
+"""Find where a table of text begins: its header may be in a comment, below other lines, above its units, or absent.
 
-The first two lines in a row that hold mostly numbers tell what divides the cells and how many there are.
+The first two successive lines that contain mostly numbers define the separator and the number of cells.
 """
 
 from itertools import pairwise
@@ -10,26 +10,27 @@ from pipeline.imports.words import KINDS, fits
 from urdf.bounds import number, shown
 
 COMMENTS = ("#", "%", "//")
-"""How lines begin that are no rows."""
-LONGEST_HEAD = 200
-"""Lines above the first row."""
+"""First characters of lines that are no rows."""
+MAX_HEAD_LINES = 200
+"""Largest number of lines above the first row."""
+_BRACKETS = " ()[]-"
 
 
 def plain_table(text: str) -> tuple[str, bool, list[str]]:
-    """A table as one header above its rows.
+    """The text of a table with exactly one header line above its rows.
 
     Args:
-        text: of the file; its lines keep their numbers where there is one above the rows.
+        text: text of the file. The numbers of its rows are kept where there is a line above them.
 
     Returns:
-        The table, whether it has a header of its own, and sentences on what was left out. Columns without a header are
-        called ``column 1``, ``column 2``, ...
+        The text, whether the file has a header, and sentences on what was left out. Columns without a header are named
+        ``column 1``, ``column 2``, ...
     """
     lines = text.split("\n")
     filled = [i for i, line in enumerate(lines) if line.strip()]
     comments = {i for i in filled if lines[i].lstrip().startswith(COMMENTS)}
     rows = [i for i in filled if i not in comments]
-    pairs = pairwise(rows[:LONGEST_HEAD])
+    pairs = pairwise(rows[:MAX_HEAD_LINES])
     first = next((i for i, j in pairs if _is_row(lines[i]) and _is_row(lines[j])), None)
     if first is None or (not comments and rows[1] == first):
         return text, True, []
@@ -40,21 +41,17 @@ def plain_table(text: str) -> tuple[str, bool, list[str]]:
     names = fitting[-1][1] if fitting else [f"column {k}" for k in range(1, width + 1)]
     used = {i for i, _ in fitting[-1:]}
     if len(fitting) > 1 and all(map(_is_unit, names)) and any(cell.strip(_BRACKETS) for cell in names):
-        units, names = names, fitting[-2][1]
-        names = [f"{n} [{u.strip(_BRACKETS)}]" if u.strip(_BRACKETS) else n for n, u in zip(names, units, strict=True)]
-        used |= {i for i, _ in fitting[-2:]}
-    notes = []
-    other = [i for i, _ in above if i not in used and i not in comments]
-    if comments - used:
-        notes.append(f"{len(comments - used)} lines of comment left out")
+        units, names = [unit.strip(_BRACKETS) for unit in names], fitting[-2][1]
+        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+        used = {i for i, _ in fitting[-2:]}
+    notes = [f"{len(comments - used)} lines of comment left out"] if comments - used else []
+    other = [lines[i].strip() for i, _ in above if i not in used and i not in comments]
     if other:
-        notes.append(
-            f"lines above the header left out: {shown(lines[other[0]].strip(), 40)!r}" + " ..." * (len(other) > 1)
-        )
+        notes.append(f"lines above the header left out: {shown(other[0], 40)!r}" + " ..." * (len(other) > 1))
     for i in {*comments, *(i for i, _ in above)}:
         lines[i] = ""
     head = separator.join(f'"{name}"' if separator in name else name for name in names)
-    lines[: max(first, 0)] = [*[""] * (first - 1), head]
+    lines[:first] = [*[""] * (first - 1), head]
     if separator == " ":
         lines = [line.rstrip() for line in lines]
     return "\n".join(lines), bool(fitting), notes
@@ -69,17 +66,14 @@ def is_number(cell: str) -> bool:
     return True
 
 
-_BRACKETS = " ()[]-"
-
-
 def _is_row(line: str) -> bool:
     cells = _cells(line, separator_of(line))
-    said = [cell for cell in cells if cell.lower() not in MISSING_CELLS]
-    return len(cells) > 1 and bool(said) and 2 * sum(map(is_number, said)) >= len(said)
+    present = [cell for cell in cells if cell.lower() not in MISSING_CELLS]
+    return len(cells) > 1 and bool(present) and 2 * sum(map(is_number, present)) >= len(present)
 
 
 def _cells(line: str, separator: str, wanted: int = 0) -> list[str]:
-    """The cells of a line; by what divides this line where that gives as many as are wanted."""
+    """The cells of a line; a separator that does not give `wanted` cells is replaced by the line's own."""
     found = [part.strip().strip('"') for part in (line.split() if separator == " " else line.split(separator))]
     own = separator_of(line)
     return found if own == separator or len(found) == wanted else _cells(line, own)

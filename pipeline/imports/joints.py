@@ -1,8 +1,8 @@
-"""Which joint of a robot a column belongs to, by name, by number, or by the order of the columns.
+"""Find the joint of a robot that a column belongs to, by name, by number, or by the order of the columns.
 
-A robot's joint and a header are compared without what all joints, or all headers, share: ``panda_joint1`` and
-``state.q[0]`` are a 1 and a 0. Numbers are counted from the base to the tool, from 0 or from 1, which is sure where a
-quantity has a column for every joint of the arm. Whatever is not sure says why.
+Words that all joints, or all headers, have in common are not compared: of ``panda_joint1`` and ``state.q[0]``, the 1
+and the 0 are left. Numbers count from the base to the tool, from 0 or from 1; this is certain where a quantity has a
+column for every joint of the arm. An uncertain match has a doubt, a reason for a person to look.
 """
 
 import re
@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,7 +21,7 @@ from urdf.gripper import gripper_joints
 from urdf.validate import MOVING_JOINT_TYPES
 
 MESSAGE = ("position", "velocity", "effort")
-"""Fields of a JointState, whose arrays are in the order of its names: often the alphabet's."""
+"""Fields of a JointState. Their arrays are in the order of its names, which is often alphabetical."""
 AMPERE = frozenset(("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"))
 """Joints of Universal Robots."""
 IN_AMPERE = "UR's drivers publish currents as efforts"
@@ -28,7 +29,13 @@ IN_AMPERE = "UR's drivers publish currents as efforts"
 
 @dataclass(frozen=True)
 class Range:
-    """What a joint may do: slides or turns; distance from zero, rad or m; effort, N m or N; infinite if unknown."""
+    """Range of a joint; infinite where it is unknown.
+
+    Attributes:
+        slides: whether the joint is prismatic.
+        reach: largest distance from zero [rad or m].
+        effort: largest torque or force [N m or N].
+    """
 
     slides: bool
     reach: float
@@ -40,11 +47,11 @@ class Joints:
     """The joints of a robot.
 
     Attributes:
-        arm: from base to tool; empty where no robot is known.
-        others: further joints of its description that move, such as another arm's.
+        arm: joints of the arm, from base to tool; empty where no robot is known.
+        others: further moving joints of its description, such as another arm's.
         grippers: joints of grippers.
-        ranges: of the arm's joints, where they are known.
-        sliding: of all joints those that slide.
+        ranges: ranges of the arm's joints, where they are known.
+        sliding: all prismatic joints.
     """
 
     arm: tuple[str, ...] = ()
@@ -54,44 +61,39 @@ class Joints:
     sliding: frozenset[str] = frozenset()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """All of them."""
-        return (*self.arm, *self.others, *self.grippers)
-
-    @property
     def beside(self) -> tuple[str, ...]:
-        """Those that are none of the arm's."""
+        """All joints outside the arm."""
         return (*self.others, *self.grippers)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All joints."""
+        return (*self.arm, *self.beside)
+
     def slides(self, joint: str) -> bool:
-        """Whether a joint is known to slide."""
+        """Whether a joint is known to be prismatic."""
         return joint in self.ranges and self.ranges[joint].slides
 
     @classmethod
     def of(cls, robot: Robot) -> "Joints":
-        """Of a robot, and of everything else in its description."""
+        """The joints of a robot and of everything else in its description."""
         root, model = ET.fromstring(robot.urdf_xml), robot.model
-        moving = [str(j.get("name")) for j in root.findall("joint") if j.get("type") in MOVING_JOINT_TYPES]
-        grippers = {name for name in gripper_joints(root) if name not in robot.joint_names}
-        mimics = {str(j.get("name")) for j in root.findall("joint") if j.find("mimic") is not None}
-        arm = robot.joint_names
+        joints, arm = {str(j.get("name")): j for j in root.findall("joint")}, robot.joint_names
+        grippers = {name for name in gripper_joints(root) if name not in arm}
         slides = [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
         reach = np.maximum(np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)).tolist()
-        effort = model.effortLimit.tolist()
-        ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, effort, strict=True)}
-        others = tuple(name for name in moving if name not in {*arm, *grippers, *mimics})
-        sliding = frozenset(str(j.get("name")) for j in root.findall("joint") if j.get("type") == "prismatic")
+        ranges = {name: Range(*own) for name, *own in zip(arm, slides, reach, model.effortLimit.tolist(), strict=True)}
+        others = tuple(
+            name
+            for name, joint in joints.items()
+            if joint.get("type") in MOVING_JOINT_TYPES and joint.find("mimic") is None and name not in {*arm, *grippers}
+        )
+        sliding = frozenset(name for name, joint in joints.items() if joint.get("type") == "prismatic")
         return cls(arm, others, tuple(grippers), ranges, sliding)
 
 
-@dataclass(frozen=True)
-class Match:
-    """The joint of a column.
-
-    Attributes:
-        joint: its name; empty for a column that is left out.
-        doubt: why a person must look; empty where it is sure.
-    """
+class Match(NamedTuple):
+    """The joint of a column, empty where the column is left out, and a doubt, empty where the joint is certain."""
 
     joint: str
     doubt: str = ""
@@ -101,14 +103,14 @@ def match_joints(labels: Mapping[str, Label], joints: Joints, names: Mapping[str
     """The joint of every column.
 
     Args:
-        labels: of the columns that hold a joint's quantity.
-        joints: of the robot.
-        names: by column: the joint as the file itself says it in a column of text.
+        labels: labels of the columns that hold a joint's quantity.
+        joints: joints of the robot.
+        names: name of the joint where a column of text states it, by column.
     """
-    rests = _differing({column: label.rest for column, label in labels.items()})
     groups: dict[tuple[str, ...], list[str]] = {}
     for column in labels:
         groups.setdefault(skeleton(labels[column].words), []).append(column)
+    rests = _differing({column: label.rest for column, label in labels.items()})
     headers = _Headers(labels, rests, joints, tuple(groups.values()))
     return headers.named_by_robot(names) if joints.arm else headers.named_by_themselves()
 
@@ -118,9 +120,9 @@ class _Headers:
     """Headers of joints.
 
     Attributes:
-        labels: by column.
-        rests: by column: the words in which they differ.
-        joints: of the robot.
+        labels: labels by column.
+        rests: words in which the headers differ, by column.
+        joints: joints of the robot.
         groups: columns that differ in numbers only.
     """
 
@@ -130,20 +132,21 @@ class _Headers:
     groups: tuple[Sequence[str], ...]
 
     def named_by_themselves(self) -> dict[str, Match]:
-        """Joints as the headers call them, where no robot is known."""
+        """Joints with the names in the headers, where no robot is known."""
         found = {}
         for columns in self.groups:
             numbers = self._numbers(columns) or {}
             for column in columns:
-                # Of several numbers of one thing, such as the coordinates of an elbow, the thing is told.
+                # Several numbers of one thing, such as the coordinates of an elbow, have the name of the thing.
                 numbered = column in numbers and not self._names(column)
                 joint = f"joint_{numbers[column]}" if numbered else "_".join(self.rests[column]) or "joint_1"
-                sure = numbered or self.rests[column]
-                found[column] = Match(_own_name(column, joint), "" if sure else "no joint is named")
+                own = _OWN_NAME.fullmatch(column)
+                certain = numbered or self.rests[column]
+                found[column] = Match(own["name"] if own else joint, "" if certain else "no joint is named")
         return found
 
     def named_by_robot(self, names: Mapping[str, str]) -> dict[str, Match]:
-        """By the names of the robot's joints, else by their numbers, else in their order."""
+        """Match by the names of the robot's joints, else by their numbers, else by their order."""
         differing = _differing({joint: words_of(joint) for joint in self.joints.arm})
         cores = {joint: tuple(word for word in core if word not in IDLE) or core for joint, core in differing.items()}
         found: dict[str, Match] = {}
@@ -151,68 +154,69 @@ class _Headers:
             words, rest = (words_of(names[column]), ()) if column in names else (label.words, self.rests[column])
             if match := _by_name(words, rest, cores, self.joints):
                 found[column] = match
-        left: list[tuple[list[str], str]] = []
+        open_groups: list[tuple[list[str], str]] = []
         for columns in self.groups:
             doubt = ""
             if any(column not in found for column in columns):
-                # Of joints that only differ in a number all are found by name, or none: files may count otherwise.
+                # Joints that differ only in a number are all matched by name, or none: files may count differently.
                 for column in columns:
                     if column in found and "".join(cores.get(found[column].joint, ("a",))).isdigit():
                         del found[column]
                         doubt = "the robot's joints count from another number"
-                left.append(([column for column in columns if column not in found], doubt))
-        whole = {first for columns, _ in left if (first := self._first(columns)) is not None}
-        for columns, doubt in left:
-            found |= self._by_number(columns, whole, doubt)
+                open_groups.append(([column for column in columns if column not in found], doubt))
+        firsts = {first for columns, _ in open_groups if (first := self._first(columns)) is not None}
+        for columns, doubt in open_groups:
+            found |= self._by_number(columns, firsts, doubt)
         return found | self._by_order([column for column in self.labels if column not in found], found)
 
     def _names(self, column: str) -> list[str]:
-        """Words of a header that may name a thing."""
+        """Words of a header that may be a name."""
         return [word for word in self.rests[column] if word.isalpha() and len(word) > 1]
 
     def _numbers(self, columns: Sequence[str]) -> dict[str, int] | None:
-        """By column the number in which it differs from the others; None where there is no such, or several."""
+        """The number in which each column differs from the others; None where no or several numbers differ."""
         rows = {column: [int(word) for word in self.labels[column].words if word.isdigit()] for column in columns}
-        width = len(rows[columns[0]])
-        varying = [k for k in range(width) if len(columns) == 1 or len({row[k] for row in rows.values()}) > 1]
+        places = range(len(rows[columns[0]])) if columns else ()
+        varying = [k for k in places if len(columns) == 1 or len({row[k] for row in rows.values()}) > 1]
         return {column: row[varying[0]] for column, row in rows.items()} if len(varying) == 1 else None
 
     def _first(self, columns: Sequence[str]) -> int | None:
-        """From which number a group counts that has a column for every joint; None where it has not."""
+        """First number, 0 or 1, of a group with a column for every joint; None for other groups."""
         numbers = self._numbers(columns)
-        if numbers is None or any(self._names(column) for column in columns):
+        if numbers is None or any(map(self._names, columns)):
             return None
         first = min(numbers.values())
-        whole = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
-        return first if whole and first in (0, 1) else None
+        complete = set(numbers.values()) == set(range(first, first + len(self.joints.arm)))
+        return first if complete and first in (0, 1) else None
 
-    def _by_number(self, columns: Sequence[str], whole: set[int], doubt: str) -> dict[str, Match]:
-        """Columns that differ in a number only.
+    def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, Match]:
+        """Match the columns of one group by their numbers.
 
         Args:
-            columns: of one group.
-            whole: from which numbers groups count that have a column for every joint.
-            doubt: where nothing else is doubtful.
+            columns: columns that differ in a number only.
+            firsts: first numbers of the groups with a column for every joint.
+            doubt: doubt where there is no other.
         """
-        numbers, arm, named = self._numbers(columns), self.joints.arm, self._names(columns[0])
+        numbers, arm = self._numbers(columns), self.joints.arm
         if numbers is None:
             return {}
+        named = self._names(columns[0])
         if any(set(words_of(joint)) & set(named) for joint in arm):
             return dict.fromkeys(columns, Match(""))  # several numbers of one joint, such as the place of an elbow
-        first, sure = self._first(columns), True
+        first, certain = self._first(columns), True
         if first is None:
-            first = next(iter(whole)) if len(whole) == 1 else 0 if 0 in numbers.values() else 1
-            sure = len(whole) == 1 and set(numbers.values()) <= set(range(first, first + len(arm)))
-        doubts = (
-            not sure and f"{len(columns)} numbers for {len(arm)} joints",
-            self.joints.others and f"or is it of {self.joints.others[0]} and its like?",
-            self._is_message(columns[0]) and "numbered as in the message, whose order is often that of the alphabet",
-            named and f"its header also says '{' '.join(named)}'",
-            doubt,
-        )
-        why = next(filter(None, doubts), "")
+            first = next(iter(firsts)) if len(firsts) == 1 else 0 if 0 in numbers.values() else 1
+            certain = len(firsts) == 1 and set(numbers.values()) <= set(range(first, first + len(arm)))
+        doubts = {
+            f"{len(columns)} numbers for {len(arm)} joints": not certain,
+            f"or is it of {' '.join(self.joints.others[:1])} and its like?": self.joints.others,
+            "numbered as in the message, whose order is often that of the alphabet": self._is_message(columns[0]),
+            f"its header also says '{' '.join(named)}'": named,
+            doubt: True,
+        }
+        why = next(doubt for doubt, holds in doubts.items() if holds)
         return {
-            column: Match(arm[number - first] if 0 <= number - first < len(arm) else "", str(why))
+            column: Match(arm[number - first] if 0 <= number - first < len(arm) else "", why)
             for column, number in numbers.items()
         }
 
@@ -223,7 +227,7 @@ class _Headers:
         return entry and ("states" in words or any("effort" in label.words for label in self.labels.values()))
 
     def _by_order(self, columns: Sequence[str], found: Mapping[str, Match]) -> dict[str, Match]:
-        """Names that no joint has: in the order of the columns where as many joints are left, else as they are."""
+        """Match unknown names by the order of the columns where their number fits; else each is a joint of its own."""
         kinds = list(dict.fromkeys(self.rests[column] for column in columns if self.rests[column]))
         free = [joint for joint in self.joints.arm if joint not in {match.joint for match in found.values()}]
         matches = {}
@@ -240,22 +244,21 @@ class _Headers:
 def _by_name(
     words: Sequence[str], rest: Sequence[str], cores: Mapping[str, tuple[str, ...]], joints: Joints
 ) -> Match | None:
-    """The joint whose whole name is in a header, else the one that differs from all others as the header does."""
-    inside = [j for j in (*joints.arm, *joints.others, *joints.grippers) if contains(words, words_of(j))]
-    inside = [j for j in inside if any(word.isalpha() for word in words_of(j))]
+    """The joint whose whole name is in a header, else the one whose distinctive words are those of the header."""
+    inside = [j for j in joints.names if contains(words, words_of(j)) and any(map(str.isalpha, words_of(j)))]
     inside = [j for j in inside if not any(contains(words_of(k), words_of(j)) for k in inside if k != j)]
     if len(inside) == 1:
-        extra = list((Counter(rest) - Counter(words_of(inside[0]))).elements())
+        extra = " ".join((Counter(rest) - Counter(words_of(inside[0]))).elements())
         if inside[0] in joints.grippers:
             return Match("")
-        return Match(inside[0], f"its header also says '{' '.join(extra)}'" if extra else "")
+        return Match(inside[0], f"its header also says '{extra}'" if extra else "")
     if not any(word.isalpha() for word in rest):
         return None
     same = [joint for joint, core in cores.items() if "".join(core) == "".join(rest)]
     if len(same) == 1:
         return Match(same[0])
     letters = {word for word in rest if word.isalpha() and len(word) > 1}
-    numbers = {word for word in rest if word.isdigit()}
+    numbers = set(filter(str.isdigit, rest))
     near = [j for j, core in cores.items() if letters & set(core) and numbers == set(filter(str.isdigit, core))]
     return Match(near[0], "a name like it") if len(near) == 1 else None
 
@@ -264,16 +267,11 @@ _OWN_NAME = re.compile(
     r"(?:.*[/.])?(?P<name>\w*joint(?:_?\d+)?)[_/.](?:pos|position|vel|velocity|speed|eff|effort|torque|tau)",
     re.IGNORECASE,
 )
-
-
-def _own_name(column: str, otherwise: str) -> str:
-    """The joint's name as a header writes it, ``panda_joint1`` of ``panda_joint1_position``, where it does."""
-    found = _OWN_NAME.fullmatch(column)
-    return found["name"] if found is not None else otherwise
+"""Header with the joint's own name: ``panda_joint1`` of ``panda_joint1_position``."""
 
 
 def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Without the words that all names share, such as a namespace, where something is left of each."""
+    """Remove the words that all names have in common, such as a namespace, unless that leaves nothing of one."""
     common = {w for w in set.intersection(*map(set, names.values())) if w.isalpha()} if names else set()
     if any(set(words) <= common for words in names.values()):
         return dict(names)
@@ -281,11 +279,11 @@ def _differing(names: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...
 
 
 def skeleton(words: Iterable[str]) -> tuple[str, ...]:
-    """Words with a sign in the place of every number."""
+    """The words with ``#`` in place of every number."""
     return tuple("#" if word.isdigit() else word for word in words)
 
 
 def contains(words: Sequence[str], part: Sequence[str]) -> bool:
-    """Whether words stand in a row within others."""
+    """Whether `words` contain the words of `part` in succession."""
     n = len(part)
     return any(tuple(words[i : i + n]) == tuple(part) for i in range(len(words) - n + 1))

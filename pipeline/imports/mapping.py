@@ -1,4 +1,4 @@
-"""Which column is which channel: a TOML file, and a run made by it.
+"""The mapping of columns to channels, and its TOML file.
 
 ```toml
 time = { column = "t", unit = "ms" }          # where columns share rows, as in a table; or { rate = "100 Hz" }, or
@@ -9,12 +9,12 @@ time = { column = "t", unit = "ms" }          # where columns share rows, as in 
 "M1 cur" = { channel = "tau.shoulder", unit = "A", torque_constant = "0.12 N m/A", gear_ratio = 100 }
 ```
 
-A channel is ``sign * scale * value * (unit) + offset``, and its stamps are ``late`` too large. With a gear ratio N, a
-motor turns N times as far and as fast as the joint and gives an Nth of its torque: positions and speeds are divided,
-torques multiplied. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar and go there.
+A channel is ``sign * scale * value * (unit) + offset``, and ``late`` is the delay of its stamps. With a gear ratio N, a
+motor turns N times as far and as fast as the joint and gives 1/N of its torque: positions and speeds are divided by N,
+torques are multiplied by it. ``description``, ``[known]`` and ``[noise]`` are those of a run's sidecar.
 
-Where the columns of one file belong to several runs, ``[runs.NAME]`` holds what is a run's own, such as
-``[runs.morning.columns]``; what stands outside of these tables holds for every run.
+Where the columns of one file belong to several runs, ``[runs.NAME]`` contains the keys of one run, such as
+``[runs.morning.columns]``; keys outside these tables are those of every run.
 """
 
 import re
@@ -37,29 +37,29 @@ TIME_LINE = (
     'write time = { column = "t", unit = "ms" }, or of rows without stamps time = { rate = "100 Hz" } '
     'or { period = "4 s" }'
 )
-SLOWEST_RATE, FASTEST_RATE = 0.1, 1e5
-"""Hz, of the rows of a recording."""
+MIN_RATE, MAX_RATE = 0.1, 1e5
+"""Possible rates of a recording's rows [Hz]."""
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 SIDECAR_KEYS = ("description", "recorded", "known", "noise")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What becomes of one column.
+    """The meaning of one column.
 
     Attributes:
-        channel: of the contract.
-        unit: that the column is in; empty where the file says it.
+        channel: channel of the contract.
+        unit: unit of the column; empty where the file states it.
         sign: +1 or -1.
-        offset: added in the end, with its unit; empty for none.
-        gear_ratio: turns of the motor per turn of the joint, where the column is the motor's.
+        offset: offset that is added last, with its unit; empty for none.
+        gear_ratio: turns of the motor per turn of the joint, where the values are the motor's.
         torque_constant: torque per current, with its unit; empty where the column is no current.
-        scale: what its values are multiplied by besides.
-        late: by which its stamps are too large, with its unit; empty for 0.
-        fast: share of the time by which their clock runs fast.
-        turn: after which it counts from the other end again, with its unit; empty for never.
-        check: what is open of a guess; whoever has answered it takes it away.
-        why: how it was guessed; for a person.
+        scale: further factor on the values.
+        late: delay of the stamps, with its unit; empty for 0.
+        fast: relative rate error of the stamps' clock; positive where it runs fast.
+        turn: period, with its unit, after which the values wrap around; empty where they do not.
+        check: open question of a guess; whoever has answered it deletes it.
+        why: reason for the guess, for a person.
     """
 
     channel: str
@@ -80,13 +80,18 @@ class Entry:
     why: str = ""
 
     @property
-    def reason(self) -> str:
-        """Why, and what is open; for a person."""
-        return reason(self.why, self.check)
+    def quantity(self) -> str:
+        """The channel's name before the dot, such as ``"q"``."""
+        return self.channel.partition(".")[0]
+
+    @property
+    def joint(self) -> str:
+        """Joint of the channel; empty for a channel of a pendulum."""
+        return self.channel.partition(".")[2]
 
 
 def reason(why: str, check: str) -> str:
-    """A guess's reason, and what is open of it behind the word CHECK."""
+    """The reason for a guess, with its open question after the word CHECK."""
     return f"{why}; CHECK: {check}" if check else why
 
 
@@ -95,14 +100,14 @@ class ColumnMap:
     """A whole mapping.
 
     Attributes:
-        entries: by column.
-        time: column that holds the time of a table; empty where there is none.
-        time_unit: that it is in.
-        sidecar: what goes beside the run.
-        why: how the time was guessed.
-        check: what is open of that.
-        rate: of the rows of a table without stamps, with its unit; empty where there are stamps.
-        notes: sentences on what was understood without a person.
+        entries: entries by column.
+        time: column with the time of a table; empty where there is none.
+        time_unit: unit of that column; empty where the file states it.
+        sidecar: content of the run's sidecar.
+        why: reason for the guess of the time.
+        check: open question of that guess.
+        rate: rate of the rows of a table without stamps, with its unit; empty where there are stamps.
+        notes: sentences on meanings that were recognised without a person.
     """
 
     entries: Mapping[str, Entry]
@@ -116,7 +121,7 @@ class ColumnMap:
 
     @property
     def asked(self) -> dict[str, str]:
-        """What nobody answered yet, by channel; of the time under its name."""
+        """Open questions by channel; that of the time is named ``"time"``."""
         of_columns = {e.channel: f"'{name}': {e.check}" for name, e in self.entries.items() if e.check}
         return ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
 
@@ -125,10 +130,10 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
     """Read a mapping file.
 
     Returns:
-        By the run's name; ``""`` where a recording becomes one run only.
+        Mappings by the name of the run; the name is ``""`` where a recording becomes one run only.
 
     Raises:
-        InputError: it cannot be read, or lists everything in it that cannot be used.
+        InputError: it cannot be read; the message lists every mistake.
     """
     table = read_toml(path)
     runs = table.pop("runs", {"": {}})
@@ -163,7 +168,10 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
     rate = str(time.get("rate", ""))
     with collect(problems, "time"):
         if "period" in time:
-            rate = _rate_of(str(time["period"]))
+            seconds = parse_quantity(str(time["period"]), "s").value
+            if not seconds > 0.0:
+                raise InputError(f"'{time['period']}' is no time from one row to the next: write it as '4 s'")
+            rate = f"{1.0 / seconds!r} Hz"
         check_rate(rate)
     columns = table.get("columns", {})
     if not isinstance(columns, dict) or not columns:
@@ -189,57 +197,39 @@ def _map_of(table: Mapping[str, Any]) -> ColumnMap:
     return ColumnMap(entries, column, unit, sidecar, check=check, rate=rate)
 
 
-def _rate_of(period: str) -> str:
-    """The rate of rows that follow each other after a time with its unit."""
-    seconds = parse_quantity(period, "s").value
-    if not seconds > 0.0:
-        raise InputError(f"'{period}' is no time from one row to the next: write it as '4 s'")
-    return f"{1.0 / seconds!r} Hz"
-
-
 def check_rate(rate: str) -> None:
-    """Refuse what is no rate of a table's rows; nothing is one.
+    """Refuse a rate of rows that no recording has; an empty text is no rate.
 
     Raises:
-        InputError: it is no frequency, or none that a recording has.
+        InputError: it is no frequency, or is not possible.
     """
-    if rate and not SLOWEST_RATE <= parse_quantity(rate, "Hz").value <= FASTEST_RATE:
+    if rate and not MIN_RATE <= parse_quantity(rate, "Hz").value <= MAX_RATE:
         raise InputError(f"'{rate}' is no rate of a recording: give rows per second, such as '100 Hz'")
 
 
 def map_text(mapping: ColumnMap, comment: str = "") -> str:
-    """A mapping as TOML, with the reasons of a guess as comments."""
+    """A mapping as TOML; the reasons of a guess are comments."""
+
+    def line(name: str, values: Mapping[str, object], why: str) -> str:
+        parts = (f"{k} = {toml_string(v) if isinstance(v, str) else f'{v:.12g}'}" for k, v in values.items())
+        return f"{name} = {{ {', '.join(parts)} }}" + (f"  # {one_line(why)}" if why else "")
+
     lines = [f"# {one_line(line)}" for line in comment.splitlines()]
     if mapping.rate:
-        lines += [f"time = {{ rate = {toml_string(mapping.rate)} }}", ""]
+        lines += [line("time", {"rate": mapping.rate}, ""), ""]
     if mapping.time:
-        why = f"  # {one_line(mapping.why)}" if mapping.why else ""
-        check = f", check = {toml_string(mapping.check)}" if mapping.check else ""
-        column, unit = toml_string(mapping.time), toml_string(mapping.time_unit)
-        lines += [f"time = {{ column = {column}, unit = {unit}{check} }}{why}", ""]
+        check = {"check": mapping.check} if mapping.check else {}
+        lines += [line("time", {"column": mapping.time, "unit": mapping.time_unit, **check}, mapping.why), ""]
     lines.append("[columns]")
     for column, entry in mapping.entries.items():
-        values = {
-            each.name: value
-            for each in fields(entry)
-            if each.name != "why" and (value := getattr(entry, each.name)) != each.default
-        }
-        parts = [
-            f"{key} = {toml_string(value) if isinstance(value, str) else f'{value:.12g}'}"
-            for key, value in values.items()
-        ]
-        why = f"  # {one_line(entry.why)}" if entry.why else ""
-        lines.append(f"{toml_string(column)} = {{ {', '.join(parts)} }}{why}")
+        given = {f.name: getattr(entry, f.name) for f in fields(entry) if getattr(entry, f.name) != f.default}
+        given.pop("why", None)
+        lines.append(line(toml_string(column), given, entry.why))
     return "\n".join(lines) + "\n"
 
 
 def correction_text(run: Run, correction: Correction) -> str:
-    """The mapping that reads a recording as a correction does, at import.
-
-    Args:
-        run: as recorded, with its columns.
-        correction: of it.
-    """
+    """The mapping that applies the correction of a recorded run when it is imported."""
     entries = {}
     for channel, recorded in run.channels.items():
         reading = correction.reading(channel)

@@ -1,92 +1,28 @@
-"""What the messages of ROS bags and MCAP files say, by the definitions that the file carries.
-
-A definition or a message that cannot be read is left out and counted; it does not keep the others from being read.
-"""
+"""Decode the messages of ROS bags and MCAP files by the definitions that the file contains."""
 
 import json
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from armdyn.errors import InputError
-from pipeline.imports.packets import Connection, Ending, packets
+from pipeline.imports.packets import Connection
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 LANGUAGES = {"cdr": ("ros2msg", "ros2idl", ""), "ros1": ("ros1msg", "")}
-"""In which definitions are written, by how messages are."""
+"""Languages of the definitions that are read, by encoding of the messages."""
 
 
-class Message(NamedTuple):
-    """One message.
-
-    Attributes:
-        connection: which it came by.
-        received: when it was recorded, s.
-        content: with the fields of its kind as attributes; of JSON a dictionary.
-    """
-
-    connection: Connection
-    received: float
-    content: Any
-
-
-@dataclass
-class Reading:
-    """What was left out while a file was read.
+class Decoders:
+    """Decoders of messages; types without a definition in the file are taken from the common ones of ROS.
 
     Attributes:
-        unread: by topic, how many messages nothing could be read of.
-        notes: sentences on kinds of messages that are left out.
-        ending: of the file.
-    """
-
-    unread: Counter[str] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
-    ending: Ending = field(default_factory=Ending)
-
-
-def messages(path: Path, reading: Reading) -> Iterator[Message]:
-    """Every message that can be read of a bag.
-
-    Args:
-        path: see `packets`.
-        reading: told what is left out.
+        unreadable: reason why no message of a connection can be read.
 
     Raises:
-        InputError: rosbags is not installed, or see `packets`.
+        InputError: rosbags is not installed.
     """
-    decoders = _Decoders()
-    skipped: dict[Connection, str] = {}
-    for packet in packets(path, reading.ending):
-        connection = packet.connection
-        if connection in skipped:
-            continue
-        try:
-            decode = decoders.of(connection)
-        except _UnreadableError as error:
-            skipped[connection] = str(error)
-            continue
-        try:
-            content = decode(packet.data)
-        except Exception:  # bytes that do not fit a definition surface as any exception
-            reading.unread[connection.topic] += 1
-        else:
-            yield Message(connection, 1e-9 * packet.received, content)
-    for why in dict.fromkeys(skipped.values()):
-        topics = dict.fromkeys(connection.topic for connection, said in skipped.items() if said == why)
-        reading.notes.append(f"{why}: {', '.join(topics)} left out")
-
-
-class _UnreadableError(Exception):
-    """No message of this kind can be read."""
-
-
-class _Decoders:
-    """Reads messages by their definitions; those without one are taken for the common ones of ROS."""
 
     def __init__(self) -> None:
         try:
@@ -96,48 +32,60 @@ class _Decoders:
         common = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
         self._common = {encoding: get_typestore(store) for encoding, store in common.items()}
         self._own = {encoding: get_typestore(Stores.EMPTY) for encoding in common}
-        self._found: dict[Connection, Callable[[bytes], Any]] = {}
+        self._decoders: dict[Connection, Callable[[bytes], Any] | None] = {}
+        self.unreadable: dict[Connection, str] = {}
 
-    def of(self, connection: Connection) -> Callable[[bytes], Any]:
-        """How the bytes of a connection's messages are read."""
-        if connection not in self._found:
-            self._found[connection] = self._decoder(connection)
-        return self._found[connection]
+    def of(self, connection: Connection) -> Callable[[bytes], Any] | None:
+        """Function that decodes the bytes of a connection's messages; None where they cannot be read.
 
-    def _decoder(self, connection: Connection) -> Callable[[bytes], Any]:
+        It returns an object with the fields of the message as attributes, or for JSON a dictionary.
+        """
+        if connection not in self._decoders:
+            self._decoders[connection] = self._decoder(connection)
+        return self._decoders[connection]
+
+    def _decoder(self, connection: Connection) -> Callable[[bytes], Any] | None:
         encoding, kind = connection.encoding, connection.kind
         if encoding == "json":
             return _json
         if connection.language not in LANGUAGES.get(encoding, ()):
-            raise _UnreadableError(f"messages of another encoding ({encoding or 'none'})")
+            self.unreadable[connection] = f"messages of another encoding ({encoding or 'none'})"
+            return None
         store = self._own[encoding]
         try:
             _register(store, connection)
-        except Exception as error:  # a definition that is no definition
+        except Exception:  # the parser of definitions raises many kinds of exceptions
             store = self._common[encoding]
             if kind not in store.types:
                 no = "cannot be read" if connection.definition else "is not in the file"
-                raise _UnreadableError(f"the definition of {kind} {no}") from error
+                self.unreadable[connection] = f"the definition of {kind} {no}"
+                return None
         read = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
         return lambda data: read(data, kind)
 
+    def notes(self) -> list[str]:
+        """One sentence per reason, with the topics that are left out."""
+        topics: dict[str, dict[str, None]] = {}
+        for connection, why in self.unreadable.items():
+            topics.setdefault(why, {})[connection.topic] = None
+        return [f"{why}: {', '.join(of)} left out" for why, of in topics.items()]
+
 
 def _register(store: "Typestore", connection: Connection) -> None:
-    """Add the definitions that a connection brings.
+    """Add the definitions of a connection to a store.
 
     Raises:
-        Exception: they cannot be read, or are not there.
+        Exception: they cannot be read, or are not in the file.
     """
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
+    found: dict[str, Any] = {}
     if connection.language == "ros2idl":
-        parts = connection.definition.split("=" * 80 + "\n")
-        found: dict[str, Any] = {}
-        for part in parts:
+        for part in connection.definition.split("=" * 80 + "\n"):
             text = part.partition("\n")[2] if part.startswith("IDL: ") else part
             found |= get_types_from_idl(text) if text.strip() else {}
-    else:
-        found = get_types_from_msg(connection.definition, connection.kind) if connection.definition else {}
+    elif connection.definition:
+        found = get_types_from_msg(connection.definition, connection.kind)
     if connection.kind not in found and connection.kind not in store.types:
         raise KeyError(connection.kind)
     store.register({kind: fields for kind, fields in found.items() if kind not in store.types})

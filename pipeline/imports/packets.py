@@ -1,7 +1,7 @@
 """The messages in ROS bags and MCAP files as bytes, in the order in which they were recorded.
 
-Every kind of file is read from its beginning, without its index, so that one which ends in the middle gives all that
-came before: a recorder that was killed, a disk that was full, a copy that broke off.
+A file is read from its beginning, without its index. A file that ends in the middle, because the recorder was killed or
+the disk was full, therefore still gives all messages before its end.
 """
 
 import bz2
@@ -11,7 +11,6 @@ import sqlite3
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,15 +23,15 @@ from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
 
 
 class Connection(NamedTuple):
-    """What kind of messages a publisher sends on a topic.
+    """The messages of one kind that one publisher sends on one topic.
 
     Attributes:
-        topic: its name.
-        kind: of message, as ROS 2 writes it: ``sensor_msgs/msg/JointState``.
-        encoding: of the messages: ``"cdr"``, ``"ros1"``, ``"json"`` or one that is not read.
-        definition: of the kind; empty where the file holds none.
-        language: of the definition: ``"ros1msg"``, ``"ros2msg"`` or ``"ros2idl"``.
-        publisher: its name, where the file says it.
+        topic: name of the topic.
+        kind: type of the messages in the notation of ROS 2: ``sensor_msgs/msg/JointState``.
+        encoding: ``"cdr"``, ``"ros1"``, ``"json"`` or an encoding that is not read.
+        definition: definition of the type; empty where the file contains none.
+        language: language of the definition: ``"ros1msg"``, ``"ros2msg"`` or ``"ros2idl"``.
+        publisher: name of the publisher; empty where the file does not contain it.
     """
 
     topic: str
@@ -44,51 +43,34 @@ class Connection(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """One message.
-
-    Attributes:
-        connection: which it came by.
-        received: when it was recorded, ns.
-        data: its bytes.
-    """
+    """One message: its connection, the time at which it was recorded [ns], and its bytes."""
 
     connection: Connection
     received: int
     data: bytes
 
 
-@dataclass
-class Ending:
-    """How the reading of a file ended.
-
-    Attributes:
-        problem: why it ended early; empty where it did not.
-    """
-
-    problem: str = ""
-
-
-def packets(path: Path, ending: Ending) -> Iterator[Packet]:
-    """Every message that can be read of a bag.
+def packets(path: Path, problems: list[str]) -> Iterator[Packet]:
+    """Every message of a bag that can be read.
 
     Args:
         path: a .bag, .mcap or .db3 file, or the directory of a ROS 2 bag.
-        ending: told where reading ends early.
+        problems: list that gets a reason for each file whose reading ends early.
 
     Raises:
         InputError: there is no such bag, it is too large, or it is a recording of armdyn, which needs no import.
     """
     for file in _files(path):
         try:
-            yield from _KINDS[_kind(file)](file)
+            yield from _READERS[_kind(file)](file)
         except InputError as error:
             raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
         except Exception as error:  # damaged bytes surface as a dozen exceptions of sqlite, struct, lz4
-            ending.problem = " ".join(str(error).split()) or type(error).__name__
+            problems.append(" ".join(str(error).split()) or type(error).__name__)
 
 
 def _kind(file: Path) -> str:
-    """The ending that says what a file is, without that of its compression."""
+    """The file's ending, before that of its compression."""
     return Path(file.name.removesuffix(ZSTD)).suffix.lower()
 
 
@@ -108,16 +90,14 @@ def _files(path: Path) -> list[Path]:
 
 ZSTD = ".zstd"
 """Ending of the files of a ROS 2 bag that are compressed as a whole."""
-_COMPRESSED = b"\x28\xb5\x2f\xfd"
-"""How compressed bytes begin; no message does: the first byte of CDR is 0."""
-
-
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""First bytes of compressed data. No message begins so: the first byte of CDR is 0."""
 _MAGIC = re.compile(rb"#ROSBAG V2\.0\n")
 _CONNECTION, _MESSAGE, _CHUNK = b"\x07", b"\x02", b"\x05"
 
 
 def _ros1(file: Path) -> Iterator[Packet]:
-    """Of a bag of ROS 1: http://wiki.ros.org/Bags/Format/2.0."""
+    """Messages of a ROS 1 bag: http://wiki.ros.org/Bags/Format/2.0."""
     connections: dict[bytes, Connection] = {}
     with file.open("rb") as source:
         if not _MAGIC.fullmatch(source.readline(20)):
@@ -161,10 +141,10 @@ def _ros1_packet(header: dict[str, bytes], data: bytes, connections: dict[bytes,
 
 
 def _records(source: io.BufferedIOBase) -> Iterator[tuple[dict[str, bytes], bytes]]:
-    """Headers and data of the records in a row; of a chunk that is cut off, what there is.
+    """Headers and data of successive records; a chunk that is cut off is returned as far as it goes.
 
     Raises:
-        EOFError: the last one is not whole.
+        EOFError: the last record is incomplete.
     """
     while size := source.read(4):
         data, whole = _read(source, size)
@@ -177,7 +157,7 @@ def _records(source: io.BufferedIOBase) -> Iterator[tuple[dict[str, bytes], byte
 
 
 def _read(source: io.BufferedIOBase, size: bytes) -> tuple[bytes, bool]:
-    """So many bytes, and whether all of them are there."""
+    """Read as many bytes as `size` states, and tell whether all of them were there."""
     wanted = struct.unpack("<I", size)[0] if len(size) == 4 else 0
     data = source.read(wanted)
     return data, len(size) == 4 and len(data) == wanted
@@ -194,7 +174,7 @@ def _fields(data: bytes) -> dict[str, bytes]:
 
 
 def _sqlite(file: Path) -> Iterator[Packet]:
-    """Of the database of a bag of ROS 2."""
+    """Messages of the database of a ROS 2 bag."""
     with suppress(OSError):
         if file.stat().st_size == 0:
             raise ValueError("it is empty")
@@ -225,11 +205,10 @@ def _sqlite(file: Path) -> Iterator[Packet]:
 
 
 def _message(data: bytes) -> bytes:
-    return expanded(data) if data.startswith(_COMPRESSED) else data
+    return expanded(data) if data.startswith(_ZSTD_MAGIC) else data
 
 
 def _mcap(file: Path) -> Iterator[Packet]:
-    """Of an MCAP file."""
     from mcap.records import Channel, Message, Metadata, Schema
 
     data = read_bytes(file, LARGEST_BAG)
@@ -262,4 +241,4 @@ def _mcap_connection(channel: Any, schema: Any) -> Connection:
     )  # fmt: skip
 
 
-_KINDS: dict[str, Callable[[Path], Iterator[Packet]]] = {".bag": _ros1, ".db3": _sqlite, ".mcap": _mcap}
+_READERS: dict[str, Callable[[Path], Iterator[Packet]]] = {".bag": _ros1, ".db3": _sqlite, ".mcap": _mcap}

@@ -1,4 +1,4 @@
-"""Columns of a load on a string, a pendulum or a crane: what moves the pivot, how it swings, what the string pulls."""
+"""Columns of a load on a string, a pendulum or a crane: motion of the pivot, swing, tension of the string."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,15 +19,15 @@ CHANNELS = {
     ("q", "gripper"): "gripper_x", ("v", "gripper"): "gripper_v", ("a", "gripper"): "gripper_a",
     ("q", "height"): "gripper_z", ("force", "load"): "load_force",
 }  # fmt: skip
-"""By quantity and part of a pendulum."""
+"""Channels by quantity and part of a pendulum."""
 PARTS = Joints(ranges={part: Range(True, np.inf, np.inf) for part in ("gripper", "height")})
-"""What slides; how far is not known."""
+"""The parts that slide; their ranges are unknown."""
 
 
 def pendulum_claims(labels: Mapping[str, Label]) -> list[Claim]:
-    """What headers, by column, may be of a pendulum."""
+    """Claims of headers, by column, of a pendulum."""
     swings = any(set(label.words) & SWING for label in labels.values())
-    plane = any("y" in label.words for label in labels.values())  # x beside y is where the load is in a picture
+    plane = any("y" in label.words for label in labels.values())  # x beside y is the load's place in a picture
     claims = []
     for column, label in labels.items():
         part = "" if COMMANDED & set(label.words) else _part(label, swings and not plane)

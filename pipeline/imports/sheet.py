@@ -1,5 +1,6 @@
 """The first sheet of an Excel workbook (.xlsx), which is XML in a ZIP archive."""
 
+import io
 import re
 import zipfile
 from collections.abc import Iterator
@@ -7,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from armdyn.errors import InputError, at
+from armdyn.recording.bytes_in import read_bytes
 from pipeline.imports.foreign import Foreign, Reader
 from pipeline.imports.table import of_text
 from urdf.bounds import LARGEST_XML, MIB, MOST_COLUMNS, MOST_ROWS
@@ -16,18 +18,16 @@ SHEET, STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
 
 
 def read_sheet(path: Path) -> Foreign:
-    """Columns of the first sheet, as of a CSV.
+    """Columns of the first sheet, read as those of a CSV file.
 
     Raises:
         InputError: it is no workbook, or too large, or its first sheet is no table.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    data = read_bytes(path)
     with at(path):
         try:
-            with zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
-                strings = [_text(item) for item in _root(archive, STRINGS)] if STRINGS in names else []
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                strings = [_text(item) for item in _root(archive, STRINGS)] if STRINGS in archive.namelist() else []
                 rows = list(_rows(_root(archive, SHEET), strings))
         except (zipfile.BadZipFile, KeyError, ET.ParseError, ValueError, IndexError, OSError, RuntimeError) as error:
             raise InputError(f"is no Excel workbook that can be read ({error}): save it as CSV") from error
@@ -41,7 +41,7 @@ def _root(archive: zipfile.ZipFile, name: str) -> ET.Element:
 
 
 def _text(item: ET.Element) -> str:
-    return re.sub(r"\s+", " ", "".join(part.text or "" for part in item.iter(f"{_SPACE}t"))).strip()
+    return " ".join("".join(part.text or "" for part in item.iter(f"{_SPACE}t")).split())
 
 
 def _rows(sheet: ET.Element, strings: list[str]) -> Iterator[list[str]]:
@@ -52,19 +52,19 @@ def _rows(sheet: ET.Element, strings: list[str]) -> Iterator[list[str]]:
         for cell in row:
             kind, value = cell.get("t", "n"), cell.findtext(f"{_SPACE}v") or ""
             text = strings[int(value)] if kind == "s" else _text(cell) if kind == "inlineStr" else value
-            cells[_place(cell.get("r", ""), len(cells))] = text
+            cells[_column(cell.get("r", ""), len(cells))] = text
         width = max(width, 1 + max(cells, default=-1))
         if width > MOST_COLUMNS or number > MOST_ROWS:
             raise InputError("its sheet is too large: save it as CSV")
         yield [cells.get(i, "") for i in range(width)]
 
 
-def _place(reference: str, otherwise: int) -> int:
-    """The column of a cell such as ``AB12``, from 0."""
-    place = 0
+def _column(reference: str, default: int) -> int:
+    """Index of the column of a cell such as ``AB12``."""
+    column = 0
     for letter in re.split("[^A-Z]", reference, maxsplit=1)[0][:3]:
-        place = 26 * place + ord(letter) - ord("A") + 1
-    return place - 1 if place else otherwise
+        column = 26 * column + ord(letter) - ord("A") + 1
+    return column - 1 if column else default
 
 
 READERS = (Reader(lambda path: [read_sheet(path)], (".xlsx",)),)

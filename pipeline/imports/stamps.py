@@ -1,9 +1,9 @@
-"""Which samples of a recording have a stamp that can be used, and when they were taken.
+"""Find the samples of a recording with usable stamps, and the times at which they were taken.
 
-A clock is set while it runs, a stamp is 0 or of another day, packets come twice or overtake each other. The samples
-that are kept are as many as there can be in the order of their stamps; a clock that was set begins a new piece, which
-costs as much as `PIECE` samples. So one bad stamp costs one sample, and a clock that was set costs none but those that
-show the gap.
+A clock may be set while it runs, a stamp may be 0 or of another day, packets may come twice or overtake each other. The
+largest possible set of samples is kept whose stamps increase. Where the clock was set, a new piece begins, which costs
+as much as `PIECE` samples. So one bad stamp costs one sample, and a clock that was set costs only the samples that make
+room for a gap.
 """
 
 from collections import Counter
@@ -17,32 +17,32 @@ from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.recording.gaps import shortest_gap
 
 PIECE = MIN_SAMPLES
-"""Samples that a piece holds at least: with fewer nothing can be done."""
+"""Least number of samples of a piece: fewer are of no use."""
 DELAY = 1.0
-"""s by which messages are late at most: when a rosbridge stalls for 1 s, states come up to 1 s old, and at once."""
+"""Largest delay of a message [s]: after a rosbridge has stalled for 1 s, it sends states that are up to 1 s old."""
 FARTHEST = 10.0
-"""Times a whole recording at its usual rate, beyond which a step forward is that of a clock, not of a pause."""
+"""A step forward longer than this many times the recording at its usual rate is a clock that was set, not a pause."""
 DRIFT = 1e-4
-"""Largest rate at which two computers' clocks part [1]; crystals differ by less than half of that."""
+"""Largest relative rate difference of two computers' clocks; crystals differ by less than half of it."""
 LEAST_STEP = 1e-6
-"""s between two samples after clocks were brought together."""
+"""Least time between two samples after a change of the clock [s]."""
 REPEATED, BACK, AHEAD, FAR, NONE, BESIDE = (
     "whose stamp was there already", "whose stamp goes back", "whose stamp runs ahead",
     "whose stamp is far from all others", "without a stamp", "beside a step of the clock, so that the gap shows",
 )  # fmt: skip
-"""Why samples are left out; for a sentence."""
+"""Reasons why samples are left out, for a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dated:
-    """What is kept of n samples in the order in which they came.
+    """The samples that are kept of n samples in their order of arrival.
 
     Attributes:
-        rows: (k,) indices of the samples that are kept.
-        time: (k,) s, strictly increasing.
-        left_out: how many are not kept, by reason.
-        steps: s by which the clock was set, of each time that it was.
-        stamped: False where the times are those of arrival, as the stamps could not be used.
+        rows: indices of the kept samples (k,).
+        time: their times (k,) [s], strictly increasing.
+        left_out: number of the other samples, by reason.
+        steps: every step by which the clock was set [s].
+        stamped: False where the times are those of arrival, because the stamps are unusable.
     """
 
     rows: npt.NDArray[np.intp]
@@ -53,12 +53,12 @@ class Dated:
 
 
 def dated(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dated:
-    """The samples that can be used, and their times on the clock of the stamps.
+    """The usable samples, and their times on the clock of the stamps.
 
     Args:
-        stamps: (n,) s, nan where there is none.
-        arrivals: (n,) s, not decreasing; None where nobody knows when a sample came. They tell a pause from a clock
-            that was set, date what has no stamps, and say how far apart the pieces of a clock that was set are.
+        stamps: stamps (n,) [s], nan where there is none.
+        arrivals: times of arrival (n,) [s], not decreasing; None where they are unknown. They distinguish a pause from
+            a clock that was set, are the times of samples without stamps, and give the length of a gap.
     """
     present = np.flatnonzero(np.isfinite(stamps))
     distinct = len(np.unique(stamps[present]))
@@ -77,10 +77,10 @@ def dated(stamps: FloatArray, arrivals: FloatArray | None = None) -> Dated:
 
 
 def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
-    """(n,) times of another clock, s, on the clock of the arrivals: what was quickest was there at once.
+    """Times of another clock (n,) [s], converted to the clock of the arrivals (n,) [s].
 
-    The offset between both clocks is the smallest difference seen around a sample, and is forgotten as slowly as
-    clocks part; what is left is the quickest delay itself, 1 ms on a local network.
+    The offset of the clocks is the smallest difference seen around a sample, which grows by `DRIFT` with the distance
+    in time. The error is the shortest delay, 1 ms on a local network.
     """
     delay = arrivals - time
     before = np.minimum.accumulate(delay - DRIFT * arrivals) + DRIFT * arrivals
@@ -91,10 +91,10 @@ def on_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:
 
 
 def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray[np.intp]]:
-    """Indices of the samples that are kept, by piece: the most that there can be, less `PIECE` for each further one.
+    """Indices of the kept samples, by piece: the largest number of samples, less `PIECE` for each further piece.
 
-    Found by dynamic programming over where the kept samples before a sample end. Who skips more than two pieces' worth
-    begins a new piece, so that no more predecessors need be tried.
+    Found by dynamic programming over the predecessor of each kept sample. A jump over more than two pieces' samples
+    begins a new piece, so that no more predecessors need to be tried.
     """
     n = len(stamps)
     if n == 0:
@@ -109,8 +109,8 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
     if quick:
         return [np.arange(n)]
     best, before, begins = np.ones(n), np.full(n, -1), np.ones(n, dtype=bool)
-    most = np.array(stamps if lead is None else lead)  # of the piece so far
-    record, holder = -np.inf, -1  # of all samples before
+    most = np.array(stamps if lead is None else lead)  # largest lead in the piece so far
+    record, holder = -np.inf, -1  # best of all samples before
     for i in range(1, n):
         if best[i - 1] > record:
             record, holder = best[i - 1], i - 1
@@ -140,9 +140,9 @@ def _pieces(stamps: FloatArray, arrivals: FloatArray | None) -> list[npt.NDArray
 def _laid(
     pieces: list[npt.NDArray[np.intp]], stamps: FloatArray, arrivals: FloatArray | None
 ) -> tuple[npt.NDArray[np.intp], FloatArray, Counter[str]]:
-    """Rows and times of pieces after each other, a gap between them, and how many samples it took.
+    """Rows and times of the pieces in succession on the clock of the longest one, and the samples lost to their gaps.
 
-    The clock of the longest piece counts. Where arrivals are not known, nobody knows how long a gap was.
+    Without arrivals, the length of a gap is unknown; it is the shortest one that is recognised as a gap.
     """
     if not pieces:
         return np.empty(0, dtype=np.intp), np.empty(0), Counter()
@@ -166,7 +166,7 @@ def _laid(
 
 
 def _reasons(stamps: FloatArray, kept: npt.NDArray[np.intp]) -> Counter[str]:
-    """Why samples are not among the (k,) rows that are kept."""
+    """Number of samples outside the kept rows (k,), by reason."""
     out = np.setdiff1d(np.arange(len(stamps)), kept)
     found: Counter[str] = Counter()
     there = set(stamps[kept].tolist())

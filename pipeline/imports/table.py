@@ -3,10 +3,12 @@
 A LeRobot data set is Parquet files beside ``meta/info.json``; it becomes a run per episode.
 """
 
+import io
 import json
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime, time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +24,6 @@ from pipeline.imports.head import plain_table
 from urdf.bounds import (
     LARGEST_CONTENT,
     LARGEST_COUNT,
-    LARGEST_RECORDING,
     LARGEST_TEXT,
     LONGEST_NAME,
     MIB,
@@ -37,16 +38,13 @@ if TYPE_CHECKING:
 
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", ".", "?", "inf", "-inf"})
 _WORD = re.compile(r"[^\W\d_]+(?:[ ./-]+[^\W\d_]+)*")
-"""What a device writes in place of a number, such as ``overflow`` or ``no signal``: it is missing, and told."""
-SHOWN = 3
-"""Cells that are named where many are wrong."""
+"""Text that a device writes in place of a number, such as ``overflow`` or ``no signal``; the sample is missing."""
 
 
 def read_csv_of_any_dialect(path: Path) -> Foreign:
     """Columns of a CSV with commas, semicolons, tabs or blanks, and decimal points or commas.
 
-    Comments and lines above the header are left out, as are columns that hold text and a last row that may be cut off;
-    all is told.
+    Comments, lines above the header, columns of text and a last row that may be cut off are left out, with a note.
 
     Raises:
         InputError: it is no text, or its rows have different numbers of cells.
@@ -56,7 +54,7 @@ def read_csv_of_any_dialect(path: Path) -> Foreign:
 
 
 def of_text(name: str, text: str) -> Foreign:
-    """The columns of a table's text; see `read_csv_of_any_dialect`."""
+    """The columns of a table's text, as a recording of this name; see `read_csv_of_any_dialect`."""
     text, headed, notes = plain_table(text)
     separator = separator_of(header_of(text))
     try:
@@ -68,44 +66,45 @@ def of_text(name: str, text: str) -> Foreign:
         )
     if not len(table.rows):
         raise InputError("holds a header and no row: give a recording")
-    called = name
     columns: dict[str, Column] = {}
     texts = {}
     for i, label in enumerate(table.labels):
-        name, unit = split_label(label)
-        if name in columns:
-            notes.append(f"'{name}' stands in the header again: that column is called '{name}#{i + 1}'")
-        name = name if name and name not in columns else f"{name or 'column'}#{i + 1}"
+        column, unit = split_label(label)
+        if column in columns:
+            notes.append(f"'{column}' stands in the header again: that column is called '{column}#{i + 1}'")
+        column = column if column and column not in columns else f"{column or 'column'}#{i + 1}"
         value, strange = table.values[:, i], table.texts.get(i, {})
         if len(strange) > len(value) / 2:
-            said = dict.fromkeys(strange.values())
-            moments = _moments(list(strange.values())) if len(strange) == len(value) else None
-            if moments is not None:
-                columns[name] = Column(moments, "s")
+            cells, different = list(strange.values()), dict.fromkeys(strange.values())
+            if len(cells) == len(value) and (moments := _moments(cells)) is not None:
+                columns[column] = Column(moments, "s")
                 continue
-            if len(strange) == len(value) and len(said) == 1:
-                texts[name] = next(iter(said))
-            notes.append(f"'{name}' holds text, such as {next(iter(said))!r}: left out")
+            if len(cells) == len(value) and len(different) == 1:
+                texts[column] = cells[0]
+            notes.append(f"'{column}' holds text, such as {cells[0]!r}: left out")
             continue
-        odd = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
-        odd |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > LARGEST_COUNT)}
-        if odd:
-            row, cell = next(iter(odd.items()))
+        wrong = {row: cell for row, cell in strange.items() if not _WORD.fullmatch(cell)}
+        wrong |= {int(row): f"{value[row]:g}" for row in np.flatnonzero(np.abs(value) > LARGEST_COUNT)}
+        if wrong:
+            row, cell = next(iter(wrong.items()))
             raise InputError(
-                f"row {table.rows[row]}, column '{shown(name)}': '{shown(cell, 40)}' is no number that anything has: "
+                f"row {table.rows[row]}, column '{shown(column)}': '{shown(cell, 40)}' is no number that anything has: "
                 "mend it, or empty the cell"
             )
         if strange:
-            some = ", ".join(repr(cell) for cell in list(strange.values())[:SHOWN])
-            notes.append(f"'{name}': {len(strange)} cells are no numbers ({some}): taken as missing")
-        columns[name] = Column(value, unit)
+            cells = [repr(cell) for cell in strange.values()][:MAX_SHOWN_CELLS]
+            notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
+        columns[column] = Column(value, unit)
     if not columns:
         raise InputError("no column holds numbers: give a recording")
-    return Foreign(called, columns, tuple(notes), texts, headed=headed)
+    return Foreign(name, columns, tuple(notes), texts, headed=headed)
+
+
+MAX_SHOWN_CELLS = 3
 
 
 def _moments(cells: Sequence[str]) -> np.ndarray | None:
-    """(n,) s of dates, since 1970, UTC where they name no zone, or of times of the day; None where they are neither."""
+    """Dates as seconds since 1970 (n,), in UTC where they state no zone, or times of the day; None for other text."""
     for read in (_since_1970, _since_midnight):
         with suppress(ValueError):
             return np.array([read(cell.strip()) for cell in cells])
@@ -132,18 +131,16 @@ def read_parquet(path: Path) -> Foreign:
         from pyarrow import ArrowException, parquet
     except ImportError as error:
         raise InputError("Parquet files need pyarrow: pip install 'armdyn[import]'") from error
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with parquet.ParquetFile(path, pre_buffer=False) as file:
-            _check_parquet(file, path)
-            table = file.read()
-    except (ArrowException, OSError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: is no Parquet file that can be read: {' '.join(str(error).split())}") from error
-    if table.num_rows == 0:
-        raise InputError(f"{path}: holds no row: give a recording")
-    columns: dict[str, Column] = {}
-    notes = []
+    data, columns, notes = read_bytes(path), dict[str, Column](), []
+    with at(path):
+        try:
+            with parquet.ParquetFile(io.BytesIO(data), pre_buffer=False) as file:
+                _check_parquet(file, len(data))
+                table = file.read()
+        except (ArrowException, OSError, ValueError, OverflowError) as error:
+            raise InputError(f"is no Parquet file that can be read: {' '.join(str(error).split())}") from error
+        if table.num_rows == 0:
+            raise InputError("holds no row: give a recording")
     for label in table.column_names:
         name, unit = split_label(label)
         found = _arrow_columns(name, table[label])
@@ -154,20 +151,28 @@ def read_parquet(path: Path) -> Foreign:
     return Foreign(path.stem, columns, tuple(notes))
 
 
-def _check_parquet(file: Any, path: Path) -> None:
-    """Refuse what would take more memory than fits, before it is unpacked: repeated values take next to no place."""
-    about, size = file.metadata, path.stat().st_size
+def _check_parquet(file: Any, size: int) -> None:
+    """Refuse a file whose content would not fit into memory, before it is unpacked: repeated values are compressed.
+
+    Args:
+        file: the opened file.
+        size: number of its bytes.
+
+    Raises:
+        InputError: it states the largest possible numbers.
+    """
+    about = file.metadata
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]
     unpacked = sum(max(8 * part.num_values, part.total_uncompressed_size) for part in parts)
-    if size > LARGEST_RECORDING or unpacked > LARGEST_CONTENT or about.num_rows > MOST_ROWS:
+    if unpacked > LARGEST_CONTENT or about.num_rows > MOST_ROWS:
         raise InputError(
-            f"{path}: {about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
-            f"{MOST_ROWS} rows, {LARGEST_RECORDING / MIB:.0f} and {LARGEST_CONTENT / MIB:.0f} MiB are the most: cut it"
+            f"{about.num_rows} rows, {size / MIB:.0f} MiB that become {unpacked / MIB:.0f} MiB or more, where "
+            f"{MOST_ROWS} rows and {LARGEST_CONTENT / MIB:.0f} MiB are the most: cut it"
         )
     if about.num_columns > MOST_COLUMNS or any(len(name) > LONGEST_NAME for name in file.schema_arrow.names):
         raise InputError(
-            f"{path}: {about.num_columns} columns, where {MOST_COLUMNS} with names of {LONGEST_NAME} letters are the "
+            f"{about.num_columns} columns, where {MOST_COLUMNS} with names of {LONGEST_NAME} letters are the "
             "most: leave some out"
         )
 
@@ -190,14 +195,14 @@ def _arrow_columns(name: str, values: "pa.ChunkedArray") -> dict[str, np.ndarray
 
 INFO = Path("meta/info.json")
 LARGEST_RATE = 1e5
-"""Frames per second."""
+"""Largest number of frames per second."""
 _INDEX = re.compile(r"(?P<feature>.+)/(?P<index>\d+)")
 
 
 def read_lerobot(path: Path) -> list[Foreign]:
     """Every episode of a data set of version 2 (a file per episode) or 3 (many episodes in a file).
 
-    Entries of a feature get the names that ``info.json`` gives them: ``observation.state/elbow_flex.pos``.
+    The entries of a feature are named as in ``info.json``: ``observation.state/elbow_flex.pos``.
 
     Raises:
         InputError: the description or a file cannot be read, or there is no episode.
@@ -207,25 +212,25 @@ def read_lerobot(path: Path) -> list[Foreign]:
     files = sorted((path / "data").rglob("*.parquet"))
     if not files:
         raise InputError(f"{path}: holds no Parquet file under data/: download the data set's data too")
-    rate = info.get("fps")
     found = []
     for file in files:
         table = read_parquet(file)
         named = {_named(label, names): column for label, column in table.columns.items()}
-        if "timestamp" not in named and rate is not None and "frame_index" in named:
-            named["timestamp"] = Column(named["frame_index"].value / rate, "s")
-        episodes = named["episode_index"].value if "episode_index" in named else None
-        if episodes is not None and not np.isfinite(episodes).all():
+        if "timestamp" not in named and info.get("fps") is not None and "frame_index" in named:
+            named["timestamp"] = Column(named["frame_index"].value / info["fps"], "s")
+        if "timestamp" in named:
+            named["timestamp"] = replace(named["timestamp"], unit="s")
+        kept = {label: column for label, column in named.items() if label.rpartition("_")[2] != "index"}
+        if "episode_index" not in named:
+            found.append(Foreign(file.stem, kept, table.notes))
+            continue
+        episodes = named["episode_index"].value
+        if not np.isfinite(episodes).all():
             raise InputError(f"{file}: a row has no episode_index: give a LeRobot data set")
-        for episode in [None] if episodes is None else np.unique(episodes):
-            rows = slice(None) if episode is None else episodes == episode
-            of_episode = {
-                label: Column(column.value[rows], "s" if label == "timestamp" else column.unit)
-                for label, column in named.items()
-                if label.rpartition("_")[2] != "index"
-            }
-            name = file.stem if episode is None else f"{path.name}_episode_{int(episode):06d}"
-            found.append(Foreign(name, of_episode, table.notes))
+        for episode in np.unique(episodes):
+            rows = episodes == episode
+            columns = {label: replace(column, value=column.value[rows]) for label, column in kept.items()}
+            found.append(Foreign(f"{path.name}_episode_{int(episode):06d}", columns, table.notes))
     return found
 
 
@@ -243,7 +248,7 @@ def _info(path: Path) -> dict[str, Any]:
 
 
 def _names(about: Any) -> list[str]:
-    """Names of a feature's entries: a list, or a list under one key such as ``motors``."""
+    """Names of a feature's entries, which are a list, or a list under one key such as ``motors``."""
     names = about.get("names") if isinstance(about, dict) else None
     if isinstance(names, dict):
         names = next(iter(names.values()), None)
@@ -251,11 +256,10 @@ def _names(about: Any) -> list[str]:
 
 
 def _named(label: str, names: dict[str, list[str]]) -> str:
+    """The column of a feature's entry, with the entry's name in place of its number."""
     match = _INDEX.fullmatch(label)
-    if match is None or match["feature"] not in names:
-        return label
-    known, index = names[match["feature"]], int(match["index"])
-    return f"{match['feature']}/{known[index]}" if index < len(known) else label
+    known = names.get(match["feature"], []) if match else []
+    return f"{match['feature']}/{known[index]}" if match and (index := int(match["index"])) < len(known) else label
 
 
 READERS = (

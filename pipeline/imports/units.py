@@ -1,4 +1,4 @@
-"""Units of columns, judged by their numbers: ranges of joints, slopes of positions, efforts of motors."""
+"""Judge the units of columns by their numbers: ranges of joints, slopes of positions, efforts of motors."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,26 +13,26 @@ from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Range
 from pipeline.imports.mapping import Entry
 from pipeline.imports.words import fits
 
-TURNS = 7.0
-"""rad; positions beyond are degrees, of an arm whose joints turn a little more than once."""
+MAX_TURN = 7.0
+"""Largest position of a joint that turns a little more than once [rad]; larger numbers are degrees."""
 SURELY_DEGREES = 40.0
-"""Numbers beyond are degrees: in rad a joint would have turned six times."""
+"""Numbers above are degrees: in radians the joint would have turned six times."""
 FEW = 3
-"""Joints; of fewer, degrees may all be as small as radians."""
-FASTEST = 10.0 * TURNS
-"""rad/s beyond which a rate without a position is in degrees."""
-FARTHEST = 10.0
-"""m beyond which a position without limits is in mm."""
-OVER = 0.1
-"""Share of its range by which a joint may be beyond it."""
-AGREES = 0.15
-"""Relative difference of speed and differentiated position from which their units are not the same."""
-ALIKE = 0.7
-"""Correlation of a speed with the slope of its position below which it may be another joint's, or no speed."""
-STRONGEST, WEAKEST = 1.5, 0.01
-"""Shares of the motors' efforts, the URDF's, above and below which all torques of an arm may be in another unit."""
+"""With fewer joints than these, all degrees may be as small as radians."""
+MAX_RATE = 10.0 * MAX_TURN
+"""Largest rate [rad/s]; where no position was recorded, a larger one is in degrees per second."""
+MAX_DISTANCE = 10.0
+"""Largest position of a prismatic joint without limits [m]; a larger one is in millimetres."""
+MAX_EXCESS = 0.1
+"""Share of its range by which a joint's position may be outside of the range."""
+SAME_SLOPE = 0.15
+"""Largest relative difference of a speed from the slope of its position in the same unit."""
+MIN_CORRELATION = 0.7
+"""Least correlation of a speed with the slope of its position; below it may be another joint's, or no speed."""
+MIN_EFFORT_SHARE, MAX_EFFORT_SHARE = 0.01, 1.5
+"""The largest torque of an arm's joints as a share of its motor's limit; outside, the unit may be another one."""
 UPSIDE_DOWN = 0.5
-"""rad; within it of half a turn, the mean of a swing's angle shows that it is not counted from hanging."""
+"""A mean swing angle within this distance of half a turn [rad] shows that it does not count from hanging."""
 ASSUMED = "unit assumed"
 COUNTS = "whole numbers: counts of an encoder, which need a scale?"
 
@@ -44,14 +44,14 @@ def judged_entries(
     first: Foreign,
     time: FloatArray | None,
 ) -> dict[str, Entry]:
-    """What becomes of every column, with its unit, as written or as its numbers say, and all that is doubtful.
+    """The entry of every claimed column, with its unit as written or as its numbers suggest, and all doubts.
 
     Args:
-        claims: one to a channel.
-        columns: of all recordings, by name.
-        known: the bodies, with their ranges where they have some.
-        first: recording, whose positions are differentiated.
-        time: (n,) s, of its rows; None where every column has a time of its own.
+        claims: one claim per channel.
+        columns: columns of all recordings, by name.
+        known: joints of the robot, or parts of a pendulum, with their ranges where they are known.
+        first: recording whose positions are differentiated.
+        time: stamps of its rows (n,) [s]; None where every column has its own time.
     """
     positions = {c.body: c for c in claims if c.label.quantity == "q"}
     sizes = {c.column: _largest(columns[c.column]) for c in claims}
@@ -66,10 +66,12 @@ def judged_entries(
         if c.label.quantity == "q":
             if not unit:
                 unit, why, doubt = _length_unit(size, limits) if limits is not None and limits.slides else angle
-                doubts += [doubt, COUNTS if _whole(columns[c.column]) else ""]
+                doubts += [doubt, COUNTS if _is_whole(columns[c.column]) and size > MAX_TURN else ""]
             doubts.append(_position_doubt(size, unit, limits))
             if c.body == "swing":
-                doubts.append(_hanging_doubt(columns[c.column], unit))
+                mean = float(np.nanmean(np.concatenate([column.value for column in columns[c.column]])))
+                upside_down = abs(abs(mean * si_factor(unit, "rad")) - np.pi) < UPSIDE_DOWN
+                doubts.append("it hangs at half a turn; 0 is hanging, give an offset" if upside_down else "")
         elif c.label.quantity == "v":
             unit, why, doubt = _rate_unit(written, of, size, _slope(first, c, at, time), bool(positions))
             doubts.append(doubt)
@@ -90,87 +92,77 @@ def judged_entries(
     return entries
 
 
-def _whole(columns: Sequence[Column]) -> bool:
-    """Whether all values are whole numbers, of which several are large."""
-    return (
-        all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns) and _largest(columns) > TURNS
-    )
-
-
 def in_one(doubts: Sequence[str]) -> str:
-    """What a person is asked who reads a guess."""
+    """Doubts in one text, without empty and repeated ones."""
     return "; ".join(dict.fromkeys(filter(None, doubts)))
 
 
+def _is_whole(columns: Sequence[Column]) -> bool:
+    return all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns)
+
+
 def _largest(columns: Sequence[Column]) -> float:
-    """Largest size in any of some recordings."""
+    """Largest magnitude in a column of several recordings."""
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
 
 
 def _angle_unit(sizes: Sequence[float]) -> tuple[str, str, str]:
-    """Unit, reason and doubt of positions without a unit, by the size of each: one beyond two turns tells for all."""
+    """Unit, reason and doubt of all angles without a unit, from the largest magnitude of each."""
     most = max(sizes, default=0.0)
-    why = f"up to {most:.4g}"
-    if most > TURNS:
-        return "deg", why, "" if most > SURELY_DEGREES else "or rad, of a joint that turns on?"
-    return "rad", why, "or deg?" if len(sizes) < FEW else ""
+    if most > MAX_TURN:
+        return "deg", f"up to {most:.4g}", "" if most > SURELY_DEGREES else "or rad, of a joint that turns on?"
+    return "rad", f"up to {most:.4g}", "or deg?" if len(sizes) < FEW else ""
 
 
 def _length_unit(size: float, limits: Range) -> tuple[str, str, str]:
-    """The same of a joint that slides."""
-    unit = "m" if size <= (1 + OVER) * min(limits.reach, FARTHEST) else "mm"
+    """Unit, reason and doubt of the position of a prismatic joint."""
+    unit = "m" if size <= (1 + MAX_EXCESS) * min(limits.reach, MAX_DISTANCE) else "mm"
     return unit, f"up to {size:.4g}", "" if np.isfinite(limits.reach) else ASSUMED
 
 
 def _position_doubt(size: float, unit: str, limits: Range | None) -> str:
-    """What is strange about the size of a position; empty for nothing."""
+    """Doubt on the largest magnitude of a position; empty for none."""
     try:
         size *= si_factor(unit, "m" if limits is not None and limits.slides else "rad")
     except InputError:
         return "does the joint turn, or slide?" if limits is not None else ""
     if limits is None:
         return "so many turns?" if size > SURELY_DEGREES else ""
-    return f"beyond the joint's limit of {limits.reach:.3g}" if size > (1 + OVER) * limits.reach else ""
-
-
-def _hanging_doubt(columns: Sequence[Column], unit: str) -> str:
-    mean = float(np.nanmean(np.concatenate([column.value for column in columns]))) * si_factor(unit, "rad")
-    upside_down = abs(abs(mean) - np.pi) < UPSIDE_DOWN
-    return "it hangs at half a turn; 0 is hanging, give an offset" if upside_down else ""
+    return f"beyond the joint's limit of {limits.reach:.3g}" if size > (1 + MAX_EXCESS) * limits.reach else ""
 
 
 def _rate_unit(
     written: str, of: str, size: float, slope: tuple[float, float] | None, positions: bool
 ) -> tuple[str, str, str]:
-    """Unit, reason and doubt of a speed: that in which it is the slope of its position.
+    """Unit, reason and doubt of a speed: the unit in which it is the slope of its position.
 
     Args:
-        written: its unit as the file says; empty for none.
+        written: unit in the file; empty for none.
         of: unit of the position.
-        size: of the largest.
-        slope: see `_slope`; None where it is not known.
-        positions: whether the file has any, whose unit may be the speed's.
+        size: largest magnitude.
+        slope: see `_slope`.
+        positions: whether the file contains any position.
     """
     assumed = written or f"{of}/s"
     if slope is None:
         if written or positions:
             return assumed, "unit as written" if written else "as the position", ""
-        degrees = of == "rad" and size > FASTEST
+        degrees = of == "rad" and size > MAX_RATE
         return "deg/s" if degrees else assumed, f"up to {size:.4g}", "" if degrees else ASSUMED
-    ratio, alike = slope
+    ratio, correlation = slope
     why = f"{ratio:.3g} times the position's slope"
-    if alike < ALIKE:
+    if correlation < MIN_CORRELATION:
         return assumed, why, "it does not follow the position's slope"
     si, *others = ("rad/s", "deg/s") if fits(of, "rad") else ("m/s", "mm/s")
     for unit in (assumed, si, *others):
-        if fits(unit, si) and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < AGREES:
+        if fits(unit, si) and abs(ratio * si_factor(unit, si) / si_factor(f"{of}/s", si) - 1.0) < SAME_SLOPE:
             return unit, why, f"it is written {written}" if written and unit != written else ""
     return assumed, why, "the slope is not of that size"
 
 
 def _slope(first: Foreign, speed: Claim, position: Claim | None, time: FloatArray | None) -> tuple[float, float] | None:
-    """Ratio of a speed to the slope of its position, and their correlation; None where nothing moves or is known."""
+    """Ratio of a speed to the slope of its position, and their correlation; None where it moves not or is unknown."""
     if position is None or not {speed.column, position.column} <= first.columns.keys():
         return None
     x, v = first.columns[position.column], first.columns[speed.column].value
@@ -182,10 +174,8 @@ def _slope(first: Foreign, speed: Claim, position: Claim | None, time: FloatArra
     if kept.sum() < FEW:
         return None
     change, v = np.gradient(x.value[kept], stamps[kept]), v[kept]
-    size, power = float(change @ change), float(v @ v)
-    if size == 0.0 or power == 0.0:
-        return None
-    return float(change @ v) / size, float(change @ v) / np.sqrt(size * power)
+    size, power, common = float(change @ change), float(v @ v), float(change @ v)
+    return (common / size, common / np.sqrt(size * power)) if size and power else None
 
 
 def _force_unit(claim: Claim, known: Joints) -> str:
@@ -193,7 +183,7 @@ def _force_unit(claim: Claim, known: Joints) -> str:
 
 
 def _torque_doubt(claims: Sequence[Claim], sizes: Mapping[str, float], known: Joints) -> str:
-    """What is strange about the largest torques of all joints, as shares of what the motors can do."""
+    """Doubt on the largest torques of all joints, compared with the motors' limits; empty for none."""
     shares = [
         sizes[c.column]
         * (si_factor(c.label.unit, _force_unit(c, known)) if c.label.unit else 1.0)
@@ -202,6 +192,6 @@ def _torque_doubt(claims: Sequence[Claim], sizes: Mapping[str, float], known: Jo
         if c.label.quantity == "tau" and c.body in known.ranges and fits(c.label.unit or "N m", "N m", "N")
     ]
     most = max(shares, default=1.0)
-    if WEAKEST <= most <= STRONGEST:
+    if MIN_EFFORT_SHARE <= most <= MAX_EFFORT_SHARE:
         return ""
     return f"{'up to' if most > 1 else 'at most'} {most:.2g} times what the motors can do"

@@ -1,4 +1,4 @@
-"""What the header of a column says: a quantity, its unit, whether it was measured, and what may name the joint."""
+"""Read the header of a column: its quantity, its unit, whether it was measured, and words that may name the joint."""
 
 import re
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from armdyn.recording.units import si_factor
 
 
 def words_in(text: str) -> frozenset[str]:
-    """The words of a list that is separated by blanks."""
+    """The words of a text that are separated by blanks."""
     return frozenset(text.split())
 
 
@@ -21,7 +21,7 @@ QUANTITIES = {
     "force": "force forces kraft",
     "q": "position positions pos q qm qpos jpos mp angle angles ang theta th encoder enc winkel rad deg",
 }
-"""Words that name a quantity of a joint; of several in one header the first row of this table counts."""
+"""Words that name a quantity of a joint. Where a header contains several, the first row of this table counts."""
 _QUANTITY_OF = {word: kind for kind, words in QUANTITIES.items() for word in words.split()}
 DERIVED = {("q", "dot"): "v", ("v", "dot"): "a", ("q", "ddot"): "a", ("q", "dd"): "a"}
 COMMANDED = words_in(
@@ -37,15 +37,15 @@ OTHER = words_in(
     "brake fault warning ticks counts count percent pct duty load wear tool hat stamp secs nsecs disturbance cog "
     "energy energies kinetic potential kin pot"
 )
-"""Words of what is recorded beside a joint's motion and torque, or is computed from a model."""
+"""Words of quantities other than a joint's motion and torque, or of quantities that are computed from a model."""
 CARTESIAN = words_in("x y z rx ry rz qx qy qz qw roll pitch yaw")
-"""Names of coordinates; a header that holds nothing else besides a quantity is no joint's."""
+"""Names of coordinates; a header with nothing else besides a quantity is not a joint's."""
 IDLE = words_in(
     "actual measured meas measure msr ist act present joint joints jnt axis axes ax achse motor mot the data "
     "value val robot real feedback fbk fb state states observation of from filtered filt ai sensor field msg dof "
     "m est estimate estimated angular arm"
 )
-"""Words that say nothing about which joint it is."""
+"""Words that do not distinguish joints."""
 
 _RATES = ("/s", "_s", " s", "ps", "_per_s", "_per_sec", "_per_second", "/sec", "_sec")
 _SPELLINGS = {
@@ -78,16 +78,16 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Label:
-    """A header, taken apart.
+    """The parts of a header.
 
     Attributes:
-        words: all of it without the unit, in small letters, numbers apart.
-        quantity: a key of `QUANTITIES`; empty where no word says it.
-        unit: written in the header, as pint reads it; empty where there is none.
-        measured: False for what is commanded, estimated from a model, or of something else than a joint.
-        rest: words and numbers that may say which joint it is.
-        doubt: why its quantity needs a person; empty where it does not.
-        told: whether it is what a joint was told, and would be measured but for that.
+        words: all words without the unit, in small letters, numbers apart.
+        quantity: a key of `QUANTITIES`; empty where no word names one.
+        unit: unit in the header, in pint's notation; empty where there is none.
+        measured: False for commands, for values computed from a model, and for other things than joints.
+        rest: words and numbers that may name the joint.
+        doubt: reason why a person must check the quantity; empty where it is certain.
+        told: whether it is a command of a joint.
     """
 
     words: tuple[str, ...]
@@ -100,29 +100,29 @@ class Label:
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """Words and numbers of a name in small letters: ``actualQd_3`` as actual, qd, 3."""
+    """Words and numbers of a name in small letters: actual, qd and 3 of ``actualQd_3``."""
     text = _GERMAN.sub(r"\1 ", text.translate(_GREEK))
     return tuple(str(int(word)) if word.isdigit() else word.lower() for word in _WORD.findall(text))
 
 
 def label_of(name: str, unit: str = "") -> Label:
-    """Take a header apart.
+    """The parts of a header.
 
     Args:
-        name: without a unit in brackets.
-        unit: that stood in brackets.
+        name: header without a unit in brackets.
+        unit: text in the brackets; empty for none.
     """
     # No robot is measured in megametres: [MM] is mm, however pint reads it.
     written = _UNIT_OF.get(unit) or _UNIT_OF.get(unit.lower()) or (unit if fits(unit, *chain(*KINDS.values())) else "")
     text = name.strip()
     if unit and not written and fits(unit, "J"):
         return Label(words_of(text), "", unit, False, ())
-    if unit and not written:  # brackets around something else, such as the axis
+    if unit and not written:  # the brackets contain something else, such as the axis
         text = f"{text} {unit}"
     found = None if written else _SUFFIX.search(text)
     if found is not None:
         label = _without_unit(text[: found.start("unit")] + (found["index"] or ""), _UNIT_OF[found["unit"]])
-        # A letter alone is a unit only of the right quantity: the A of joint_A is none.
+        # A single letter is a unit only of the right quantity: the A of joint_A is no unit.
         suits = label.quantity and fits(label.unit, *KINDS[label.quantity])
         if suits or len(found["unit"]) > 1:
             return _completed(label)
@@ -130,7 +130,7 @@ def label_of(name: str, unit: str = "") -> Label:
 
 
 def fits(unit: str, *choices: str) -> bool:
-    """Whether a text is a unit of the same kind as one of some SI units."""
+    """Whether a text is a unit of the same kind as one of these SI units."""
     for si in choices:
         try:
             si_factor(unit, si)
@@ -166,7 +166,7 @@ def _without_unit(text: str, unit: str) -> Label:
 
 
 def _completed(label: Label) -> Label:
-    """With the quantity that the unit alone says, and the unit of a speed that is written as that of an angle."""
+    """The label with the quantity that its unit implies; a speed in the unit of an angle gets that unit per second."""
     quantity, unit = label.quantity, label.unit
     if not unit:
         return label

@@ -33,9 +33,10 @@ def write(folder: Path, column: str, cells: list[str]) -> Path:
         ("percent", "1", 0.21),
         ("rpm", "rad/s", 2.199115),
         ("bar", "kg/m/s^2", 2.1e6),
+        ("V", "V", 21.0),
     ],
 )
-def test_a_further_column_is_read_in_si_base_units(tmp_path, unit, si, value):
+def test_a_further_column_is_read_in_si_units_and_an_si_unit_keeps_its_name(tmp_path, unit, si, value):
     run = read_run(write(tmp_path, f"extra.quantity [{unit}]", ["21"] * 50))
     assert list(run.channels) == ["swing_angle"]
     assert run.extra["extra.quantity"].unit == si

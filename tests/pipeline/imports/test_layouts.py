@@ -40,7 +40,7 @@ def silently_wrong(layout, found):
             scale = si_factor(entry.unit, "A") / si_factor(made.unit, "A") if kind == "current" else scaled(entry, made)
             right = abs(scale - 1.0) < 1e-9
         if not (right or entry.check):
-            wrong.append(f"{name} -> {entry.channel} [{entry.unit}] {entry.reason}")
+            wrong.append(f"{name} -> {entry.channel} [{entry.unit}] {reason(entry.why, entry.check)}")
     asked = {entry.channel for entry in found.entries.values() if entry.check}
     for name, made in truth.items():
         if made.channel and name not in found.entries and made.channel not in asked:
@@ -66,7 +66,7 @@ def told(found):
     lines = {f"time [{found.time_unit}] {reason(found.why, found.check)}": [found.time]} if found.time else {}
     for column, entry in found.entries.items():
         quantity, _, joint = entry.channel.partition(".")
-        kind = f"{quantity} [{entry.unit}] {entry.torque_constant} {entry.reason}"
+        kind = f"{quantity} [{entry.unit}] {entry.torque_constant} {reason(entry.why, entry.check)}"
         lines.setdefault(kind, []).append(f"{column} = {joint}" if joint else column)
     return {re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", kind): ", ".join(columns) for kind, columns in lines.items()}
 
