@@ -18,8 +18,12 @@ from armdyn.recording.units import Known
 from armdyn.run import Run
 from hidden_effects import arm, pendulum
 
+EDGE = 0.01
+"""Width over which a rub sets in, rad: the files say so as well."""
 HEAD = "import casadi as ca\nfrom armdyn import effect, quantity\n"
-PENDULUM = HEAD + '''
+PENDULUM = (
+    HEAD
+    + """
 @effect(summary="a soft stop at an angle", source="of its own")
 def pad(string, stiffness=quantity("N m/rad", typical=0.1, lower=0.0),
         place=quantity("rad", typical=0.1, null=0.0, lower=-1.0, upper=1.0)):
@@ -39,8 +43,11 @@ def loose_spring(string, stiffness=quantity("N m/rad", typical=0.1, lower=0.0),
 def tired_cell(sensor, lost=quantity("1", typical=0.1, lower=0.0, upper=1.0),
                knee=quantity("N", typical=0.2, null=2.0, lower=0.0)):
     return sensor.with_force(sensor.force - lost * ca.fmax(0, sensor.force - knee))
-'''
-ARM = HEAD + '''
+"""
+)
+ARM = (
+    HEAD
+    + """
 @effect(summary="a soft stop at a position", source="of its own")
 def stop(joint, stiffness=quantity("N m/rad", typical=10.0, lower=0.0), place=quantity("rad", typical=0.3)):
     return joint.with_torque(stiffness * ca.fmax(0, joint.position - place))
@@ -58,7 +65,8 @@ def loose_spring(joint, stiffness=quantity("N m/rad", typical=10.0, lower=0.0),
 def tired_gauge(joint, lost=quantity("1", typical=0.1, lower=0.0, upper=1.0),
                 knee=quantity("N m", typical=10.0, null=100.0, lower=0.0)):
     return joint.with_offset(-lost * (joint.load - ca.fmax(-knee, ca.fmin(knee, joint.load))))
-'''
+"""
+)
 OF_PENDULUM: Mapping[str, Mapping[str, float]] = {
     "pad": {"stiffness": 0.05, "place": 0.15},
     "edge_rub": {"friction": 3e-3, "place": 0.06},
@@ -92,6 +100,12 @@ class Case:
     true: Mapping[str, float]
     runs: tuple[Run, ...]
 
+    @property
+    def labels(self) -> list[str]:
+        """What is to be named."""
+        joint = f":{OF_ARM[self.hidden][0]}" if self.robot == "arm" and self.hidden else ""
+        return [self.hidden + joint] if self.hidden else []
+
 
 def effects(robot: str) -> tuple[Effect, ...]:
     """The user's effects of a robot."""
@@ -99,6 +113,11 @@ def effects(robot: str) -> tuple[Effect, ...]:
         path = Path(folder) / "effects.py"
         path.write_text(PENDULUM if robot == "pendulum" else ARM, encoding="utf-8")
         return load_effects(path)
+
+
+def _beyond(position: np.ndarray | float, place: float) -> np.ndarray:
+    """Share of a rub, which sets in over some width of the edge."""
+    return np.asarray(0.5 * (1.0 + np.tanh((position - place) / EDGE)))
 
 
 def of_pendulum(hidden: str, seed: int, seconds: float = 15.0) -> Case:
@@ -114,7 +133,7 @@ def of_pendulum(hidden: str, seed: int, seconds: float = 15.0) -> Case:
             return -size["stiffness"] * max(angle - size["place"], 0.0)
         if hidden == "loose_spring":
             return -size["stiffness"] * (angle - float(np.clip(angle, -size["gap"], size["gap"])))
-        return -size["friction"] * float(np.tanh(rate / 0.01)) if angle > size["place"] else 0.0
+        return -size["friction"] * float(np.tanh(rate / 0.01) * _beyond(angle, size["place"]))
 
     def reading(force: np.ndarray) -> np.ndarray:
         return np.asarray(force - size["lost"] * np.maximum(force - size["knee"], 0.0))
@@ -144,7 +163,7 @@ def of_arm(hidden: str, seed: int, seconds: float = 15.0) -> Case:
         if hidden == "stop":
             found[:, i] = size["stiffness"] * np.maximum(x - size["place"], 0.0)
         elif hidden == "cover_rub":
-            found[:, i] = size["friction"] * np.sign(v[:, i]) * (x > size["place"])
+            found[:, i] = size["friction"] * np.sign(v[:, i]) * _beyond(x, size["place"])
         elif hidden == "loose_spring":
             found[:, i] = size["stiffness"] * (x - np.clip(x, -size["gap"], size["gap"]))
         elif hidden == "tired_gauge":

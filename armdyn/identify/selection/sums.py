@@ -259,7 +259,7 @@ def _settled(
         values: (P,) values of all unknowns.
         driver: (P,) see `Sums.driver`.
         free: (P,) bool, unknowns that adapt.
-        placed: (P,) bool, thresholds that were looked for, and stay: a step of a descent may leave the range of the runs.
+        placed: (P,) bool, thresholds that were looked for; they stay, since a step may leave the range of the runs.
     """
     width, there_already = _width(problem), np.flatnonzero(free)
     latent = np.flatnonzero(driver != np.arange(len(values)))
