@@ -37,19 +37,19 @@ class LinearStudy(Study):
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """Fit the model's base with exactly these effects, from the fit `near`, or from (P,) `values`."""
-        free, start = self._released(effects, near)
-        return fit(self.problem, free, start if values is None else values, most_steps=MAX_QUICK_STEPS)
+        """Fit the model's base with exactly these effects, from (P,) `values`, or from those that sums at `near` predict.
 
-    def _released(self, effects: Sequence[Candidate], near: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) bool: unknowns that are free with these effects; (P,) values near a fit, other effects at null."""
+        A threshold shows only where its effect is, so what is determined is asked there.
+        """
+        if values is None:
+            scorer = self.scorer(near)
+            values = self.own_values(scorer, scorer.of(scorer.within(effects)))
         problem = self.problem
         wanted = problem.of([name for c in effects for name in c.names])
         fixed = problem.of(self.present_names) & ~problem.fitted
         free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
-        values = np.where(problem.is_effect & ~wanted, problem.null, near.values)
-        known_slopes = near.values if near.problem is self.problem else values
-        return determined(self.problem, free, known_slopes) | (free & self.first().free), values
+        free = determined(problem, free, values) | (free & self.first().free)
+        return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
 
     def explained_share(self, before: Fit, after: Fit) -> float:
         """Share of the squared error that is explained, on held-out runs where there are any; see `explained`."""

@@ -4,7 +4,7 @@ Rigid bodies are MuJoCo's; what happens in the joints and sensors is written her
 where armdyn has a smooth one. Nothing of armdyn is used but the container of a recording.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import mujoco
@@ -24,6 +24,8 @@ SHARE = np.array([1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3])  # the wrist's drives are 
 CENTRE = np.array([0.1, -0.5, 0.2, 1.3, 0.0, 0.5, 0.0])  # rad
 SWING = np.array([0.7, 0.5, 0.9, 0.7, 1.0, 0.8, 1.2])  # rad, within the position limits
 FASTEST = np.array([1.1, 1.0, 1.1, 1.1, 2.0, 2.0, 2.5])  # rad/s, within the velocity limits
+Beyond = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""(n, 7) torques, N m, from (n, 7) positions, velocities and accelerations, rad and s."""
 PERIOD, HARMONICS = 10.0, 5  # s
 STRIBECK_SPEED = 0.1  # rad/s
 PAYLOAD_PLACE = (0.02, -0.01, 0.15)  # m, in the frame of the last joint
@@ -79,6 +81,7 @@ def generate(
     rates: bool = False,
     stated: bool = True,
     path: Motion | None = None,
+    beyond: Beyond | None = None,
 ) -> Run:
     """One recording of the right arm.
 
@@ -95,6 +98,7 @@ def generate(
         rates: whether velocities are recorded, with 0.015 rad/s of noise.
         stated: whether the recording states the noise of its efforts.
         path: the motion; that of `motion` where it is not given.
+        beyond: what the efforts hold besides.
     """
     names = (effect,) if isinstance(effect, str) else tuple(effect or ())
     rng = np.random.default_rng([seed, recording])
@@ -103,6 +107,8 @@ def generate(
     path = motion(seed, recording) if path is None else path
     q, v, _ = path.at(time)
     effort = _effort(names, size, path, time)
+    if beyond is not None:
+        effort = effort + beyond(*path.at(time))
     effort = effort + noise * EFFORT_NOISE * _coloured(rng, effort.shape, colour)
     q = q + noise * POSITION_NOISE * rng.standard_normal(q.shape)
     channels = {f"q.{joint}": Channel(time, q[:, i], "rad") for i, joint in enumerate(JOINTS)}

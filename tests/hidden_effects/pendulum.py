@@ -9,7 +9,7 @@ with mass, adds its generalised inertia to the constrained direction.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
-from math import cos, sin, sqrt, tanh
+from math import atan2, cos, sin, sqrt, tanh
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -47,6 +47,8 @@ class Setup:
         correlation: of the force noise from sample to sample.
         start: angle and rate at the start, rad and rad/s.
         angle_noise: rad; None where there is no angle sensor.
+        torque: further torque about the pivot, N m, from the angle, rad, and its rate, rad/s.
+        reading: what the load cell makes of the tension, N.
     """
 
     length: float = 0.368
@@ -58,6 +60,8 @@ class Setup:
     correlation: float = 0.0
     start: tuple[float, float] = (0.01, 0.02)
     angle_noise: float | None = None
+    torque: Callable[[float, float], float] | None = None
+    reading: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 def gripper_motion(rng: np.random.Generator, duration: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -133,6 +137,8 @@ def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.n
         torque = -viscous * rate - coulomb * tanh(rate / 0.01)
         if q[0] > 0.03:
             torque -= rub * tanh(rate / 0.02)
+        if setup.torque is not None:
+            torque += setup.torque(atan2(-n[0], -n[2]), rate)
         if torque:
             across = np.array([n[2], 0.0, -n[0]])  # towards growing angle, for n = (-sin, 0, -cos)
             f = f + torque / length(t)[0] * across
@@ -288,7 +294,7 @@ def _gripper(h: Mapping[str, float], motion: Callable, duration: float) -> Calla
 
 def sensor(setup: Setup, time: np.ndarray, truth: Mapping[str, np.ndarray]) -> np.ndarray:
     """What the load cell says, without noise."""
-    h, tension = setup.hidden, truth["tension"]
+    h, tension = setup.hidden, truth["tension"] if setup.reading is None else setup.reading(truth["tension"])
     force = tension * (1 - h.get("vertical_sensing_axis", 0.0) * (1 - np.cos(truth["angle"])))
     force = force + h.get("cross_axis_sensitivity", 0.0) * tension * truth["side"]
     force = force + h.get("sensor_nonlinearity", 0.0) * force**2

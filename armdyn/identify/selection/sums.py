@@ -10,11 +10,14 @@ normal equations).
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from armdyn.identify.problem import EFFECT_PRIOR_SIZE, Block, Problem
 from armdyn.identify.selection.candidate import Candidate
+from armdyn.identify.thresholds import likeliest
+from armdyn.linear.solve import solve_bounded
 
 DRIVEN_FIT_STEPS = 3
 """Steps of the fits that optimise unknowns which act through another one."""
@@ -110,9 +113,10 @@ def sums(
         absent: effects at their null values, some of whose unknowns may act through another.
         free: (P,) bool, unknowns that were fitted; they adapt where an absent effect is optimised.
     """
+    values, placed = _placed(problem, training, values, absent, free)
     here = problem.blocks(values)
     driver = _drivers(problem, here, absent)
-    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free)
+    values, acting = _settled(problem, [block for block in here if block.run in training], values, driver, free, placed)
     blocks = here
     if np.any(acting != values):
         latent = driver != np.arange(len(values))
@@ -144,6 +148,73 @@ def sums(
     )
 
 
+def _moving(blocks: Sequence[Block], unknowns: int) -> np.ndarray:
+    """(P,) bool: unknowns that change some prediction."""
+    moves = np.zeros(unknowns, dtype=bool)
+    for block in blocks:
+        moves |= np.any(block.sensitivities != 0.0, axis=0)
+    return moves
+
+
+def _placed(
+    problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) values with the likeliest threshold of every absent effect that has one, and (P,) bool, these thresholds.
+
+    See `thresholds`; for the arguments see `sums`.
+    """
+    values, moves = values.copy(), _moving(problem.blocks(values), len(values))
+    placed = np.zeros(len(values), dtype=bool)
+    columns = [np.flatnonzero(problem.of(c.names)) for c in absent]
+    unseen = [own[~moves[own] & (problem.prior_weight[own] == 0.0)] for own in columns]
+    for turn in range(max(map(len, unseen), default=0)):
+        asked = [(i, own[own != i]) for own, hidden in zip(columns, unseen, strict=True) for i in hidden[turn:][:1]]
+        asked = [(i, own) for i, own in asked if len(own)]
+        place, sizes = np.array([i for i, _ in asked], dtype=int), [own for _, own in asked]
+        evidence = partial(_gains, problem, training, values, free, place, sizes)
+        found = likeliest(evidence, *(part[place] for part in (values, problem.typical, problem.lower, problem.upper)))
+        placed[place] = ~np.isnan(found)
+        values[place] = np.where(placed[place], found, values[place])
+    return values, placed
+
+
+def _gains(
+    problem: Problem,
+    training: Collection[str],
+    values: np.ndarray,
+    free: np.ndarray,
+    place: np.ndarray,
+    sizes: Sequence[np.ndarray],
+    at: np.ndarray,
+) -> np.ndarray:
+    """(n,) half the fall of chi2 in fits of the sizes of n effects and all `free` unknowns, with thresholds (n,) `at`.
+
+    Args:
+        problem: model and all runs.
+        training: names of the fitted runs.
+        values: (P,) values of all unknowns.
+        free: (P,) bool, unknowns that adapt.
+        place: (n,) indices of the thresholds.
+        sizes: for each effect, (k,) indices of its other unknowns, which stay within their bounds.
+        at: (n,) thresholds.
+    """
+    values, wanted, width = values.copy(), free.copy(), _width(problem)
+    values[place] = at
+    wanted[np.concatenate([place, *sizes])] = True
+    blocks = [block for block in problem.blocks(values, wanted) if block.run in training]
+    lower, upper, found = problem.lower - values, problem.upper - values, np.zeros(len(place))
+    for i, own in enumerate(sizes):
+        c = np.append(own, np.flatnonzero(free))
+        A, b = np.diag(width[c] ** -2.0), np.zeros(len(c))
+        for block in blocks:
+            X = block.sensitivities[:, c]
+            A += X.T @ X
+            b += X.T @ block.residual
+        change = solve_bounded(A, b, lower[c], upper[c]).x
+        found[i] = b @ change - change @ A @ change / 2
+    return found
+
+
 def _width(problem: Problem) -> np.ndarray:
     """(P,) prior standard deviation of the unknowns; see `Sums.width`."""
     with np.errstate(divide="ignore"):
@@ -159,9 +230,7 @@ def _with_columns(block: Block, other: Block, of_other: np.ndarray) -> Block:
 
 def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate]) -> np.ndarray:
     """(P,) `Sums.driver`: for unknowns of an absent effect that change nothing, its first unknown that does."""
-    moves = np.zeros(len(problem.columns), dtype=bool)
-    for block in here:
-        moves |= np.any(block.sensitivities != 0.0, axis=0)
+    moves = _moving(here, len(problem.columns))
     driver = np.arange(len(moves))
     for candidate in absent:
         columns = np.flatnonzero(problem.of(candidate.names))
@@ -171,7 +240,12 @@ def _drivers(problem: Problem, here: Sequence[Block], absent: Sequence[Candidate
 
 
 def _settled(
-    problem: Problem, here: Sequence[Block], values: np.ndarray, driver: np.ndarray, free: np.ndarray
+    problem: Problem,
+    here: Sequence[Block],
+    values: np.ndarray,
+    driver: np.ndarray,
+    free: np.ndarray,
+    placed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Point of the expansion for unknowns that act through another, and (P,) values for their derivatives.
 
@@ -185,14 +259,16 @@ def _settled(
         values: (P,) values of all unknowns.
         driver: (P,) see `Sums.driver`.
         free: (P,) bool, unknowns that adapt.
+        placed: (P,) bool, thresholds that were looked for; they stay, since a step may leave the range of the runs.
     """
     width, there_already = _width(problem), np.flatnonzero(free)
     latent = np.flatnonzero(driver != np.arange(len(values)))
-    groups = {int(d): latent[driver[latent] == d] for d in np.unique(driver[latent])}
+    groups = {int(d): latent[(driver[latent] == d) & ~placed[latent]] for d in np.unique(driver[latent])}
     point, acting = values.copy(), values.copy()
     sign = np.where(problem.upper > values, 1.0, -1.0)
     for d in groups:
         acting[d] = np.clip(values[d] + sign[d] * problem.typical[d], problem.lower[d], problem.upper[d])
+    groups = {d: others for d, others in groups.items() if len(others)}
     wanted = free.copy()
     wanted[[*latent, *groups]] = True
     for _ in range(DRIVEN_FIT_STEPS if groups else 0):
