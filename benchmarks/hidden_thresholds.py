@@ -33,7 +33,7 @@ def repaired(one: "thresholds.Case") -> Repair:
     """What comes of a case."""
     model = pendulum_model(0.35, 0.1) if one.robot == "pendulum" else arm_model(robot="baxter")
     catalogue = [effect for effect in CATALOGUE.values() if effect.acts_on in model.stages]
-    return repair(Study(model, one.runs[:2], one.runs[2:], [*catalogue, *thresholds.effects(one.robot)]))
+    return repair(Study.of(model, one.runs[:2], one.runs[2:], [*catalogue, *thresholds.effects(one.robot)]))
 
 
 def counted(cases: Sequence["thresholds.Case"]) -> list[str]:

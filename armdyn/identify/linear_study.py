@@ -37,7 +37,7 @@ class LinearStudy(Study):
         return found if np.array_equal(again, free) else fit(self.problem, again, found.values)
 
     def fit_with(self, effects: Sequence[Candidate], near: Fit, values: np.ndarray | None = None) -> Fit:
-        """Fit the model's base with exactly these effects, from (P,) `values`, or from those that sums at `near` predict.
+        """Fit the model's base with exactly these effects, from (P,) `values` or those that sums at `near` predict.
 
         A threshold shows only where its effect is, so what is determined is asked there.
         """

@@ -21,7 +21,7 @@ OTHERS = {
 def _study(one):
     model = pendulum_model(0.35, 0.1) if one.robot == "pendulum" else arm_model(robot="baxter")
     beside = [CATALOGUE[name] for name in OTHERS[one.robot]]
-    return Study(model, one.runs[:2], one.runs[2:], [*beside, *thresholds.effects(one.robot)])
+    return Study.of(model, one.runs[:2], one.runs[2:], [*beside, *thresholds.effects(one.robot)])
 
 
 def _is_told(found, one):
