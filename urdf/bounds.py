@@ -52,10 +52,6 @@ DEEPEST_XML = 50
 
 CONNECTING = 5.0
 """s for the whole way until a rosbridge is connected, and for the answer of a service."""
-USER_SECONDS = 8.0
-"""s of processor time that a user's file may take to be run and tried; importing the heaviest libraries takes a few."""
-USER_MEMORY = 2048 * MIB
-"""Bytes that it may take meanwhile, beyond what the program has."""
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-15, 1e15
 """Size of a number that a person or a program gives, 0 apart, in SI units: beyond, squares and products overflow or

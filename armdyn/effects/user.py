@@ -9,7 +9,7 @@ from armdyn.effects.catalogue import CATALOGUE, STAGES
 from armdyn.effects.effect import Effect
 from armdyn.effects.effect_checks import check_applied, check_declared
 from armdyn.errors import InputError
-from armdyn.user_code import load_module, rehearse
+from armdyn.user_code import load_module
 
 if TYPE_CHECKING:
     from armdyn.model import Model
@@ -30,26 +30,16 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
     if path is None:
         return ()
     file = Path(path)
-
-    def load() -> tuple[Effect, ...]:
-        own = effects_of(file, vars(load_module(file, "effects")))
-        if not own:
-            raise InputError(
-                f"{file}: defines no effect: write a function with @effect(...), see examples/my_effects.py"
-            )
-        if stages is not None:
-            _check_stages(own, stages, file)
-        return own
-
-    rehearse(file, lambda: _apply(load(), file, strictly=stages is not None))
-    return load()
-
-
-def _apply(effects: Sequence[Effect], path: Path, *, strictly: bool) -> None:
-    """Apply effects once as a test; where another base may define a stage differently, they only have to end."""
-    for item in effects:
-        with nullcontext() if strictly else suppress(InputError):
-            check_applied(item, path)
+    own = effects_of(file, vars(load_module(file, "effects")))
+    if not own:
+        raise InputError(f"{file}: defines no effect: write a function with @effect(...), see examples/my_effects.py")
+    if stages is not None:
+        _check_stages(own, stages, file)
+    for item in own:
+        # Where another base may define a stage differently, an effect only has to end.
+        with nullcontext() if stages is not None else suppress(InputError):
+            check_applied(item, file)
+    return own
 
 
 def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | None = None) -> tuple[Effect, ...]:
@@ -65,8 +55,9 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
     """
     _check_stages(own, (*STAGES, *model.stages), path)
     if path is not None and model.base in ("pendulum", "arm"):  # another base may define a load differently
-        file, acting = Path(path), [item for item in own if item.acts_on in model.stages]
-        rehearse(file, lambda: _apply(acting, file, strictly=True))
+        for item in own:
+            if item.acts_on in model.stages:
+                check_applied(item, Path(path))
     return tuple(e for e in (*CATALOGUE.values(), *model.own_effects, *own) if e.acts_on in model.stages)
 
 

@@ -8,7 +8,7 @@ from armdyn.effects.user import effects_of
 from armdyn.errors import InputError
 from armdyn.physics.definition import Physics
 from armdyn.physics.model import PhysicsModel, physics_model
-from armdyn.user_code import faults_in, load_module, rehearse
+from armdyn.user_code import faults_in, load_module
 
 KEYS = ()
 
@@ -27,11 +27,6 @@ def load_base(path: str | Path) -> PhysicsModel:
         InputError: the file cannot be read or run, or it does not define exactly one usable physics.
     """
     path = Path(path)
-    rehearse(path, lambda: _load(path))
-    return _load(path)
-
-
-def _load(path: Path) -> PhysicsModel:
     defined = vars(load_module(path, "base"))
     found = [item for item in defined.values() if isinstance(item, Physics)]
     if len(found) != 1:

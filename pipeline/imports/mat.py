@@ -3,6 +3,7 @@
 import io
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import partial
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
-from armdyn.user_code import rehearse
+from ik.workers import Lost, in_processes
 from pipeline.imports.foreign import Column, Foreign, Reader
 from urdf.bounds import LARGEST_CONTENT, MIB, MOST_COLUMNS
 
@@ -28,9 +29,13 @@ def read_mat(path: Path) -> Foreign:
     """
     data = read_bytes(path)
     with at(path):
-        rehearse(path, lambda: _content(data, path.name))  # scipy ends the process on some damaged files
-        content = _content(data, path.name).items()
-        arrays = {name: a for key, value in content if not key.startswith("__") for name, a in _arrays(key, value)}
+        # In a process of its own, because scipy ends the process on some damaged files.
+        ((_, content),) = in_processes(partial(_content, data), [path.name], 1, "forkserver")
+        if isinstance(content, Lost):
+            raise InputError("is no MATLAB file that can be read: it is damaged")
+        arrays = {
+            name: a for key, value in content.items() if not key.startswith("__") for name, a in _arrays(key, value)
+        }
         lengths = Counter(n for array in arrays.values() for n in set(array.shape) if n >= MIN_SAMPLES)
         if not lengths:
             raise InputError(f"holds no array of at least {MIN_SAMPLES} numbers: give a recording")

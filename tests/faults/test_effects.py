@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from armdyn import user_code
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect_checks import TRIAL_STAGES, check_applied, check_declared
 from armdyn.effects.user import load_effects
@@ -103,12 +102,9 @@ def test_a_good_effect_under_two_names_is_one(tmp_path):
     assert [item.name for item in load_effects(path)] == ["own"]
 
 
-HUGE = {"memory": "[0] * 10**10",
-        "time": "9**9**9", "process": "os.kill(os.getpid(), signal.SIGSEGV)", "exit": "os._exit(0)",
-        "sys.exit": "sys.exit()", "interrupt": "(_ for _ in ()).throw(KeyboardInterrupt)",
+ENDS = {"memory": "[0] * 10**13", "sys.exit": "sys.exit()",
         "of its own": "(_ for _ in ()).throw(type('Own', (BaseException,), {}))"}  # fmt: skip
-STUBBORN = "while True:\n        try:\n            pass\n        except Exception:\n            pass"
-BASE = """import os, signal, sys
+BASE = """import sys
 from armdyn.physics import Equations, constant, physics, state
 @physics("own", summary="s", source="s", parameters=(constant("mass", "kg", 1.0),),
          states=(state("angle", "rad", typical=0.1),), outputs={{"swing_angle": "rad"}}, period={period})
@@ -119,13 +115,12 @@ def own(at):
 
 
 @pytest.mark.parametrize("where", ["file", "effect", "base"])
-@pytest.mark.parametrize("body", [*HUGE.values(), STUBBORN], ids=[*HUGE, "a loop that catches"])
-def test_code_that_takes_everything_or_ends_the_program_is_refused_with_its_file(tmp_path, monkeypatch, where, body):
-    monkeypatch.setattr(user_code, "USER_SECONDS", 1.0)
+@pytest.mark.parametrize("body", ENDS.values(), ids=ENDS)
+def test_code_that_takes_all_memory_or_ends_the_program_is_refused_with_its_file(tmp_path, where, body):
     path = tmp_path / "mine.py"
     text = {
-        "file": f"{HEAD}import os, signal\nif True:\n    {body}\n",
-        "effect": HEAD + "import os, signal\n" + effect_text(f"{body}\n    {GOOD}"),
+        "file": f"{HEAD}if True:\n    {body}\n",
+        "effect": HEAD + effect_text(f"{body}\n    {GOOD}"),
         "base": BASE.format(body=body, period=1.0),
     }[where]
     path.write_text(text)
