@@ -1,11 +1,9 @@
-"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect say as JSON."""
+"""Answers in the form of the contract: what compare, diagnose, add, repair and inspect give as JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from armdyn.recording.preparation import of_all_runs
 from armdyn.recording.spikes import outliers_of
@@ -14,11 +12,9 @@ from pipeline.fields import fields, number, plain
 if TYPE_CHECKING:
     from armdyn.identify.compare import Comparison
     from armdyn.identify.diagnose import Diagnosis
-    from armdyn.identify.explained import RepairStep
     from armdyn.identify.problem import Problem
     from armdyn.identify.repair import Repair
     from armdyn.identify.residual.character import ResidualCharacter
-    from armdyn.identify.residual.localise import Place
     from armdyn.identify.residual.missing_force import ForceCurve
     from armdyn.identify.study import Study
     from armdyn.inspection.check import Check, Inspection
@@ -40,21 +36,22 @@ def comparison_answer(study: Study, found: Comparison) -> dict[str, Any]:
 
 def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
     """JSON of `diagnose`."""
-    suspect = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
+    candidate = "effect joints delta_bic p_value rmse held_out_rmse parameters= tied_with"
     return {
         "schema": "armdyn.diagnosis/1",
         "model": model_answer(study),
         **fields(found, "verdict sentence"),
         **fit_answer(found.comparison),
-        "candidates": [fields(s, suspect, parameters=parameters_answer(s.parameters)) for s in found.suspects],
-        **fields(found, "remedies cannot_be_seen=", cannot_be_seen=found.unseen),
+        "candidates": [fields(s, candidate, parameters=parameters_answer(s.parameters)) for s in found.suspects],
+        **fields(found, "remedies cannot_be_seen=unseen"),
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
     }
 
 
 def repair_answer(found: Repair) -> dict[str, Any]:
-    """JSON of `repair` and `add`."""
+    """JSON of `repair` and `add`; the format has `removed`, and a repair only adds."""
+    step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",
         **fields(found, "verdict sentence explained"),
@@ -62,7 +59,10 @@ def repair_answer(found: Repair) -> dict[str, Any]:
         **fit_answer(found.after),
         **background_answer(found.model),
         **rollout_answer(found.after),
-        "steps": [step_answer(step) for step in found.path],
+        "steps": [
+            fields(step, step_names + " values" * bool(step.values), added=_joined(step.added), removed=[])
+            for step in found.path
+        ],
         "links": [link_answer(link) for link in found.links],
         "unknown": unknown_answer(found.unknown),
         "missing_force": missing_force_answer(found.missing_force),
@@ -80,14 +80,14 @@ def inspection_answer(found: Inspection) -> dict[str, Any]:
 
 def checks_answer(checks: Sequence[Check]) -> list[dict[str, Any]]:
     """The checks of any answer."""
-    names = "kind severity run channels from= to= evidence sentence remedy"
-    return [fields(check, names, **{"from": check.start, "to": check.end}) for check in checks]
+    names = "kind severity run channels from=start to=end evidence sentence remedy"
+    return [fields(check, names) for check in checks]
 
 
 def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
-    """What the model file keeps of each step of a repair.
+    """Entries of a model file's history, one for each step of a repair.
 
-    `contribution` is the rms, by channel, of what the step's effects do in the repaired model.
+    `contribution` is the root mean square, by channel, of the effect of the step's terms in the repaired model.
     """
     names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
     if study.exam:
@@ -110,58 +110,53 @@ def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
 
 def link_answer(link: Any) -> dict[str, Any]:
     """A link in kg, m and kg m^2, beside the URDF's values; see `armdyn.arm.links.LinkChange`."""
-    quantities = {q.name: fields(q, "unit urdf= value std determined", urdf=q.described) for q in link.quantities}
+    quantities = {q.name: fields(q, "unit urdf=described value std determined") for q in link.quantities}
     return {"joint": link.joint, **quantities, "physical": link.physical, "warning": link.warning or None}
 
 
 def model_answer(study: Study) -> dict[str, Any]:
     """Base and effects of the model as given."""
-    named = [effect.name for effect in study.model.named_effects]
-    return {"base": study.model.base, "effects": named}
+    return {"base": study.model.base, "effects": [effect.name for effect in study.model.named_effects]}
 
 
 def fit_answer(found: Comparison) -> dict[str, Any]:
     """Parameters, channels and places of one fit."""
-    quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value="
+    quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value=white"
+    bands = found.bands
     return {
         "parameters": parameters_answer(found.parameters),
         **background_answer(found.fit.problem.model),
-        **fields(found, "intervals_hold std_widened_by= at_bound", std_widened_by=found.widened),
-        **fields(found, "not_determined= left_out", not_determined=found.undetermined),
-        "not_told_apart": [{"changes": one.changes, "settled_by": list(one.settled_by)} for one in found.together],
+        **fields(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
+        "not_told_apart": [fields(one, "changes settled_by") for one in found.together],
         "outliers": outliers_of(found.fit.problem.runs),
-        "bands": {c: {"level": found.bands.level, "covered": v} for c, v in found.bands.covered.items()}
-        if found.bands is not None
-        else {},
-        "channels": {name: fields(c, quality, whiteness_p_value=c.white) for name, c in found.channels.items()},
+        "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
+        "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
         "behaves_like_dynamics": number(found.process_error),
-        "where": places_answer(found.places),
+        "where": [
+            fields(place, "channel run against from=start to=end unit chi2_per_sample share") for place in found.places
+        ],
     }
 
 
 def preparation_answer(problem: Problem) -> dict[str, Any]:
     """Per channel which part of the training runs was compared; empty where nothing was filtered."""
-    names = "cutoff_hz= position_cutoff_hz= rate_hz= samples recorded_rate_hz= recorded left_out"
-    return {
-        name: fields(
-            done, names, cutoff_hz=done.cutoff, position_cutoff_hz=done.position_cutoff, rate_hz=done.rate,
-            recorded_rate_hz=done.recorded_rate,
-        )
-        for name, done in of_all_runs(run.preparations for run in problem.runs).items()
-    }  # fmt: skip
+    names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
+    done = of_all_runs(run.preparations for run in problem.runs)
+    return {name: fields(each, names + "recorded left_out") for name, each in done.items()}
 
 
 def missing_force_answer(curves: Iterable[ForceCurve]) -> list[dict[str, Any]]:
     """What a model cannot explain, a curve for each run, joint and quantity that it may depend on, in six digits."""
 
-    def short(values: np.ndarray | None) -> list[float] | None:
-        return None if values is None else [float(f"{value:.6g}") for value in values]
+    def short(curve: ForceCurve, name: str) -> Any:
+        values = getattr(curve, name)
+        return None if values is None else plain([float(f"{value:.6g}") for value in values])
 
+    names = ("x", "as_given", "std", "repaired")
     return [
         fields(curve, "run joint unit against")
-        | {name: plain(short(getattr(curve, name))) for name in ("x", "as_given", "std", "repaired")}
-        | ({} if curve.with_background is None else {"with_background": plain(short(curve.with_background))})
+        | {name: short(curve, name) for name in names + ("with_background",) * (curve.with_background is not None)}
         for curve in curves
     ]
 
@@ -172,7 +167,7 @@ def parameters_answer(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
 
 
 def background_answer(model: Model) -> dict[str, Any]:
-    """The background of a model as its file has it, in SI units; nothing where it has none."""
+    """The background of a model as its file has it, in SI units; empty for a model without one."""
     if model.background is None:
         return {}
     values = {name: number(model.value(name)) for name in model.background.names}
@@ -180,32 +175,21 @@ def background_answer(model: Model) -> dict[str, Any]:
 
 
 def rollout_answer(compared: Comparison) -> dict[str, Any]:
-    """What an arm's drives are, and how far its motion is from the recorded one; nothing where that cannot be said."""
-    drives = {
-        name: fields(servo, "law gain= determined delay", gain=servo.gain and fields(servo.gain, "value std unit"))
-        for name, servo in compared.drives.items()
-    }
-    found = compared.rollout
-    if not found:
-        return {"drives": drives} if drives else {}
-    aside = [r.position_is_command for r in found]
-    told = [None if a is None else {"rms": number(a[0]), "mae": number(a[1])} for a in aside]
-    names = "run role kind joint unit rms mae position_is_command="
-    moved = [fields(r, names, position_is_command=a) for r, a in zip(found, told, strict=True)]
-    return {**({"drives": drives} if drives else {}), "rollout": moved}
-
-
-def places_answer(places: Sequence[Place]) -> list[dict[str, Any]]:
-    """Where a model fails."""
-    names = "channel run against from= to= unit chi2_per_sample share"
-    return [fields(place, names, **{"from": place.start, "to": place.end}) for place in places]
-
-
-def step_answer(step: RepairStep) -> dict[str, Any]:
-    """One step of the repair path; the format knows `removed`, and a repair only adds."""
-    names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
-    values = {"values": step.values} if step.values else {}
-    return {**fields(step, names, added=_joined(step.added), removed=[]), **values}
+    """Identified drives of an arm, and its simulated against its recorded motion; empty where there are none."""
+    answer: dict[str, Any] = {}
+    if compared.drives:
+        answer["drives"] = {
+            name: fields(servo, "law gain= determined delay", gain=servo.gain and fields(servo.gain, "value std unit"))
+            for name, servo in compared.drives.items()
+        }
+    if compared.rollout:
+        aside = (r.position_is_command and dict(zip(("rms", "mae"), r.position_is_command, strict=True))
+                 for r in compared.rollout)  # fmt: skip
+        names = "run role kind joint unit rms mae position_is_command="
+        answer["rollout"] = [
+            fields(r, names, position_is_command=a) for r, a in zip(compared.rollout, aside, strict=True)
+        ]
+    return answer
 
 
 def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
@@ -213,7 +197,7 @@ def unknown_answer(found: ResidualCharacter | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        **fields(found, "sentence behaves_like_dynamics=", behaves_like_dynamics=found.process_error),
+        **fields(found, "sentence behaves_like_dynamics=process_error"),
         "terms": [fields(term, "channel expression share") for term in found.terms],
         "frequencies": [fields(peak, "channel frequency amplitude unit") for peak in found.peaks],
     }

@@ -162,7 +162,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "rate": columns.rate,
         "samples": len(motion),
         "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
-        **fields(goal, "rivals beside taken_as_known= inseparable", taken_as_known=goal.left_out),
+        **fields(goal, "rivals beside taken_as_known=left_out inseparable"),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
             fields(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)

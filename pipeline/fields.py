@@ -1,7 +1,4 @@
-"""JSON of a result: a field of an answer is the attribute of the result that has its name.
-
-Where the two differ, the answer says so.
-"""
+"""JSON of a result: a field of an answer is the attribute of the result that has its name, or that the answer names."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +13,7 @@ def number(value: float | None) -> float | None:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON knows it: no number that is none, enums by their key, tuples and arrays as lists."""
+    """A value in JSON's types: null for a number that is not finite, enums by their key, tuples and arrays as lists."""
     if hasattr(value, "tolist"):  # numpy's arrays and scalars; without its import, `armdyn --help` is a fifth faster
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -31,8 +28,15 @@ def plain(value: Any) -> Any:
 
 
 def fields(item: Any, names: str, **others: Any) -> dict[str, Any]:
-    """Attributes of an item by their names, separated by spaces, in order; ``name=`` stands for one of `others`."""
-    return {
-        name.removesuffix("="): plain(others[name[:-1]] if name.endswith("=") else getattr(item, name))
-        for name in names.split()
-    }
+    """Attributes of an item as JSON, in the order of `names`.
+
+    Args:
+        item: any object.
+        names: names of the entries, separated by spaces; ``name=attribute`` where the attribute has another name,
+            ``name=`` where the value is one of `others`.
+        others: values by name.
+    """
+    made = {}
+    for name, equals, attribute in (each.partition("=") for each in names.split()):
+        made[name] = plain(others[name] if equals and not attribute else getattr(item, attribute or name))
+    return made

@@ -132,7 +132,7 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         **fields(posture, "parameters jacobian manipulability"),
         **{
             f"{name}_ellipsoid": ellipsoid
-            and fields(ellipsoid, "axes= lengths along_xyz=", axes=ellipsoid.axes.T, along_xyz=ellipsoid.along)
+            and fields(ellipsoid, "axes= lengths along_xyz=along", axes=ellipsoid.axes.T)
             for name, ellipsoid in (("speed", posture.speed), ("force", posture.force))
         },
         "defects": list(robot.defects),

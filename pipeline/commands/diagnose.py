@@ -3,27 +3,20 @@
 from dataclasses import replace
 
 from armdyn.document import NextStep
-from pipeline.console.inputs import Inputs, checked
-from pipeline.console.options import JsonOption, ReportOption
+from pipeline.console.inputs import StudyInputs
 from pipeline.console.repaired import REPAIRED
-from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
 
 
-def diagnose(
-    inputs: Inputs,
-    report: ReportOption = None,
-    json_file: JsonOption = None,
-) -> None:
+def diagnose(inputs: StudyInputs) -> None:
     """Find out which physical effect is missing, with an honest verdict."""
     from armdyn.identify.sentence import Verdict
     from pipeline.answers import diagnosis_answer
     from pipeline.report.repair import diagnosis_report
 
-    with inputs.begin(report, json_file) as (given, say):
+    with inputs.begin() as (given, say):
         found = given.diagnose(say)
-
     steps = []
     moved = all("gripper_x" in run.channels for run in given.study.runs)
     if found.remedies and given.study.model.base == "pendulum" and moved:
@@ -31,11 +24,10 @@ def diagnose(
         steps.append(NextStep("tell them apart", command))
     if found.suspects:
         steps.append(NextStep("add it", inputs.command("repair", *REPAIRED)))
-    finish(
+    inputs.finish(
+        given,
         replace(found.document(), verdict=f"{found.verdict.key}: {found.sentence}", next_steps=steps),
-        lambda: {**diagnosis_answer(given.study, found), **checked(given)},
-        json_file,
-        report,
+        lambda: diagnosis_answer(given.study, found),
         lambda: diagnosis_report(given.study, found),
         failed=found.verdict is Verdict.LOST,
     )

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
-from pipeline.console.inputs import Inputs, UnexaminedInputs, checked
-from pipeline.console.options import JsonOption, ReportOption
-from pipeline.console.screen import finish
+from pipeline.console.inputs import Inputs, UnexaminedInputs
 
 if TYPE_CHECKING:
     from armdyn.discovery.result import Discovery
@@ -23,21 +21,17 @@ def discover(
     output: Annotated[
         Path | None, typer.Option("--output", "--out", help="Python file of effects that holds what was discovered.")
     ] = None,
-    report: ReportOption = None,
-    json_file: JsonOption = None,
 ) -> None:
     """Find a formula for the force that a model lacks, and write it as an effect."""
-    with inputs.begin(report, json_file, output) as (given, say):
+    with inputs.begin(output) as (given, say):
         found = given.discover(say)
+    written = []
     if output is not None and found.new:
         found.write(output)
+        written = [f"written to {output}"]
     aside = [f"{text}." for text in given.set_aside]
     document = replace(found.document(), notes=aside, next_steps=_next_steps(inputs, found, output))
-    notes = [f"written to {output}"] if output is not None and found.new else []
-    finish(
-        document, lambda: {**_answer(found, output), **checked(given)}, json_file, report,
-        lambda: _page(document, found), notes,
-    )  # fmt: skip
+    inputs.finish(given, document, lambda: _answer(found, output), lambda: _page(document, found), written)
 
 
 def _page(document: Document, found: "Discovery") -> Document:
@@ -63,16 +57,11 @@ def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list
         steps = [
             NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
         ]
-    return [*steps, *judge, *_told_apart(inputs, found, file)]
-
-
-def _told_apart(inputs: Inputs, found: "Discovery", file: Path) -> list[NextStep]:
-    """The experiment that distinguishes a pendulum's found law from an equally good effect of the catalogue."""
     rival = next((one for one in found.new if one.known_as and one.joint is None), None)
-    if rival is None:
-        return []
-    words = ("--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv")
-    return [NextStep("tell them apart", inputs.command("next", *words))]
+    if rival is not None:  # an equally good effect of the catalogue
+        words = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
+        judge.append(NextStep("tell them apart", inputs.command("next", *words)))
+    return [*steps, *judge]
 
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:

@@ -18,10 +18,8 @@ def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) ->
     known = (*CATALOGUE.values(), *load_effects(effects_file))
 
     def answer(effect: Effect) -> dict[str, Any]:
-        names = "unit null typical meaning= scope lower upper"
-        quantities = {
-            f"{effect.name}.{short}": fields(q, names, meaning=q.summary) for short, q in effect.quantities.items()
-        }
+        names = "unit null typical meaning=summary scope lower upper"
+        quantities = {f"{effect.name}.{short}": fields(q, names) for short, q in effect.quantities.items()}
         columns = {name: fields(c, "name unit usual") for name, c in effect.columns.items()}
         reads = {"columns": columns} if columns else {}
         return fields(effect, "name acts_on summary source parameters=", parameters=quantities) | reads

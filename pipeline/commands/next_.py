@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console.inputs import UnexaminedInputs
-from pipeline.console.options import JsonOption, ReportOption, names_in
+from pipeline.console.options import names_in
 from pipeline.console.screen import finish
 
 PANEL = "What a model lacks"
@@ -31,8 +31,6 @@ def next_(
     acceleration: Annotated[float | None, typer.Option(help="The same: its largest acceleration [m/s^2].")] = None,
     swing: Annotated[float | None, typer.Option(help="The same: the largest angle of the load [rad].")] = None,
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
-    report: ReportOption = None,
-    json_file: JsonOption = None,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
     from armdyn.experiments.gripper import motion_series
@@ -44,7 +42,7 @@ def next_(
 
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
-    with inputs.begin(report, json_file, output) as (given, say):
+    with inputs.begin(output) as (given, say):
         verdict, sentence, found = undecided(given.study, names_in(rivals), say)
         made, offer = None, None
         if found is not None:
@@ -58,8 +56,8 @@ def next_(
     finish(
         document,
         lambda: next_answer(made, verdict, sentence, written),
-        json_file,
-        report,
+        inputs.json_file,
+        inputs.report,
         lambda: next_report(document, made),
         [] if written is None else [f"motion {written}"],
     )

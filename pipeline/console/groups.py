@@ -11,8 +11,8 @@ from typer.models import ArgumentInfo
 def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
     """A command for Typer, in which each parameter that is a dataclass is replaced by that class's fields.
 
-    ``def compare(inputs: Inputs, json_file: JsonOption = None)`` gets the arguments and options that `Inputs` declares,
-    and is called with an `Inputs` made of them. An argument that takes all further words comes last.
+    ``def repair(inputs: StudyInputs, output: OutputOption = None)`` gets the arguments and options that `StudyInputs`
+    declares, and is called with a `StudyInputs` made of them. An argument that takes all further words comes last.
     """
     groups: dict[str, tuple[Any, list[str]]] = {}
     flat: list[inspect.Parameter] = []

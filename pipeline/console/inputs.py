@@ -1,7 +1,7 @@
 """The model and the recordings that a command is given, read together and asked whether they are what they say."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,9 @@ from pipeline.console.options import (
     EffectsOption,
     ExamOption,
     HeldOutOption,
+    JsonOption,
     ModelArgument,
+    ReportOption,
     RunsArgument,
     TrustOption,
 )
@@ -23,6 +25,7 @@ from pipeline.console.screen import Say, finish, spinner
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
+    from armdyn.document import Document
 
 
 @dataclass(frozen=True)
@@ -50,42 +53,6 @@ class Inputs:
         words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
         return shlex.join([*words, *options])
 
-    @contextmanager
-    def begin(
-        self,
-        report: Path | None,
-        json_file: Path | None,
-        output: Path | None = None,
-        *,
-        over_model: bool = False,
-        adding: str = "",
-        choosing: bool = True,
-    ) -> "Iterator[tuple[CheckedStudy, Say]]":
-        """Check the outputs, read all inputs, then run the block with a progress display; a wrong recording ends all.
-
-        Args:
-            report: HTML file to write.
-            json_file: JSON file to write.
-            output: model file to write.
-            over_model: whether the output may be the model's own file.
-            adding: effects that the model is about to get.
-            choosing: whether effects are chosen from the catalogue.
-
-        Raises:
-            InputError: an output cannot be written or would replace an input, or an input cannot be used.
-            typer.Exit: a recording is not what it says it is; this was printed, and no effect is named.
-        """
-        over = over_model and (output is None or output.resolve() == self.model.resolve())
-        kept = [] if over and output is not None else [self.model]
-        own = [self.effects] if self.effects is not None else []
-        check_outputs(output, report, json_file, inputs=[*kept, *self.recordings, *own])
-        if over:
-            may_replace(self.model)
-        with stopped_if_wrong(json_file), spinner() as say:
-            given = self.read(adding, choosing=choosing)
-            check_outputs(output, report, json_file)  # the names in the inputs are known now
-            yield given, say
-
     def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
         """Read the model and the recordings of a study, and check the recordings for mistakes.
 
@@ -106,7 +73,60 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class UnexaminedInputs(Inputs):
+class StudyInputs(Inputs):
+    """Arguments and options of a command that answers a question to a model and recordings."""
+
+    report: ReportOption = None
+    json_file: JsonOption = None
+
+    @contextmanager
+    def begin(
+        self, output: Path | None = None, *, over_model: bool = False, adding: str = "", choosing: bool = True
+    ) -> "Iterator[tuple[CheckedStudy, Say]]":
+        """Check the outputs, read all inputs, then run the block with a progress display; a wrong recording ends all.
+
+        Args:
+            output: file to write.
+            over_model: whether the output may be the model's own file.
+            adding: effects that the model is about to get.
+            choosing: whether effects are chosen from the catalogue.
+
+        Raises:
+            InputError: an output cannot be written or would replace an input, or an input cannot be used.
+            typer.Exit: a recording is not what it says it is; this was printed, and no effect is named.
+        """
+        over = over_model and (output is None or output.resolve() == self.model.resolve())
+        kept = [] if over and output is not None else [self.model]
+        own = [self.effects] if self.effects is not None else []
+        check_outputs(output, self.report, self.json_file, inputs=[*kept, *self.recordings, *own])
+        if over:
+            may_replace(self.model)
+        with stopped_if_wrong(self.json_file), spinner() as say:
+            given = self.read(adding, choosing=choosing)
+            check_outputs(output, self.report, self.json_file)  # the names in the inputs are known now
+            yield given, say
+
+    def finish(
+        self,
+        given: "CheckedStudy",
+        document: "Document",
+        answer: Callable[[], dict[str, Any]],
+        page: "Callable[[], Document]",
+        written: Sequence[str] = (),
+        *,
+        failed: bool = False,
+    ) -> None:
+        """End the command as `finish` does; its JSON has the findings on the recordings too."""
+        from pipeline.answers import checks_answer
+
+        def whole() -> dict[str, Any]:
+            return {**answer(), "recording_checks": checks_answer(given.inspection.checks)}
+
+        finish(document, whole, self.json_file, self.report, page, written, failed=failed)
+
+
+@dataclass(frozen=True)
+class UnexaminedInputs(StudyInputs):
     """Arguments and options, without ``--exam``, of a command that reads recordings but prints no error of a model."""
 
     exam: list[Path] | None = field(default=None, init=False)
@@ -127,10 +147,3 @@ def stopped_if_wrong(json_file: Path | None) -> "Iterator[None]":
         found = error.inspection
         finish(replace(inspection_document(found), notes=[note]), lambda: inspection_answer(found), json_file)
         raise typer.Exit(1) from error
-
-
-def checked(given: "CheckedStudy") -> dict[str, Any]:
-    """JSON entries about the recordings, which every answer has."""
-    from pipeline.answers import checks_answer
-
-    return {"recording_checks": checks_answer(given.inspection.checks)}

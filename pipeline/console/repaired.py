@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.document import NextStep
-from pipeline.console.inputs import Inputs, checked
-from pipeline.console.screen import finish
+from pipeline.console.inputs import StudyInputs
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
@@ -19,14 +18,7 @@ REPAIRED = ("--output", "repaired.toml", "--report", "repair.html")
 
 
 def conclude_repair(
-    inputs: Inputs,
-    given: "CheckedStudy",
-    found: "Repair",
-    output: Path,
-    report: Path | None,
-    json_file: Path | None,
-    *,
-    named_only: bool = False,
+    inputs: StudyInputs, given: "CheckedStudy", found: "Repair", output: Path, *, named_only: bool = False
 ) -> None:
     """Write the repaired model, its report and its answer, and print how the error fell.
 
@@ -37,21 +29,19 @@ def conclude_repair(
     from pipeline.answers import history_entries, repair_answer
     from pipeline.report.repair import repair_report
 
-    lost = found.verdict is Verdict.LOST
+    lost, written = found.verdict is Verdict.LOST, list[str]()
     steps = [] if lost else next_steps(given.study.model, output, inputs.effects)
-    history = (*given.known.file.history, *history_entries(given.study, found))
-    over = " (over the earlier one)" if output.exists() else ""
     if not lost:
+        written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
+        history = (*given.known.file.history, *history_entries(given.study, found))
         model = found.named if named_only else found.model
         write_model_file(output, ModelFile(model, given.known.file.description, history))
-
-    finish(
+    inputs.finish(
+        given,
         replace(found.document(given.study.holdout_kinds), next_steps=steps),
-        lambda: {**repair_answer(found), **checked(given)},
-        json_file,
-        report,
+        lambda: repair_answer(found),
         lambda: repair_report(given.study, found, steps),
-        [] if lost else [f"written to {output}{over}"],
+        written,
         failed=lost,
     )
 

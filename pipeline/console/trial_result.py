@@ -184,6 +184,4 @@ def _timing(statistics: "LinkStatistics") -> list[str]:
 
 def _nodes(done: "RealTrial") -> dict[str, Any]:
     """Lines with the computing time and the missed cycles of each node."""
-    return {
-        name: fields(t, "steps mean longest late= skipped", late=t.overruns) for name, t in done.result.timing.items()
-    }
+    return {name: fields(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
