@@ -11,7 +11,7 @@ print(found.sentence)
 Everything is loaded when it is first used (PEP 562), so that the import itself takes no time.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from urdf.lazy import lazy_names
 
@@ -44,8 +44,6 @@ _MODULES = {
     "repair": "armdyn.front", "Inspection": "armdyn.inspection.check", "Comparison": "armdyn.identify.compare",
     "Diagnosis": "armdyn.identify.diagnose", "Repair": "armdyn.identify.repair",
     "arm": "armdyn.arm", "effects": "armdyn.effects", "pendulum": "armdyn.pendulum",
-    # Not of the science, which imports nothing of `pipeline`: looked up there when a user asks for them.
-    "excite": "pipeline.front", "export": "pipeline.front", "next_experiment": "pipeline.front",
 }  # fmt: skip
 """Where each name is defined."""
 __all__ = [
@@ -53,7 +51,16 @@ __all__ = [
     "add", "arm", "column", "compare", "diagnose", "discover", "effect", "effects", "excite", "export", "fit",
     "inspect", "load_effects", "next_experiment", "pendulum", "quantity", "read_model", "read_run", "repair",
 ]  # fmt: skip
-__getattr__ = lazy_names(__name__, _MODULES)
+_own = lazy_names(__name__, _MODULES)
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__ and name not in _MODULES:  # a package above registers it as an entry point of the group "armdyn"
+        from importlib.metadata import entry_points
+
+        for entry in entry_points(group=__name__, name=name):
+            return entry.load()
+    return _own(name)
 
 
 def __dir__() -> list[str]:

@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from armdyn.identify.change import find_changes
-from armdyn.identify.series import Series
+from pipeline.batch.change import find_changes
+from pipeline.batch.series import Series
 
 DAY = 86400.0
 ROBOTS, PARAMETERS, RECORDINGS, DAYS = 10, 4, 40, 120

@@ -6,9 +6,9 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from armdyn.identify.change import Found, Name, Step, find_changes
-from armdyn.identify.series import Series
+from pipeline.batch.change import Found, Name, Step, find_changes
 from pipeline.batch.run import Row
+from pipeline.batch.series import Series
 from pipeline.batch.spec import Spec
 
 EPOCH = datetime(1970, 1, 1)

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.identify.change import FALSE_ALARM_RATE
 from armdyn.recording.sidecar import utc
 from armdyn.toml_file import read_toml
+from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
 from urdf.table_file import Check, read_as
 

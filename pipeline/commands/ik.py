@@ -199,8 +199,8 @@ def table_json(table: "PathTable") -> dict[str, Any]:
         **fields(
             table,
             "robot=robot_name joints=joint_names tool_link=tool_frame tool_offset s q dq_ds tool_position= "
-            "tool_quaternion= speed_limit joint_margin path= acceleration_limit torque_acceleration_range= torque_share margin= "
-            "manipulability",
+            "tool_quaternion= speed_limit joint_margin path= acceleration_limit torque_acceleration_range= "
+            "torque_share margin= manipulability",
             tool_position=position.T,
             tool_quaternion=Rotation.from_matrix(np.array(rotation.transpose(2, 0, 1))).as_quat(),
             path=table.path.describe(),

@@ -10,12 +10,12 @@ from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import Say, spinner
-from pipeline.console.trial_result import conclude_trial, real_trial
+from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
 
 if TYPE_CHECKING:
     from armdyn.pendulum.model import PendulumModel
     from pipeline.motion.trajectory import LineTrajectory
-    from pipeline.trial import SimulatedTrial, TrialSettings
+    from pipeline.trial import SimulatedTrial
 
 PANEL = "Experiments"
 
@@ -50,25 +50,8 @@ def trial(
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render the swing: swing.png and swing.gif.")] = False,
     mass: Annotated[str, typer.Option(help="Of the load, as weighed.")] = "80 g +/- 0.8 g",
-    robot: Annotated[
-        str, typer.Option(help="'simulated', or a driver and where the robot is: ros:ws://HOST:9090, its rosbridge.")
-    ] = "simulated",
-    ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None,
-    arm: Annotated[
-        str,
-        typer.Option("--arm", help="With a real robot: a known arm, or a settings file with its driver's table."),
-    ] = "baxter",
-    loadcell: Annotated[str | None, typer.Option(help="With a real robot: serial port of the load cell.")] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Of the load cell, by 'armdyn loadcell calibrate'; your settings if not given.")
-    ] = None,
-    rehearse: Annotated[
-        bool, typer.Option("--rehearse", help="With a real robot: only move along the line, slowly, without a load.")
-    ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With a real robot: move without asking, for scripts.")] = False,
-    landed: Annotated[
-        str | None, typer.Option(help="With a real robot: whether the load landed, 'yes' or 'no'; else you are asked.")
-    ] = None,
+    *,
+    link: RobotOptions,
     investigate: Annotated[
         int,
         typer.Option(
@@ -83,7 +66,7 @@ def trial(
     json_file: JsonOption = None,
 ) -> None:
     """Learn the string's length, plan the swing, put the load into the box."""
-    from pipeline.trial import ProtocolSettings, TrialSettings
+    from pipeline.trial import TrialSettings, simulate
     from pipeline.trial.folder import own_folder
 
     check_outputs(json_file)
@@ -92,49 +75,33 @@ def trial(
     held = given is not None and not given.parameters["length"].fitted
     estimate = not (no_estimation or held)
     note = f"{model} holds the length fixed: it was not estimated" if held and not no_estimation else ""
-    known = quantity(mass, "kg", "--mass")
-    weighed, weighed_std = known.value, known.std or 0.01 * known.value
+    weighed = quantity(mass, "kg", "--mass")
     if investigate < 0:
         raise InputError(f"--investigate {investigate}: give the number of experiments, such as 4")
     if (investigate or motion) and not estimate:
         raise InputError("--investigate and --motion: need an estimate; leave out --no-estimation")
     along = _motion(motion) if motion is not None else None
-    if robot != "simulated":
-        for option, unused in (("--hidden", hidden), ("--picture", picture)):
-            if unused:
-                raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot")
-        if robot == "ros" and ros is None:
-            raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
-        protocol = ProtocolSettings(
-            length_guess=guess, estimate=estimate, model=given, mass=weighed, mass_std=weighed_std,
-            motion=along, investigate=investigate,
-        )  # fmt: skip
-        with own_folder(out, Path("out/trial")) as folder:
-            real_trial(protocol, robot, ros, arm, loadcell, calibration, folder, rehearse, yes, landed, json_file, note)
-        return
-    for option, text in (("--ros", ros), ("--loadcell", loadcell), ("--landed", landed), ("--rehearse", rehearse)):
-        if text:
-            raise InputError(f"{option}: needs a real robot, such as --robot ros")
+    link.check({"--hidden": hidden, "--picture": picture})
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=estimate, hidden=parse_hidden(hidden or []), model=given,
-        seed=seed, mass=weighed, mass_std=weighed_std, motion=along, investigate=investigate,
+        length_guess=guess, length=length, estimate=estimate, model=given, mass=weighed.value,
+        mass_std=weighed.std or 0.01 * weighed.value, motion=along, investigate=investigate,
+        hidden=parse_hidden(hidden or []), seed=seed,
     )  # fmt: skip
     with own_folder(out, Path("out/trial")) as folder:
-        _run(replace(settings, out=folder), folder, json_file, note, picture=picture)
-
-
-def _run(settings: "TrialSettings", out: Path, json_file: Path | None, note: str, *, picture: bool) -> None:
-    """Run one trial in a folder that no other process writes to, and print its result."""
-    from pipeline.trial import simulate
-
-    with spinner() as progress:
-        done = simulate(settings, progress)
-
-    def draw(show: Say) -> tuple[Path, ...]:
-        return _render(done, out, show) if picture else ()
-
-    known = f"true {settings.length:g} m, "
-    conclude_trial(done, out, json_file, done.result.as_json(), (), known=known, note=note, draw=draw)
+        if link.robot != "simulated":
+            real_trial(settings, link, folder, json_file, note)
+            return
+        with spinner() as progress:
+            done = simulate(replace(settings, out=folder), progress)
+        conclude_trial(
+            done,
+            folder,
+            json_file,
+            done.result.as_json(),
+            known=f"true {length:g} m, ",
+            note=note,
+            draw=lambda show: _render(done, folder, show) if picture else (),
+        )
 
 
 def _motion(file: Path) -> "LineTrajectory":

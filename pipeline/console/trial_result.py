@@ -1,8 +1,9 @@
 """Result, report and exit status of a simulated or real trial, and the conduct of a real one."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,8 +13,94 @@ from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
-    from pipeline.trial import ProtocolSettings, SimulatedTrial, TrialResult
+    from pipeline.trial import ProtocolSettings, SimulatedTrial
     from pipeline.trial.real import Link, OperatorPrompts, RealTrial
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """Options that choose the robot of a trial: the simulated one, or a real one behind a driver."""
+
+    robot: Annotated[
+        str, typer.Option(help="'simulated', or a driver and where the robot is: ros:ws://HOST:9090, its rosbridge.")
+    ] = "simulated"
+    ros: Annotated[str | None, typer.Option("--ros", help="With --robot ros: its rosbridge, ws://HOST:9090.")] = None
+    arm: Annotated[
+        str,
+        typer.Option("--arm", help="With a real robot: a known arm, or a settings file with its driver's table."),
+    ] = "baxter"
+    loadcell: Annotated[str | None, typer.Option(help="With a real robot: serial port of the load cell.")] = None
+    calibration: Annotated[
+        Path | None, typer.Option(help="Of the load cell, by 'armdyn loadcell calibrate'; your settings if not given.")
+    ] = None
+    rehearse: Annotated[
+        bool, typer.Option("--rehearse", help="With a real robot: only move along the line, slowly, without a load.")
+    ] = False
+    yes: Annotated[bool, typer.Option("--yes", help="With a real robot: move without asking, for scripts.")] = False
+    landed: Annotated[
+        str | None, typer.Option(help="With a real robot: whether the load landed, 'yes' or 'no'; else you are asked.")
+    ] = None
+
+    def check(self, of_the_simulation: Mapping[str, object]) -> None:
+        """Refuse options that the chosen robot does not have; `of_the_simulation` are values by option.
+
+        Raises:
+            InputError: such an option is given, or the address of the robot is missing.
+        """
+        if self.robot != "simulated":
+            for option, value in of_the_simulation.items():
+                if value:
+                    raise InputError(f"{option}: only the simulated robot has it; leave it out, or leave out --robot")
+            if self.robot == "ros" and self.ros is None:
+                raise InputError("--robot ros: say where it is: --ros ws://HOST:9090")
+            return
+        for name in ("ros", "loadcell", "landed", "rehearse"):
+            if getattr(self, name):
+                raise InputError(f"--{name}: needs a real robot, such as --robot ros")
+
+    def connection(self) -> "Link":
+        """Find out how to connect to the robot and its load cell.
+
+        Raises:
+            InputError: the driver, the arm or the calibration cannot be used.
+        """
+        import urdf
+        from pipeline.loadcell.calibration import Calibration, default_path
+        from pipeline.robot.drivers import driver_at
+        from pipeline.trial.real import Link
+
+        driver, where = driver_at(self.robot, self.ros)
+        description = urdf.load(self.arm)
+        connect = driver.reach(where, self.arm, description)
+        port = None if self.rehearse else self.loadcell
+        used = None if port is None else Calibration.load(self.calibration or default_path())
+        return Link(where, connect, description, port, used)
+
+    def prompts(self, json_file: Path | None) -> "OperatorPrompts":
+        """Messages and questions to the operator; options answer what they can.
+
+        Raises:
+            InputError: ``--landed`` is neither yes nor no.
+        """
+        from pipeline.trial.real import OperatorPrompts
+
+        if self.landed not in (None, "yes", "no"):
+            raise InputError(f"--landed {self.landed}: say 'yes' or 'no', or leave it out to be asked")
+
+        def tell(sentence: str) -> None:
+            typer.echo(sentence, err=json_file == Path("-"))
+
+        def may_move(question: str) -> bool:
+            if self.yes:
+                tell(question.partition(" Is its space")[0])
+            return self.yes or typer.confirm(question, err=True)
+
+        def has_landed() -> bool:
+            if self.landed is not None:
+                return self.landed == "yes"
+            return typer.confirm("Did the load come to rest in the box?", err=True)
+
+        return OperatorPrompts(tell, may_move, has_landed)
 
 
 def conclude_trial(
@@ -21,7 +108,7 @@ def conclude_trial(
     out: Path,
     json_file: Path | None,
     answer: dict[str, Any],
-    lines: Iterable[str],
+    lines: Sequence[str] = (),
     *,
     known: str = "",
     note: str = "",
@@ -54,33 +141,28 @@ def conclude_trial(
             problem = _report_problem(done, report)
             pictures = draw(progress)
     if json_file != Path("-"):
+        say = to_screen().print
+        if result.estimates:
+            say(
+                f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
+                f"({known}guess {result.length_guess:g} m)"
+            )
+        if note:
+            say(note)
+        if result.investigation is not None:
+            for number, stage in enumerate(result.investigation.stages, start=1):
+                say(f"experiment {number}: {stage.diagnosis.sentence}")
+            say(result.investigation.sentence)
+        say(result.message, style=f"bold {'green' if result.success else 'red'}")
         files = f"{'' if problem else f'report {report}, '}recording {result.recording}"
-        below = [*result.notes, *lines, problem, files, *(f"picture {drawn}" for drawn in pictures)]
-        _say_result(result, filter(None, below), known, note)
+        for line in filter(None, [*result.notes, *lines, problem, files, *(f"picture {drawn}" for drawn in pictures)]):
+            say(line, soft_wrap=True)
+        if result.repair_command is not None:
+            say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
     if result.signal is not None:
         raise typer.Exit(128 + result.signal)
     if not result.success:
         raise typer.Exit(1)
-
-
-def _say_result(result: "TrialResult", below: Iterable[str], known: str, note: str) -> None:
-    say = to_screen().print
-    if result.estimates:
-        say(
-            f"length {result.length_estimate:.4f} m +/- {1e3 * result.length_std:.2f} mm "
-            f"({known}guess {result.length_guess:g} m)"
-        )
-    if note:
-        say(note)
-    if result.investigation is not None:
-        for number, stage in enumerate(result.investigation.stages, start=1):
-            say(f"experiment {number}: {stage.diagnosis.sentence}")
-        say(result.investigation.sentence)
-    say(result.message, style=f"bold {'green' if result.success else 'red'}")
-    for line in below:
-        say(line, soft_wrap=True)
-    if result.repair_command is not None:
-        say(f"what the model lacks: {result.repair_command}", soft_wrap=True)
 
 
 def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
@@ -95,80 +177,30 @@ def _report_problem(done: "SimulatedTrial | RealTrial", report: Path) -> str:
 
 
 def real_trial(
-    settings: "ProtocolSettings",
-    robot: str,
-    address: str | None,
-    arm: str,
-    port: str | None,
-    calibration: Path | None,
-    out: Path,
-    rehearsed: bool,
-    yes: bool,
-    landed: str | None,
-    json_file: Path | None,
-    note: str,
+    settings: "ProtocolSettings", options: RobotOptions, out: Path, json_file: Path | None, note: str
 ) -> None:
     """Run or rehearse a trial on a robot, and print its result and `note`; exit status 1 where the load missed."""
     from pipeline.trial.real import rehearse, run_real
 
-    link = _link(robot, address, arm, None if rehearsed else port, calibration)
+    link = options.connection()
     with spinner() as progress:
-        prompts = _prompts(yes, landed, json_file)
-        if rehearsed:
-            statistics, farthest = rehearse(settings, link, prompts, progress)
-        else:
+        prompts = options.prompts(json_file)
+        if not options.rehearse:
             done = run_real(settings, link, prompts, out, progress)
-    if rehearsed:
-        _show_rehearsal(statistics, farthest, json_file)
+        else:
+            statistics, farthest = rehearse(settings, link, prompts, progress)
+    if options.rehearse:
+        answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
+        if write_answer(json_file, lambda: answer):
+            say = to_screen().print
+            say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
+            for text in _timing(statistics):
+                say(text, soft_wrap=True, markup=False)
         return
     statistics = done.robot.statistics
-    answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": _nodes(done)}
+    nodes = {name: fields(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}
+    answer = {**done.result.as_json(), "robot": statistics.as_json(), "nodes": nodes}
     conclude_trial(done, out, json_file, answer, _timing(statistics), note=note, always_report=True)
-
-
-def _link(robot: str, address: str | None, arm: str, port: str | None, calibration: Path | None) -> "Link":
-    import urdf
-    from pipeline.loadcell.calibration import Calibration, default_path
-    from pipeline.robot.drivers import driver_at
-    from pipeline.trial.real import Link
-
-    driver, where = driver_at(robot, address)
-    description = urdf.load(arm)
-    connect = driver.reach(where, arm, description)
-    used = None if port is None else Calibration.load(calibration or default_path())
-    return Link(where, connect, description, port, used)
-
-
-def _prompts(yes: bool, landed: str | None, json_file: Path | None) -> "OperatorPrompts":
-    from pipeline.trial.real import OperatorPrompts
-
-    if landed not in (None, "yes", "no"):
-        raise InputError(f"--landed {landed}: say 'yes' or 'no', or leave it out to be asked")
-
-    def tell(sentence: str) -> None:
-        typer.echo(sentence, err=json_file == Path("-"))
-
-    def may_move(question: str) -> bool:
-        if yes:
-            tell(question.partition(" Is its space")[0])
-            return True
-        return typer.confirm(question, err=True)
-
-    def has_landed() -> bool:
-        if landed is not None:
-            return landed == "yes"
-        return typer.confirm("Did the load come to rest in the box?", err=True)
-
-    return OperatorPrompts(tell, may_move, has_landed)
-
-
-def _show_rehearsal(statistics: "LinkStatistics", farthest: float, json_file: Path | None) -> None:
-    answer = {"schema": "armdyn.rehearsal/1", "tracking_error": farthest, "robot": statistics.as_json()}
-    if write_answer(json_file, lambda: answer):
-        say = to_screen().print
-        say(f"the arm followed the whole line; a joint was at most {farthest:.3f} rad from its command")
-        for note in _timing(statistics):
-            say(note, soft_wrap=True, markup=False)
 
 
 def _timing(statistics: "LinkStatistics") -> list[str]:
@@ -180,8 +212,3 @@ def _timing(statistics: "LinkStatistics") -> list[str]:
     }
     spreads = statistics.spreads
     return [f"{what}: median {spread.milliseconds}" for name, what in said.items() if (spread := spreads[name])]
-
-
-def _nodes(done: "RealTrial") -> dict[str, Any]:
-    """Lines with the computing time and the missed cycles of each node."""
-    return {name: fields(t, "steps mean longest late=overruns skipped") for name, t in done.result.timing.items()}

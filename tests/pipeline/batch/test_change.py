@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from armdyn.identify.change import find_changes
-from armdyn.identify.series import Series, StepTest
+from pipeline.batch.change import find_changes
+from pipeline.batch.series import Series, StepTest
 
 DAY = 86400.0
 DAYS = DAY * np.arange(40)

@@ -16,8 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.stats import theilslopes
 
-from armdyn.identify.series import Series, StepTest, correlation
 from armdyn.recording.channels import FloatArray
+from pipeline.batch.series import Series, StepTest, correlation
 
 FALSE_ALARM_RATE = 0.01
 """Probability that a batch in which nothing changes has an alarm."""
