@@ -128,16 +128,16 @@ def find_changes(
     largest = np.zeros((2, batches))
     for test in tests.values():
         np.maximum(largest, test.by_chance(batches, rng), out=largest)
-    for_steps, for_drifts = (_Judge.of(by_chance, false_alarms) for by_chance in largest)
+    step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
     steps: list[Step] = []
     drifts: list[Drift] = []
     for name, test in tests.items():
-        found = list(_steps(name, series[name], (0, len(test.time)), test.phi, for_steps))
+        found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
         steps += found
         trend = float(test.trends(test.scores[None])[0])
-        if not found and trend > for_drifts.bound:
+        if not found and trend > drift_bound:
             slope = float(theilslopes(test.value, test.time).slope)
-            drifts.append(Drift(*name, slope, for_drifts.chance(trend)))
+            drifts.append(Drift(*name, slope, _chance(trend, largest[1])))
     return Found(
         tuple(sorted(steps, key=lambda s: (s.chance, s.first_after))),
         tuple(sorted(drifts, key=lambda d: d.chance)),
@@ -147,8 +147,19 @@ def find_changes(
     )
 
 
-def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge: "_Judge") -> Iterator[Step]:
-    """Steps in one part of a series; both sides of every step found are searched again."""
+def _steps(
+    name: Name, series: Series, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
+) -> Iterator[Step]:
+    """Steps in one part of a series; both sides of every step found are searched again.
+
+    Args:
+        name: robot and parameter.
+        series: the whole series.
+        part: first recording of the part, and the first one after it.
+        phi: correlation of neighbours.
+        by_chance: (batches,) largest deviates of simulated batches in which nothing changes.
+        bound: deviate beyond which a step is significant.
+    """
     first, end = part
     test = StepTest.of(series.part(first, end), phi)
     if test is None:
@@ -156,45 +167,30 @@ def _steps(name: Name, series: Series, part: tuple[int, int], phi: float, judge:
     deviates, best, _ = test.largest(test.scores[None])
     deviate = float(deviates[0])
     middle = first + int(test.splits[best[0]])
-    nearby = StepTest.of(
-        series.part(max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)), phi
-    )
-    sharp = max(
-        test.beside(int(best[0]), parabola=True),
-        nearby.beside(
-            int(np.argmin(np.abs(nearby.splits - min(middle - first, NEIGHBOURING_RECORDINGS)))), parabola=False
-        )
-        if nearby
-        else 0.0,
-    )
-    if min(deviate, sharp) <= judge.bound:
+    sharp = test.beside(int(best[0]), parabola=True)
+    start, stop = max(first, middle - NEIGHBOURING_RECORDINGS), min(end, middle + NEIGHBOURING_RECORDINGS)
+    nearby = StepTest.of(series.part(start, stop), phi)
+    if nearby is not None:
+        split = int(np.argmin(np.abs(nearby.splits - (middle - start))))
+        sharp = max(sharp, nearby.beside(split, parabola=False))
+    if min(deviate, sharp) <= bound:
         return
-    earlier, later = (list(_steps(name, series, sides, phi, judge)) for sides in ((first, middle), (middle, end)))
+    sides = (first, middle), (middle, end)
+    earlier, later = (list(_steps(name, series, side, phi, by_chance, bound)) for side in sides)
     start = max((s.index for s in earlier), default=first)
     stop = min((s.index for s in later), default=end)
     yield from earlier
     yield Step(
         *name, float(series.time[middle - 1]), float(series.time[middle]),
         float(np.median(series.value[start:middle])), float(np.median(series.value[middle:stop])),
-        judge.chance(deviate), middle,
+        _chance(deviate, by_chance), middle,
     )  # fmt: skip
     yield from later
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """Significance of a deviate: the largest deviates of simulated batches without changes, and the bound they give."""
-
-    by_chance: FloatArray
-    bound: float
-
-    @classmethod
-    def of(cls, by_chance: FloatArray, false_alarms: float) -> "_Judge":
-        return cls(by_chance, float(np.quantile(by_chance, 1.0 - false_alarms)))
-
-    def chance(self, deviate: float) -> float:
-        """Share of the simulated batches with at least as large a deviate; at least one over their number."""
-        return max(float(np.mean(self.by_chance >= deviate)), 1.0 / len(self.by_chance))
+def _chance(deviate: float, by_chance: FloatArray) -> float:
+    """Share of the simulated batches with at least as large a deviate; at least one over their number."""
+    return max(float(np.mean(by_chance >= deviate)), 1.0 / len(by_chance))
 
 
 def _kind(parameter: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,21 +17,8 @@ DAY_SECONDS = 86400.0
 """s"""
 
 
-@dataclass(frozen=True)
-class Event:
-    """A change of a robot: one or several of its parameters changed at the same time.
-
-    Attributes:
-        robot: name of the robot.
-        last_before: time of the last recording before the change, s since 1970.
-        first_after: time of the first recording after it, s since 1970.
-        steps: changes of its parameters, the clearest first.
-    """
-
-    robot: str
-    last_before: float
-    first_after: float
-    steps: tuple[Step, ...]
+Event: TypeAlias = tuple[Step, ...]
+"""Changes of one robot at the same time: one of each parameter that changed, the clearest first."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +65,7 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
 
 
 def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
-    """Events of one robot: steps whose days overlap are one event, on the day of the clearest step."""
+    """Events in the order of time; steps of one robot whose days overlap are one event, on the day of the clearest."""
     events: list[list[Step]] = []
     for step in steps:
         for event in events:
@@ -91,8 +79,7 @@ def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
                 break
         else:
             events.append([step])
-    found = [Event(e[0].robot, e[0].last_before, e[0].first_after, tuple(e)) for e in events]
-    return tuple(sorted(found, key=lambda event: (event.first_after, event.robot)))
+    return tuple(map(tuple, sorted(events, key=lambda event: (event[0].first_after, event[0].robot))))
 
 
 def moment(seconds: float) -> datetime:
@@ -100,9 +87,9 @@ def moment(seconds: float) -> datetime:
     return EPOCH + timedelta(seconds=seconds)
 
 
-def between(event: Event | Step) -> str:
+def between(step: Step) -> str:
     """Text such as ``between 2026-05-03 and 2026-05-04``, with times where both are on one day."""
-    first, last = moment(event.last_before), moment(event.first_after)
+    first, last = moment(step.last_before), moment(step.first_after)
     if first.date() == last.date():
         return f"on {first:%Y-%m-%d} between {first:%H:%M} and {last:%H:%M}"
     return f"between {first:%Y-%m-%d} and {last:%Y-%m-%d}"

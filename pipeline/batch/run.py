@@ -6,23 +6,28 @@ one job the later counts. The Parquet file has a column per quantity, its unit i
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
+from multiprocessing import set_forkserver_preload
 from pathlib import Path
 from typing import Any
 
 from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
+from ik.workers import Lost, in_processes, on_cluster
 from pipeline.batch.spec import Item, Spec
-from pipeline.batch.work import Job, Outcome, key_of, key_of_model
-from pipeline.batch.workers import outcomes
+from pipeline.batch.work import Job, Outcome, key_of, key_of_model, work
 from pipeline.processes import Closing
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
 JOURNAL = "outcomes.jsonl"
+START_METHOD = "forkserver"
+"""How processes begin: with everything loaded, and free of the threads of this one."""
+PRELOADED = ("armdyn.arm.model", "armdyn.pendulum.model", "armdyn.identify.repair", "pipeline.answers")
+"""Modules that the processes share."""
 
 
 class Journal(Closing):
@@ -121,9 +126,7 @@ def run_batch(
         TaskFailedError: the scheduler is gone.
     """
     say("reading the models")
-    models = {item.model: "" for item in spec.items}
-    for path in models:
-        models[path] = key_of_model(path, spec.effects)
+    models = {path: key_of_model(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
     keys: dict[tuple[Path, Path], str] = {}
     jobs: dict[str, Job] = {}
     for number, item in enumerate(spec.items):
@@ -142,13 +145,29 @@ def run_batch(
         say(f"{there} of {len(jobs)} recordings done")
         if todo and not stopped():
             processes = min(workers or os.cpu_count() or 1, len(todo))
-            for outcome in outcomes(todo, processes, scheduler, stopped):
+            for outcome in _outcomes(todo, processes, scheduler, stopped):
                 journal.add(outcome)
                 worked += 1
                 say(f"{there + worked} of {len(jobs)} recordings done")
         found = ((item, journal.outcomes.get(keys.get((item.model, item.run), ""))) for item in spec.items)
         rows = [Row(item, outcome) for item, outcome in found if outcome is not None]
     return Done(tuple(rows), len(spec.items) - len(rows), worked)
+
+
+def _outcomes(
+    jobs: Sequence[Job], processes: int, scheduler: str | None, stopped: Callable[[], bool]
+) -> Iterator[Outcome]:
+    """Outcomes as their jobs finish; a job whose workers die has an outcome too."""
+    if scheduler is None:
+        if START_METHOD == "forkserver":
+            set_forkserver_preload(list(PRELOADED))
+        done = in_processes(work, jobs, processes, START_METHOD, stopped)
+    else:
+        done = on_cluster(work, jobs, scheduler, "batch", stopped)
+    for job, outcome in done:
+        if isinstance(outcome, Lost):
+            outcome = Outcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
+        yield outcome
 
 
 ROWS = "batch.parquet"

@@ -90,7 +90,7 @@ class Clock:
                 return When(found, source)
             if isinstance(found, str):
                 return When(None, TimeFrom.NOWHERE, found)
-        where = self.only.value if self.only is not None else "the SPEC, the sidecar or a date in the name"
+        where = "the SPEC, the sidecar or a date in the name" if self.only is None else self.only.value
         return When(None, TimeFrom.NOWHERE, f"no time in {where}")
 
     def _of_name(self, name: str) -> datetime | str | None:

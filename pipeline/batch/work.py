@@ -20,7 +20,6 @@ from urdf.table_file import read_table
 
 if TYPE_CHECKING:
     from armdyn.checked_study import ModelWithCatalogue
-    from armdyn.identify.compare import Comparison
 
 _one_at_a_time = threading.Lock()
 """Workers of a dask cluster may have several threads; models are not made for them."""
@@ -125,45 +124,32 @@ def work(job: Job) -> Outcome:
 def _found(job: Job) -> dict[str, Any]:
     from armdyn.checked_study import CheckedStudy
     from armdyn.run import read_run
-    from pipeline.fields import number
+    from pipeline.answers import fit_answer
+    from pipeline.fields import fields, number
 
     known, run = _known(job.model, job.model_key, job.effects), read_run(job.run)
-    duration = max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0)
     choosing = None if job.task == "repair" else ()
     given = CheckedStudy.of(known, [run], effects=choosing, trusted=job.trust)
     if job.task == "compare":
         compared = given.compare()
-        answer: dict[str, Any] = {
-            "verdict": compared.verdict.key,
-            "sentence": compared.sentence,
-            "effects": tuple(effect.name for effect in given.study.model.named_effects),
-        }
+        answer, model = fields(compared, "verdict sentence"), given.study.model
     else:
         repaired = given.repair()
-        compared = repaired.after
-        answer = {
-            "verdict": repaired.verdict.key,
-            "sentence": repaired.sentence,
-            "explained": number(repaired.explained),
-            "effects": tuple(effect.name for effect in repaired.model.named_effects),
-        }
-    return {**answer, **_numbers(compared), "duration": duration}
-
-
-def _numbers(found: "Comparison") -> dict[str, Any]:
-    from pipeline.answers import fit_answer
-    from pipeline.fields import number
-
-    answer = fit_answer(found)
-    of_the_run = {c.name for c in found.fit.problem.columns if c.parameter.scope == "per_run"}
+        compared, model = repaired.after, repaired.model
+        answer = fields(repaired, "verdict sentence explained")
+    fit, columns = fit_answer(compared), compared.fit.problem.columns
+    of_the_run = {c.name for c in columns if c.parameter.scope == "per_run"}
     return {
-        "chi2_per_sample": number(found.fit.chi2_per_sample),
-        "intervals_hold": found.intervals_hold,
+        **answer,
+        "effects": tuple(effect.name for effect in model.named_effects),
+        "chi2_per_sample": number(compared.fit.chi2_per_sample),
+        "intervals_hold": compared.intervals_hold,
         "channels": {
             name: {key: channel[key] for key in ("unit", "rmse", "noise_std")}
-            for name, channel in answer["channels"].items()
+            for name, channel in fit["channels"].items()
         },
-        "parameters": {name: p for name, p in answer["parameters"].items() if name not in of_the_run},
+        "parameters": {name: p for name, p in fit["parameters"].items() if name not in of_the_run},
+        "duration": max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0),
     }
 
 
@@ -209,10 +195,5 @@ def contents(path: Path) -> str:
 
 
 def digest(parts: list[str]) -> str:
-    """Of texts, 32 letters."""
+    """Digest of texts, 32 letters."""
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
-
-
-def lost_outcome(job: Job, why: str) -> Outcome:
-    """The outcome of a job whose workers died."""
-    return Outcome(job.key, problem=f"{why}; the same command tries it again", passing=True)

@@ -89,7 +89,7 @@ def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
                 first_after=moment(step.first_after).isoformat(),
             )
             for event in found.events
-            for step in event.steps
+            for step in event
         ],
         "drifts": [
             fields(d, "robot parameter per_day= unit= chance", per_day=86400.0 * d.slope, unit=found.units[d.parameter])

@@ -54,7 +54,7 @@ def _summary(done: Done, found: History) -> str:
         counts.append(f"{bad} could not be used")
     text = f"{len(done.rows)} recordings of {len({row.item.robot for row in done.rows})} robots"
     text += f": {', '.join(counts)}." if counts else "."
-    if changed := list(dict.fromkeys(event.robot for event in found.events)):
+    if changed := list(dict.fromkeys(event[0].robot for event in found.events)):
         shown = ", ".join(changed[:6]) + (f" and {len(changed) - 6} more" if len(changed) > 6 else "")
         text += f" {len(found.events)} {'change' if len(found.events) == 1 else 'changes'}: {shown}."
     elif found.found.tested:

@@ -30,13 +30,13 @@ def change_section(history: History) -> Section:
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
     charts = [_event_chart(event, history) for event in history.events[:MOST_EVENTS]]
-    steps = [(event, step) for event in history.events for step in event.steps][:MAX_CHANGE_ROWS]
+    steps = [(event, step) for event in history.events for step in event][:MAX_CHANGE_ROWS]
     drifts = test.drifts[:MAX_CHANGE_ROWS]
     tables = [
         Table(
             [
-                Column("robot", [event.robot for event, _ in steps]),
-                Column("when", [between(event) for event, _ in steps]),
+                Column("robot", [step.robot for _, step in steps]),
+                Column("when", [between(event[0]) for event, _ in steps]),
                 Column("parameter", [_plain(step.parameter) for _, step in steps]),
                 *columns_of([step for _, step in steps], before=".4g", after=".4g"),
                 Column("unit", [history.units[step.parameter] for _, step in steps]),
@@ -60,23 +60,23 @@ def change_section(history: History) -> Section:
 
 def _event_chart(event: Event, history: History) -> Chart:
     """Figure of a change's clearest parameter: every value, the medians between changes, and the changes' times."""
-    name = event.steps[0].parameter
-    series = history.series[event.robot, name]
+    first, *_ = event
+    name = first.parameter
+    series = history.series[first.robot, name]
     figure = _over_time(_quantity(name, history), 300, showlegend=False, margin={"t": 34})
     bars = {"type": "data", "array": series.std, "color": GREY, "thickness": 1, "width": 0}
-    _add_points(figure, "", history.rows[event.robot, name], 1e3 * series.time, series.value, BLUE, error_y=bars)
-    own = sorted(
-        (s for s in history.found.steps if (s.robot, s.parameter) == (event.robot, name)), key=lambda s: s.index
-    )
+    _add_points(figure, "", history.rows[first.robot, name], 1e3 * series.time, series.value, BLUE, error_y=bars)
+    mine = (s for s in history.found.steps if (s.robot, s.parameter) == (first.robot, name))
+    own = sorted(mine, key=lambda s: s.index)
     edges = pairwise([0, *(s.index for s in own), len(series.time)])
-    for (first, end), level in zip(edges, [own[0].before, *(s.after for s in own)], strict=True):
+    for (begin, end), level in zip(edges, [own[0].before, *(s.after for s in own)], strict=True):
         dotted = {"color": INK, "width": 1.5, "dash": "dot"}
-        figure.add_scatter(x=1e3 * series.time[[first, end - 1]], y=[level] * 2, mode="lines", line=dotted)
+        figure.add_scatter(x=1e3 * series.time[[begin, end - 1]], y=[level] * 2, mode="lines", line=dotted)
     for s in own:
         figure.add_vrect(x0=1e3 * s.last_before, x1=1e3 * s.first_after, fillcolor=SHADE, line_width=1, line_color=BLUE)
-    steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event.steps[:3]]
-    more = f" and {len(event.steps) - 3} more" if len(event.steps) > 3 else ""
-    what = f"{event.robot}, {between(event)}: {', '.join(steps)}{more}"
+    steps = [f"{s.parameter} {s.before:.4g} → {s.after:.4g} {history.units[s.parameter]}" for s in event[:3]]
+    more = f" and {len(event) - 3} more" if len(event) > 3 else ""
+    what = f"{first.robot}, {between(first)}: {', '.join(steps)}{more}"
     return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
@@ -86,7 +86,7 @@ def time_section(history: History) -> Section:
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
     shown = names[:MOST_PARAMETERS]
     text = "Each point is the fit of one recording alone. Robots whose parameter changed are in colour."
-    text += f" Displayable: {MOST_PARAMETERS} of {len(names)} parameters." if len(names) > MOST_PARAMETERS else ""
+    text += f" Shown: {MOST_PARAMETERS} of {len(names)} parameters." if len(names) > MOST_PARAMETERS else ""
     charts = [Chart(_figure_over_time(name, history), tab=name if len(shown) > 1 else "") for name in shown]
     return Section("Parameters over time", text, charts, tabs={name: _plain(name) for name in shown})
 

@@ -66,7 +66,7 @@ def test_the_report_is_one_offline_page_with_what_changed(whole):
 def test_finished_recordings_are_not_done_again(done, armdyn, monkeypatch):
     lab, _ = done
     before = rows(lab)
-    monkeypatch.setattr("pipeline.batch.workers.work", None)  # nobody may ask for it
+    monkeypatch.setattr("pipeline.batch.run.work", None)  # nobody may ask for it
     armdyn(*BATCH)
     assert answer(lab)["worked"] == 0
     assert rows(lab) == before
@@ -128,7 +128,7 @@ def test_something_unforeseen_in_one_recording_is_its_row_and_is_tried_again(lab
         return usual(given)
 
     monkeypatch.setattr(CheckedStudy, "compare", fails)
-    monkeypatch.setattr("pipeline.batch.workers.START_METHOD", "fork")  # which takes the change along
+    monkeypatch.setattr("pipeline.batch.run.START_METHOD", "fork")  # which takes the change along
     armdyn(*BATCH)
     bad = [row for row in rows(lab) if row["problem"]]
     assert bad

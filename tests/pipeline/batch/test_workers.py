@@ -63,8 +63,8 @@ def dies(job):
 
 def test_a_recording_that_kills_its_process_is_a_row_and_the_others_are_done(lab, monkeypatch):
     (lab / "out").mkdir()
-    monkeypatch.setattr("pipeline.batch.workers.work", dies)
-    monkeypatch.setattr("pipeline.batch.workers.START_METHOD", "fork")  # which knows this file's function
+    monkeypatch.setattr("pipeline.batch.run.work", dies)
+    monkeypatch.setattr("pipeline.batch.run.START_METHOD", "fork")  # which knows this file's function
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
     bad = [row for row in done.rows if row.outcome.problem]
     assert {row.item.run.name for row in bad} == {"log_2026-01-08.csv"}
