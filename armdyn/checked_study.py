@@ -216,9 +216,7 @@ class CheckedStudy:
         """A comparison with the identified drives, and the simulated against the recorded motion."""
         if not isinstance(model, ArmModel):
             return found
-        roles = {"training": self.study.runs, "held_out": self.study.held_out, "exam": self.study.exam}
-        every = [(run.recording, role) for role, runs in roles.items() for run in runs]
-        return replace(found, rollout=roll_outs(model, every), drives=model.drives)
+        return replace(found, rollout=roll_outs(model, self.study.recordings), drives=model.drives)
 
     def _telling(self, found: Comparison) -> Comparison:
         """A comparison with sentences on what was set aside and which questions are open."""

@@ -241,6 +241,12 @@ class Study(ABC):
         return self._in_turn[found]
 
     @property
+    def recordings(self) -> list[tuple[Run, str]]:
+        """All recordings before their preparation, each with its role: training, held_out or exam."""
+        roles = {"training": self.runs, "held_out": self.held_out, "exam": self.exam}
+        return [(run.recording, role) for role, runs in roles.items() for run in runs]
+
+    @property
     def holdout_kinds(self) -> tuple[HoldoutKind, ...]:
         """Kinds of the runs that judge a model besides the fitted runs, the most independent first."""
         several = HoldoutKind.IN_TURN if len(self.runs) > 1 else HoldoutKind.TRAINING

@@ -1,6 +1,6 @@
 """State of the workbench's page: a model compared with runs, with effects that are added and removed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,36 +29,16 @@ Residuals = Mapping[tuple[str, str], FloatArray]
 
 
 @dataclass(frozen=True)
-class Atom:
-    """One effect on one joint.
-
-    Attributes:
-        effect: name of the effect.
-        joint: name of the joint; ``""`` where the effect acts on the whole model.
-    """
-
-    effect: str
-    joint: str = ""
-
-    @property
-    def label(self) -> str:
-        """Label of the effect in the form that commands read."""
-        return f"{self.effect}:{self.joint}" if self.joint else self.effect
-
-
-@dataclass(frozen=True)
 class Knob:
     """A parameter with a slider.
 
     Attributes:
-        parameter: parameter with unit and bounds; its value is the present one.
-        std: standard deviation; None where none is known.
+        parameter: parameter with unit, bounds, its present value, and its standard deviation where it is known.
         low: lowest value of the slider.
         high: highest value of the slider.
     """
 
     parameter: Parameter
-    std: float | None
     low: float
     high: float
 
@@ -68,7 +48,7 @@ class TickedModel:
     """The model with the ticked effects.
 
     Attributes:
-        effects: ticked effects, in the order of ticking.
+        effects: labels of the ticked effects, in the order of ticking.
         how: "foretold" (predicted from sums), "fitted", or "by hand".
         curves: every training and held-out run and channel, as given and now.
         stale: whether runs that were not fitted still show the given model.
@@ -77,7 +57,7 @@ class TickedModel:
         places: where the model fails, the worst first; empty where unknown, or where the residual is only noise.
     """
 
-    effects: tuple[Atom, ...]
+    effects: tuple[str, ...]
     how: str
     curves: tuple[Overlay, ...]
     stale: bool
@@ -92,16 +72,16 @@ class Workbench:
     Attributes:
         study: model, runs and catalogue.
         first: fit of the given model.
-        atoms: effects that can be ticked.
-        present: effects of the given model.
+        candidates: effects that can be ticked, one for each joint, by label.
+        present: effects of the given model, likewise.
     """
 
     def __init__(self, study: Study) -> None:
         self.study, self.first = study, study.first()
-        self._candidates = {_atom(atom): atom for c in study.candidates for atom in c.split_by_joint()}
-        self.atoms = tuple(self._candidates)
-        self.present = tuple(Atom(c.effect, joint) for c in study.present for joint, _ in c.parts)
-        self._fits: dict[frozenset[Atom], Fit] = {frozenset(): self.first}
+        self.candidates, self.present = (
+            {one.label: one for c in known for one in c.split_by_joint()} for known in (study.candidates, study.present)
+        )
+        self._fits: dict[frozenset[str], Fit] = {frozenset(): self.first}
         self._places = localise(self.first)
         self._given = [
             replace(curve, residuals=np.repeat(curve.residuals, 2, axis=0))
@@ -123,7 +103,7 @@ class Workbench:
         state = self._state((), "fitted", {}, self._knobs(self.first), self._others(self.first))
         return replace(state, stale=False, places=self._places)
 
-    def effects_of(self, effects: Sequence[Atom]) -> list[Effect]:
+    def effects_of(self, effects: Sequence[str]) -> list[Effect]:
         """Effects in the form of `repair.add`: the joints of one effect are together.
 
         Raises:
@@ -131,7 +111,7 @@ class Workbench:
         """
         return [self.study.effects[c.effect].on(*c.joints) for c in group_by_effect(self._candidates_of(effects))]
 
-    def predict(self, effects: Sequence[Atom]) -> TickedModel:
+    def predict(self, effects: Sequence[str]) -> TickedModel:
         """Predict the result of adding effects, at once.
 
         Raises:
@@ -156,10 +136,10 @@ class Workbench:
                 for unit in range(len(sums.count))
             }
         absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
-        knobs = self._knobs_at(values, {}, without=absent)
-        return self._state(effects, "foretold", residuals, knobs)
+        known = {column.name: None for column in self.study.problem.columns if column.name not in absent}
+        return self._state(effects, "foretold", residuals, self._knobs_at(values, known))
 
-    def refit(self, effects: Sequence[Atom]) -> TickedModel:
+    def refit(self, effects: Sequence[str]) -> TickedModel:
         """The result of adding effects, fitted to all samples; it takes 0.1 s to several seconds.
 
         Raises:
@@ -171,7 +151,7 @@ class Workbench:
         state = self._state(effects, "fitted", residuals, self._knobs(fit), self._others(fit))
         return replace(state, places=localise(fit))
 
-    def fit(self, effects: Sequence[Atom]) -> Fit:
+    def fit(self, effects: Sequence[str]) -> Fit:
         """The cached fit with these effects; for an arm it starts from the nearest fit and the sums' prediction."""
         key = frozenset(effects)
         if key not in self._fits:
@@ -183,7 +163,7 @@ class Workbench:
             self._fits[key] = converged(study.fit_with(whole, near, start))
         return self._fits[key]
 
-    def with_values(self, effects: Sequence[Atom], values: Mapping[str, float]) -> TickedModel:
+    def with_values(self, effects: Sequence[str], values: Mapping[str, float]) -> TickedModel:
         """The prediction with some parameters at values (in their units), nothing fitted.
 
         Raises:
@@ -220,30 +200,28 @@ class Workbench:
             [replace(u, value=u.value - of) for u, of in zip(given, left, strict=True)],
         )
 
-    def motion(self, effects: Sequence[Atom]) -> tuple[RollOut, ...]:
+    def motion(self, effects: Sequence[str]) -> tuple[RollOut, ...]:
         """Motion of an arm with fitted effects under the recorded commands or torques; empty for other models."""
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
         if not isinstance(model, ArmModel):
             return ()
         values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}
-        roles = {"training": study.runs, "held_out": study.held_out}
-        every = [(run.recording, role) for role, runs in roles.items() for run in runs]
-        return roll_outs(model.with_values(values), every)
+        return roll_outs(model.with_values(values), study.recordings)
 
     @cached_property
     def _unexplained(self) -> list[Unexplained]:
         return unexplained(self.first)
 
-    def _candidates_of(self, effects: Sequence[Atom]) -> list[Candidate]:
-        for atom in effects:
-            if atom not in self._candidates:
-                raise UnknownNameError("effect to tick", atom.label, [known.label for known in self.atoms])
-        return [self._candidates[atom] for atom in effects]
+    def _candidates_of(self, effects: Sequence[str]) -> list[Candidate]:
+        for label in effects:
+            if label not in self.candidates:
+                raise UnknownNameError("effect to tick", label, list(self.candidates))
+        return [self.candidates[label] for label in effects]
 
     def _state(
         self,
-        effects: Sequence[Atom],
+        effects: Sequence[str],
         how: str,
         residuals: Residuals,
         knobs: Mapping[str, Knob],
@@ -262,31 +240,18 @@ class Workbench:
 
     def _knobs(self, fit: Fit) -> Mapping[str, Knob]:
         described = fitted_parameters(self.study, fit)
-        return self._knobs_at(fit.values, {name: p.std for name, p in described.items()}, only=described.keys())
+        return self._knobs_at(fit.values, {name: p.std for name, p in described.items()})
 
-    def _knobs_at(
-        self,
-        values: FloatArray,
-        stds: Mapping[str, float | None],
-        only: Collection[str] | None = None,
-        without: Collection[str] = (),
-    ) -> Mapping[str, Knob]:
-        """Sliders of the parameters that belong to all runs, at `values` (P,) of the study's unknowns."""
+    def _knobs_at(self, values: FloatArray, stds: Mapping[str, float | None]) -> Mapping[str, Knob]:
+        """Sliders of the model's parameters that `stds` names, at `values` (P,) of the study's unknowns."""
         found = {}
         for column, value in zip(self.study.problem.columns, values.tolist(), strict=True):
-            name = column.name
-            if column.run is not None or name in without or (only is not None and name not in only):
-                continue
-            parameter, std = replace(column.parameter, value=value), stds.get(name)
-            reach = max(5.0 * (std or 0.0), 0.5 * abs(value), 0.5 * parameter.typical)
-            ends = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
-            found[name] = Knob(parameter, std, *ends)
+            if column.run is None and column.name in stds:
+                parameter = replace(column.parameter, value=value, std=stds[column.name])
+                reach = max(5.0 * (parameter.std or 0.0), 0.5 * abs(value), 0.5 * parameter.typical)
+                ends = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
+                found[column.name] = Knob(parameter, *ends)
         return found
-
-
-def _atom(candidate: Candidate) -> Atom:
-    ((joint, _),) = candidate.parts
-    return Atom(candidate.effect, joint)
 
 
 def _residuals(blocks: Sequence[Block]) -> dict[tuple[str, str], FloatArray]:

@@ -24,7 +24,7 @@ from armdyn.read_files import may_replace
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
 from pipeline.console.inputs import Inputs
-from pipeline.workbench.bench import Atom, Workbench
+from pipeline.workbench.bench import Workbench
 
 PREFIX = "armdyn-page-"
 
@@ -271,7 +271,7 @@ def keep(
     opened: Inputs,
     given: CheckedStudy,
     bench: Workbench,
-    effects: Sequence[Atom],
+    effects: Sequence[str],
     model: Path,
     report: Path | None = None,
     exported: Path | None = None,
@@ -285,7 +285,7 @@ def keep(
         opened: opened input files.
         given: model file and catalogue.
         bench: the study and the effects that can be ticked.
-        effects: ticked effects.
+        effects: labels of the ticked effects.
         model: model file to write.
         report: report to write; None for none.
         exported: file for another tool, whose ending gives the format; None for none.

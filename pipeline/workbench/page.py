@@ -13,7 +13,6 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import Search, Session, Work, diagnosed, discovered
-from pipeline.workbench.bench import Atom
 from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
@@ -64,31 +63,33 @@ class Page(Tab):
         await self._guarded(self._reopen())
 
     async def _pick(self, args: dict[str, Any]) -> None:
-        (atom,) = self._atoms(args["label"])
-        await self._tick([*(a for a in self._ticked if a != atom), *([atom] if args["on"] else [])])
+        label = str(args["label"])
+        await self._tick([*(other for other in self._ticked if other != label), *([label] if args["on"] else [])])
 
     async def _every(self, args: dict[str, Any]) -> None:
-        mine = [atom for atom in self._opened().bench.atoms if atom.effect == args["effect"]]
-        rest = [atom for atom in self._ticked if atom not in mine]
+        mine = [label for label, one in self._opened().bench.candidates.items() if one.effect == args["effect"]]
+        rest = [label for label in self._ticked if label not in mine]
         await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], by_click=False)
 
     async def _try(self, args: dict[str, Any]) -> None:
         await self._add([str(args["label"])])
 
     async def _add(self, labels: Sequence[str]) -> None:
-        """Tick further effects."""
-        new = [atom for label in labels for atom in self._atoms(label)]
-        await self._tick([*(a for a in self._ticked if a not in new), *new], by_click=False)
+        """Tick further effects, each on its joints."""
+        new = []
+        for effect, colon, joints in (label.partition(":") for label in labels):
+            new += [f"{effect}{colon}{joint}" for joint in joints.split(",")]
+        await self._tick([*(label for label in self._ticked if label not in new), *new], by_click=False)
 
     async def _clear(self, _: dict[str, Any]) -> None:
         await self._tick([], by_click=False)
 
-    async def _tick(self, effects: list[Atom], *, by_click: bool = True) -> None:
+    async def _tick(self, effects: list[str], *, by_click: bool = True) -> None:
         """Show at once the predicted result of effects, then the fitted one."""
         bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
         if not by_click:
-            self._call("ticks", [atom.label for atom in effects])
+            self._call("ticks", effects)
         self._asked += 1
         asked = self._asked
         state = bench.predict(self._ticked)
@@ -251,9 +252,3 @@ class Page(Tab):
     async def _go_on(self, _: dict[str, Any]) -> None:
         self._model = self._kept
         await self._reopen()
-
-    @staticmethod
-    def _atoms(label: str) -> list[Atom]:
-        """One atom for each joint of an effect's label in the form that commands read."""
-        effect, _, joints = label.partition(":")
-        return [Atom(effect, joint) for joint in joints.split(",")]

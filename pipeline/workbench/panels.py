@@ -12,7 +12,7 @@ from pipeline.report.inspection import checks_section
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.report.page import bar, table_html
 from pipeline.report.theme import full_name, number
-from pipeline.workbench.bench import Atom, Knob, TickedModel, Workbench
+from pipeline.workbench.bench import Knob, TickedModel, Workbench
 
 HOW = {
     "foretold": "foretold from one expansion; the refit is running",
@@ -24,34 +24,31 @@ MOST_PLACES = 2
 """Places where a model fails that are named; the curves show the others."""
 
 
-def effects_panel(bench: Workbench, ticked: Collection[Atom]) -> str:
+def effects_panel(bench: Workbench, ticked: Collection[str]) -> str:
     """Panel of effects: a line per effect with a box per joint; effects of the given model cannot be unticked."""
-    names = [atom.joint for atom in (*bench.atoms, *bench.present) if atom.joint]
-    short = short_joints(names)
+    every = [*bench.present.values(), *bench.candidates.values()]
+    short = short_joints([joint for one in every for joint in one.joints])
     rows = []
-    for effect in dict.fromkeys(atom.effect for atom in (*bench.present, *bench.atoms)):
-        mine = [atom for atom in (*bench.present, *bench.atoms) if atom.effect == effect]
-        boxes = "".join(
-            _box(atom, short.get(atom.joint, effect), atom in ticked, atom in bench.present) for atom in mine
-        )
-        free = [atom for atom in mine if atom not in bench.present]
-        every = f"<button type='button' data-every='{escape(effect)}'>all</button>" if len(free) > MANY_JOINTS else ""
+    for effect in dict.fromkeys(one.effect for one in every):
+        boxes, free = "", 0
+        for one in (one for one in every if one.effect == effect):
+            fixed = one.label in bench.present
+            free += not fixed
+            text = ", ".join(short[joint] for joint in one.joints) or ("in the model" if fixed else "add")
+            title = f"{one.label}: the model has it" if fixed else one.label
+            state = " checked" * (fixed or one.label in ticked) + " disabled" * fixed
+            boxes += (
+                f"<label title='{escape(title)}'><input type='checkbox' data-pick='{escape(one.label)}'{state}>"
+                f"<span>{escape(text)}</span></label>"
+            )
+        if free > MANY_JOINTS:
+            boxes += f"<button type='button' data-every='{escape(effect)}'>all</button>"
         summary = bench.study.effects[effect].summary
         rows.append(
             f"<div class='effect'><p><b>{escape(effect)}</b> <span>{escape(summary)}</span></p>"
-            f"<div class='picks'>{boxes}{every}</div></div>"
+            f"<div class='picks'>{boxes}</div></div>"
         )
     return "".join(rows)
-
-
-def _box(atom: Atom, label: str, ticked: bool, fixed: bool) -> str:
-    state = (" checked" if ticked or fixed else "") + (" disabled" if fixed else "")
-    title = f"{atom.label}: the model has it" if fixed else atom.label
-    text = label if atom.joint else ("in the model" if fixed else "add")
-    return (
-        f"<label title='{escape(title)}'><input type='checkbox' data-pick='{escape(atom.label)}'{state}>"
-        f"<span>{escape(text)}</span></label>"
-    )
 
 
 def short_joints(joints: Sequence[str]) -> dict[str, str]:
@@ -75,7 +72,10 @@ def errors_panel(state: TickedModel) -> str:
             continue
         for unit in dict.fromkeys(units.values()):
             before, after = (quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
-            figures.append(_figure(f"Error, {kind} runs", before, after, unit))
+            change = (
+                f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−") if before and after != before else ""
+            )
+            figures.append(_key(f"Error, {kind} runs", after, unit, f"as given {number(before, unit)}{change}"))
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
             figures.append(_key("Error, runs predicted from the others", error, unit, ""))
@@ -96,13 +96,6 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MOST_PLACES]))}.</p>"
 
 
-def _figure(name: str, before: float, after: float, unit: str) -> str:
-    change = 100.0 * (after / before - 1.0) if before else 0.0
-    sign = "+" if change > 0 else "−"
-    note = f"as given {number(before, unit)}" + (f", {sign}{abs(change):.0f} %" if after != before else "")
-    return _key(name, after, unit, note)
-
-
 def _key(name: str, value: float, unit: str, note: str) -> str:
     text = f"<span>{escape(name)}</span><strong>{escape(number(value, unit))}</strong><small>{escape(note)}</small>"
     return f"<div class='key' data-value='{value!r}'>{text}</div>"
@@ -110,14 +103,13 @@ def _key(name: str, value: float, unit: str, note: str) -> str:
 
 def knobs_panel(state: TickedModel) -> str:
     """Panel with a slider for every parameter of the model."""
-    if not state.knobs:
-        return "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
-    return "".join(_slider(name, knob) for name, knob in state.knobs.items())
+    none = "<p class='caption'>The model has no parameters yet: tick an effect.</p>"
+    return "".join(_slider(name, knob) for name, knob in state.knobs.items()) or none
 
 
 def _slider(name: str, knob: Knob) -> str:
     value, unit = knob.parameter.value, knob.parameter.unit
-    spread = f" ± {knob.std:.2g}" if knob.std is not None else ""
+    spread = f" ± {knob.parameter.std:.2g}" if knob.parameter.std is not None else ""
     return (
         f"<label class='knob'><span>{escape(name)}</span>"
         f"<input type='range' data-knob='{escape(name)}' step='any' "

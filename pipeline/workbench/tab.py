@@ -22,7 +22,7 @@ from pipeline.view.scene import Scene
 from pipeline.view.shapes import Links, links_of
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import Search, Session
-from pipeline.workbench.bench import AS_GIVEN, NOW, Atom, TickedModel, Workbench
+from pipeline.workbench.bench import AS_GIVEN, NOW, TickedModel, Workbench
 
 AS_TICKED = "as ticked"
 FIRST = 0.05
@@ -64,7 +64,7 @@ class Tab:
         self._said: list[str] = []
         self._session: Session | None = None
         self._open: Opened | None = None
-        self._ticked: tuple[Atom, ...] = ()
+        self._ticked: tuple[str, ...] = ()
         self._values: dict[str, float] = {}
         self._asked = 0  # number of the newest request
         self._points = 0
@@ -152,7 +152,7 @@ class Tab:
         if asked == self._asked:
             self._call("missing", shown)
 
-    async def _show_motion(self, effects: Sequence[Atom]) -> None:
+    async def _show_motion(self, effects: Sequence[str]) -> None:
         """Show the fitted motion last, as an arm's simulator is compiled; nothing where a newer request came."""
         bench, asked = self._opened().bench, self._asked
         if not isinstance(bench.study.model, ArmModel):
@@ -200,7 +200,7 @@ _links: dict[str, Links] = {}
 """Of arms that were drawn already, by fingerprint: meshes take a second or two to read."""
 
 
-def scene_of_run(bench: Workbench, effects: Sequence[Atom], name: str | None) -> Scene:
+def scene_of_run(bench: Workbench, effects: Sequence[str], name: str | None) -> Scene:
     """Scene of a run; a load whose angle was not measured swings as the model with some effects predicts.
 
     Args:

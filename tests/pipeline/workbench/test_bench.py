@@ -16,12 +16,16 @@ from pipeline import exports
 from pipeline.console.inputs import Inputs
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
 from pipeline.workbench import panels
-from pipeline.workbench.bench import Atom, Workbench
+from pipeline.workbench.bench import Workbench
 from pipeline.workbench.files import Writable, keep
 
 from .conftest import HIDDEN, RIVALS
 
-FRICTION = [Atom(HIDDEN, joint) for joint in JOINTS]
+FRICTION = [f"{HIDDEN}:{joint}" for joint in JOINTS]
+
+
+def labels_of(bench, effect):
+    return [label for label, one in bench.candidates.items() if one.effect == effect]
 
 
 def error(state, kind=FITTED):
@@ -31,14 +35,14 @@ def error(state, kind=FITTED):
 def test_the_hidden_effect_leaves_less_than_any_other(bench):
     left = {}
     for name in (HIDDEN, *RIVALS):
-        left[name] = error(bench.predict([atom for atom in bench.atoms if atom.effect == name]), HELD_OUT)
+        left[name] = error(bench.predict(labels_of(bench, name)), HELD_OUT)
     assert min(left, key=left.get) == HIDDEN
     assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
 
 
 def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
-    atoms = [*FRICTION, Atom("payload", "right_w2")]
-    foretold, fitted = bench.predict(atoms), bench.refit(atoms)
+    effects = [*FRICTION, "payload:right_w2"]
+    foretold, fitted = bench.predict(effects), bench.refit(effects)
     assert (foretold.how, fitted.how) == ("foretold", "fitted")
     for before, after in zip(foretold.curves, fitted.curves, strict=True):
         noise = before.noise
@@ -79,8 +83,7 @@ def test_the_motion_as_ticked_is_nearer_to_the_recorded_one_when_what_is_hidden_
         assert {r.joint for r in found} == set(bench.study.model.joints)
         return np.median([np.median(np.abs(r.simulated - r.measured)) for r in found])  # some are carried off
 
-    hidden = [atom for atom in bench.atoms if atom.effect == HIDDEN]
-    assert off(hidden) < 0.5 * off(())
+    assert off(labels_of(bench, HIDDEN)) < 0.5 * off(())
 
 
 def test_turning_a_parameter_predicts_with_it(bench):
@@ -98,7 +101,7 @@ def test_turning_a_parameter_predicts_with_it(bench):
     with pytest.raises(UnknownNameError, match="length"):
         bench.with_values(FRICTION, {"length": 1.0})
     with pytest.raises(UnknownNameError, match=r"did you mean .joint_viscous_friction:right"):
-        bench.predict([Atom(HIDDEN, "right_s9")])
+        bench.predict([f"{HIDDEN}:right_s9"])
 
 
 def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
@@ -106,10 +109,10 @@ def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
     bench = Workbench(Study.of(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
-    foretold = {name: bench.predict([Atom(name)]) for name in effects}
+    foretold = {name: bench.predict([name]) for name in effects}
     assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
     assert error(foretold["quadratic_drag"]) < 0.9 * error(bench.opening)
-    fitted = bench.refit([Atom("quadratic_drag")])
+    fitted = bench.refit(["quadratic_drag"])
     assert not fitted.stale
     assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
     for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
