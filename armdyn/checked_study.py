@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import roll_outs
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
@@ -214,9 +213,7 @@ class CheckedStudy:
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
         """A comparison with the identified drives, and the simulated against the recorded motion."""
-        if not isinstance(model, ArmModel):
-            return found
-        return replace(found, rollout=roll_outs(model, self.study.recordings), drives=model.drives)
+        return replace(found, rollout=model.motion_errors(self.study.recordings), drives=getattr(model, "drives", {}))
 
     def _telling(self, found: Comparison) -> Comparison:
         """A comparison with sentences on what was set aside and which questions are open."""

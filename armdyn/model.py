@@ -19,6 +19,8 @@ from armdyn.shown import Displayable
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.arm.rollout import RollOut
+    from urdf import Robot
 
 
 @dataclass(frozen=True)
@@ -342,6 +344,21 @@ class Model(Displayable):
     @property
     def own_effects(self) -> tuple[Effect, ...]:
         """Effects that come with the base, besides the catalogue's."""
+        return ()
+
+    @property
+    def robot(self) -> "Robot | None":
+        """Robot whose joints the model describes; None for a model of anything else."""
+        return None
+
+    @property
+    def hangs_from_gripper(self) -> bool:
+        """Whether it describes the load of a trial: a load on a string below a moving gripper."""
+        return False
+
+    def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[RollOut, ...]":
+        """Simulated against recorded motion in recordings, each with its role; empty for a model without joints."""
+        del recordings
         return ()
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:

@@ -26,10 +26,12 @@ from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
 from armdyn.run import Channel, Run
+from urdf import Robot
 from urdf.table_file import Check, read_as
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.arm.rollout import RollOut
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,6 +79,17 @@ class ArmModel(Model):
     def joints(self) -> tuple[str, ...]:
         """Names of the joints from base to tool; others of the URDF stay at their zero, or move as recorded."""
         return self.arm.driven
+
+    @property
+    def robot(self) -> Robot:
+        """Robot whose joints the model describes."""
+        return self.arm.robot
+
+    def motion_errors(self, recordings: Sequence[tuple[Run, str]]) -> "tuple[RollOut, ...]":
+        """See `armdyn.arm.rollout.roll_outs`."""
+        from armdyn.arm.rollout import roll_outs
+
+        return roll_outs(self, recordings)
 
     def following(self, runs: Sequence[Run]) -> Self:
         """See `Model.following`: joints of the URDF that it leaves out and that move, and drives not known yet."""

@@ -168,13 +168,12 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     Raises:
         InputError: one of them cannot be used.
     """
-    from armdyn.arm.model import ArmModel
     from armdyn.checked_study import ModelWithCatalogue
 
     model = ModelWithCatalogue.of(path, effects).file.model
     base = str(read_table(path)[1]["base"])
     files = [path, effects, path.parent / base if base.endswith(".py") else None]
-    robot = [model.arm.robot.fingerprint] if isinstance(model, ArmModel) else []
+    robot = [model.robot.fingerprint] if model.robot is not None else []
     return digest([contents(file) for file in files if file is not None] + robot)
 
 

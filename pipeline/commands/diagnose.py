@@ -19,7 +19,7 @@ def diagnose(inputs: StudyInputs) -> None:
         found = given.diagnose(say)
     steps = []
     moved = all("gripper_x" in run.channels for run in given.study.runs)
-    if found.remedies and given.study.model.base == "pendulum" and moved:
+    if found.remedies and given.study.model.hangs_from_gripper and moved:
         command = inputs.command("next", "--output", "motion.csv", "--report", "next.html")
         steps.append(NextStep("tell them apart", command))
     if found.suspects:

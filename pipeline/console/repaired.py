@@ -49,8 +49,8 @@ def conclude_repair(
 def next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
     """Texts of commands that use a repaired model; the user's own effects are in the file `effects`."""
     own = ["--effects", str(effects)] if effects is not None else []
-    kind = {"pendulum": ".py", "arm": ".xml"}.get(model.base, ".json")
+    kind = ".py" if model.hangs_from_gripper else ".xml" if model.robot is not None else ".json"
     export = shlex.join(["armdyn", "export", str(output), *own, "--output", f"{output.stem}{kind}"])
     swing = shlex.join(["armdyn", "trial", "--model", str(output), *own])
-    steps = [NextStep("swing with it", swing)] if model.base == "pendulum" else []
+    steps = [NextStep("swing with it", swing)] if model.hangs_from_gripper else []
     return [*steps, NextStep("take it elsewhere", export)]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
 from armdyn.model import Model
@@ -125,7 +124,7 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
     values: Mapping[str, float] = {} if model is None else {n: model.value(n) for n in model.names}
     angle, note = run.channels.get("swing_angle"), ""
     if angle is None:
-        if model is None or isinstance(model, ArmModel):
+        if model is None or model.robot is not None:
             raise InputError(
                 f"{run.source or run.name}: holds neither joints nor a swing angle: give the model of the load with "
                 "--model M.toml, which says how it swings"

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 import urdf
-from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.recording.channels import FloatArray
@@ -35,8 +34,8 @@ def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = 
     """
     if path.is_dir():
         path = _trial_in(path)
-    if robot is None and isinstance(model, ArmModel):
-        robot = model.arm.robot
+    if robot is None and model is not None:
+        robot = model.robot
     if path.suffix.lower() == ".npz":
         return _table(path, robot)
     if _is_line(path):
@@ -49,7 +48,7 @@ def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = 
     robot = robot or _robot_of(run)
     if {"gripper_x", "load_force"} <= set(run.channels):
         if robot.given_line is not None:
-            swing = swing_of(run, None if isinstance(model, ArmModel) else model)
+            swing = swing_of(run, None if model is None or model.robot is not None else model)
             return trial_scene(path.parent.name or path.name, links_of(robot), run, swing, Box())
     elif not any(name.startswith("tau.") for name in run.channels) and set(robot.joint_names) <= set(run.joints):
         return _trajectory(path, robot)

@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import RollOut, roll_outs
+from armdyn.arm.rollout import RollOut
 from armdyn.effects.effect import Effect
 from armdyn.errors import UnknownNameError
 from armdyn.identify.compare import fitted_parameters
@@ -204,10 +203,8 @@ class Workbench:
         """Motion of an arm with fitted effects under the recorded commands or torques; empty for other models."""
         fit, study = self.fit(effects), self.study
         model = study.model_with((*study.present, *group_by_effect(self._candidates_of(effects))))
-        if not isinstance(model, ArmModel):
-            return ()
         values = {name: p.value for name, p in fitted_parameters(study, fit).items() if name in model.names}
-        return roll_outs(model.with_values(values), study.recordings)
+        return model.with_values(values).motion_errors(study.recordings)
 
     @cached_property
     def _unexplained(self) -> list[Unexplained]:

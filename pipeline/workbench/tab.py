@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 from nicegui import Client
 
-from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError, InputError
 from armdyn.inspection.check import WrongRecordingError
@@ -155,8 +154,6 @@ class Tab:
     async def _show_motion(self, effects: Sequence[str]) -> None:
         """Show the fitted motion last, as an arm's simulator is compiled; nothing where a newer request came."""
         bench, asked = self._opened().bench, self._asked
-        if not isinstance(bench.study.model, ArmModel):
-            return
         charts = await asyncio.to_thread(lambda: motion_charts(bench.motion(effects)))
         if asked == self._asked:
             self._call("motion", {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
@@ -213,10 +210,10 @@ def scene_of_run(bench: Workbench, effects: Sequence[str], name: str | None) -> 
     """
     study, model = bench.study, bench.study.model
     run = next((run for run in (*study.runs, *study.held_out) if run.name == name), study.runs[0])
-    if not isinstance(model, ArmModel):
+    robot = model.robot
+    if robot is None:
         fit = bench.fit(effects) if run in study.runs else None
         return swing_scene(run.name, "run", swing_of(run, model, fit))
-    robot = model.arm.robot
     if robot.fingerprint not in _links:
         _links[robot.fingerprint] = links_of(robot)
     return arm_scene(run.name, "run", _links[robot.fingerprint], *joint_motion(run.recording, robot))
