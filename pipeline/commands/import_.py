@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,57 +27,57 @@ MOST_NAMED = 8
 """Columns that are named on the screen where there are more."""
 
 
-def import_(
+@dataclass(frozen=True)
+class Conversion:
+    """Options that say what is made of which files."""
+
     files: Annotated[
         list[Path],
         typer.Argument(
             metavar="FILE...", help="CSV, Parquet, ROS bag (.bag, .mcap, .db3, directory), LeRobot data set."
         ),
-    ],
-    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")],
-    choice: RobotChoice,
-    mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None,
+    ]
+    output: Annotated[Path, typer.Option("--output", "--out", help="Directory for the runs; it is made.")]
+    mapping: Annotated[Path | None, typer.Option("--map", help="Which column is which channel: a TOML file.")] = None
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping from names, units and ranges; nothing is imported.")
-    ] = False,
+    ] = False
     rate: Annotated[
         float | None, typer.Option("--rate", metavar="HZ", help="Rows per second of tables without time stamps.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False,
-    trust_data: TrustOption = False,
-    json_file: JsonOption = None,
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Write over runs that are there.")] = False
+
+    @property
+    def rate_text(self) -> str:
+        """The rate as a mapping has it; empty where it is not given."""
+        return "" if self.rate is None else f"{self.rate:.12g} Hz"
+
+
+def import_(
+    wanted: Conversion, choice: RobotChoice, trust_data: TrustOption = False, json_file: JsonOption = None
 ) -> None:
     """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
     from pipeline.imports import read_foreign
     from pipeline.imports.mapping import check_rate
 
-    if mapping is not None and guess:
+    if wanted.mapping is not None and wanted.guess:
         raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
-    told = "" if rate is None else f"{rate:.12g} Hz"
-    check_rate(told)
+    check_rate(wanted.rate_text)
     check_outputs(json_file)
     with stopped_if_wrong(json_file), spinner() as say:
         recordings: list[Foreign] = []
-        for file in files:
+        for file in wanted.files:
             say(f"reading {file}")
             recordings += read_foreign(file)
-        if guess:
-            _propose(files, recordings, output, choice, told, force, json_file)
+        if wanted.guess:
+            _propose(wanted, recordings, choice, json_file)
         else:
             say("looking at the recordings")
-            _import(files, recordings, output, mapping, choice, told, force, trust_data, json_file)
+            _import(wanted, recordings, choice, trust_data, json_file)
 
 
 def _import(
-    files: list[Path],
-    recordings: "list[Foreign]",
-    output: Path,
-    mapping: Path | None,
-    choice: RobotChoice,
-    rate: str,
-    force: bool,
-    trust_data: bool,
-    json_file: Path | None,
+    wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoice, trust_data: bool, json_file: Path | None
 ) -> None:
     from armdyn.arm.model import arm_model
     from armdyn.inspection.check import Inspection, by_severity
@@ -88,7 +88,7 @@ def _import(
     from pipeline.imports.mapping import read_map
     from pipeline.report.inspection import inspection_document
 
-    given: Mapping[str, ColumnMap | None] = read_map(mapping) if mapping is not None else {"": None}
+    given: Mapping[str, ColumnMap | None] = read_map(wanted.mapping) if wanted.mapping is not None else {"": None}
     joints = _joints(choice)
     columns = {name for foreign in recordings for name in foreign.columns}
     found: list[Imported] = []
@@ -97,19 +97,19 @@ def _import(
         for name, own in given.items():
             with collect(problems):
                 read = own or known_columns(foreign, joints)
+                read = replace(read, rate=wanted.rate_text) if wanted.rate_text else read
                 part = replace(foreign, name=f"{foreign.name}_{name}") if name else foreign
-                found.append(imported(part, replace(read, rate=rate) if rate else read, columns))
+                found.append(imported(part, read, columns))
     if problems:
         raise InputError("; ".join(problems))
-    runs = [each.run for each in found]
-    looked = inspected(runs, arm_model(choice.urdf_file, choice.robot) if choice else None)
-    told = Inspection(looked.runs, by_severity([*(c for each in found for c in each.checks), *looked.checks]))
+    looked = inspected([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
+    checks = by_severity([*(c for each in found for c in each.checks), *looked.checks])
     if not trust_data:
-        require_usable(told)
-    written = _write(runs, output, [*files, *([mapping] if mapping else [])], force)
-    if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(told.checks)}):
-        if told.checks:
-            show(inspection_document(told))
+        require_usable(Inspection(looked.runs, checks))
+    written = _write([each.run for each in found], wanted)
+    if write_answer(json_file, lambda: {**_answer(found, written), "recording_checks": checks_answer(checks)}):
+        if checks:
+            show(inspection_document(Inspection(looked.runs, checks)))
         _say(found, written, choice)
 
 
@@ -120,52 +120,52 @@ def _joints(choice: RobotChoice) -> "Joints | None":
     return Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
 
 
-def _write(runs: "list[Run]", output: Path, inputs: list[Path], force: bool) -> list[Path]:
+def _write(runs: "list[Run]", wanted: Conversion) -> list[Path]:
     from armdyn.run import write_run_csv
 
-    paths = [output / f"{run.name}.csv" for run in runs]
+    paths = [wanted.output / f"{run.name}.csv" for run in runs]
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
-    given = {path.resolve() for path in inputs}
+    given = {path.resolve() for path in (*wanted.files, *([wanted.mapping] if wanted.mapping else []))}
     for path in paths:
         for file in (path, path.with_suffix(".toml")):
             if file.resolve() in given:
                 raise InputError(f"{path} would take the place of what is imported: choose another --output")
-            free_to_write(file, force)
-    atomic.make_directory(output)
+            free_to_write(file, wanted.force)
+    atomic.make_directory(wanted.output)
     for run, path in zip(runs, paths, strict=True):
         write_run_csv(run, path)
     return paths
 
 
-def _propose(
-    files: list[Path],
-    recordings: "list[Foreign]",
-    output: Path,
-    choice: RobotChoice,
-    rate: str,
-    force: bool,
-    json_file: Path | None,
-) -> None:
+def _propose(wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
     """Write a proposed mapping, which a person reads before it is used."""
+    from pipeline.fields import fields
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
 
     joints = _joints(choice)
-    found, target = guess_map(recordings, joints, rate), output / "map.toml"
-    free_to_write(target, force)
-    atomic.make_directory(output)
+    found, target = guess_map(recordings, joints, wanted.rate_text), wanted.output / "map.toml"
+    free_to_write(target, wanted.force)
+    atomic.make_directory(wanted.output)
     comment = (
-        f"Proposed by armdyn from {files[0].name}: read it, mend what is wrong, above all lines with 'check', and\n"
-        "take 'check' away where you have answered it: until then 'armdyn inspect' asks."
+        f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "
+        "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
     atomic.write_text(target, map_text(found, comment))
-    if write_answer(json_file, lambda: _guess_answer(found, target)):
+    answer = {
+        "schema": "armdyn.map/1",
+        "file": str(target),
+        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
+        "columns": {name: fields(entry, "channel unit why check") for name, entry in found.entries.items()},
+    }
+    if write_answer(json_file, lambda: answer):
         _say_guess(found, recordings, target)
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
-        again = ["armdyn", "import", *map(str, files), "--output", str(output), "--map", str(target)]
+        files = map(str, wanted.files)
+        again = ["armdyn", "import", *files, "--output", str(wanted.output), "--map", str(target)]
         again += _words(choice) if choice else []
         typer.echo(f"read it, mend what is wrong, then: {shlex.join(again)}")
 
@@ -237,15 +237,4 @@ def _answer(found: "list[Imported]", written: list[Path]) -> dict[str, object]:
             }
             for each, path in zip(found, written, strict=True)
         ],
-    }
-
-
-def _guess_answer(found: "ColumnMap", target: Path) -> dict[str, object]:
-    from pipeline.fields import fields
-
-    return {
-        "schema": "armdyn.map/1",
-        "file": str(target),
-        "time": {"column": found.time, "unit": found.time_unit, "check": found.check} if found.time else None,
-        "columns": {name: fields(entry, "channel unit why check") for name, entry in found.entries.items()},
     }
