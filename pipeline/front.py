@@ -11,9 +11,7 @@ from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 
 if TYPE_CHECKING:
-    from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
-    from armdyn.experiments.goal import Goal
     from armdyn.experiments.limits import GripperLimits
     from armdyn.experiments.plan import Plan
     from armdyn.experiments.rivals import Rivals
@@ -84,18 +82,20 @@ def excite(
         UnknownNameError: there is no such effect or joint.
         TaskFailedError: no feasible motion was found.
     """
+    from armdyn.arm.model import ArmModel
     from armdyn.effects.catalogue import find
+    from armdyn.experiments.goal import determining, separating
     from pipeline.motion.excitation import excitation
 
-    goal = goal_of(_arm_of(model), [find(name) for name in effects], [find(name) for name in rivals or ()], rate)
+    arm = model if isinstance(model, Model) else read_model_file(model).model
+    if not isinstance(arm, ArmModel):
+        raise InputError(f"a motion is designed for arms, and this model's base is '{arm.base}': give an arm's")
+    arm = arm.named_only()
+    if rivals is None:
+        goal = determining(arm, [find(name) for name in effects], rate)
+    else:
+        goal = separating(arm, find(rivals[0]), find(rivals[1]), rate)
     return excitation(goal, seconds, random=random, compare=False, seed=seed)
-
-
-def goal_of(model: "ArmModel", wanted: "Sequence[Effect]", rivals: "Sequence[Effect]", rate: float) -> "Goal":
-    """What a motion is to do: tell two rivals apart, or determine effects."""
-    from armdyn.experiments.goal import determining, separating
-
-    return separating(model, rivals[0], rivals[1], rate) if rivals else determining(model, wanted, rate)
 
 
 def next_experiment(
@@ -177,12 +177,3 @@ def plan_experiment(
     moving = made.motion
     useful = moving is not None and moving.outlook.probability > MIN_RIGHT_PROBABILITY
     return made, moving.experiment.motion if moving is not None and useful else None
-
-
-def _arm_of(model: AnyModel) -> "ArmModel":
-    from armdyn.arm.model import ArmModel
-
-    known = model if isinstance(model, Model) else read_model_file(model).model
-    if not isinstance(known, ArmModel):
-        raise InputError(f"a motion is designed for arms, and this model's base is '{known.base}': give an arm's")
-    return known.named_only()

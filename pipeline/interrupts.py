@@ -62,23 +62,15 @@ class Interrupts:
         _thread.start_new_thread(_leave_soon, (number,))
         raise Interrupt(number)
 
-    def check(self) -> None:
-        """Raise again what was swallowed.
+    def check(self, *, ended: bool = False) -> None:
+        """Raise again what was swallowed, and, where the command has `ended`, what was noted.
 
         Raises:
             Interrupt: a signal has come.
         """
-        if self.received is not None:
-            raise Interrupt(self.received)
-
-    def check_noted(self) -> None:
-        """Raise what was noted: the command has ended, and its exit status is that of the signal.
-
-        Raises:
-            Interrupt: SIGTERM or SIGHUP has come.
-        """
-        if self.noted is not None:
-            raise Interrupt(self.noted)
+        number = self.received or (self.noted if ended else None)
+        if number is not None:
+            raise Interrupt(number)
 
     def finish(self) -> None:
         """The command is over: from now on there is nothing to clean up."""

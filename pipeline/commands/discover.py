@@ -31,14 +31,14 @@ def discover(
         written = [f"written to {output}"]
     aside = [f"{text}." for text in given.set_aside]
     document = replace(found.document(), notes=aside, next_steps=_next_steps(inputs, found, output))
-    inputs.finish(given, document, lambda: _answer(found, output), lambda: _page(document, found), written)
 
+    def page() -> Document:
+        from pipeline.report.missing_force import missing_force_sections
 
-def _page(document: Document, found: "Discovery") -> Document:
-    from pipeline.report.missing_force import missing_force_sections
+        added = " + ".join(one.effect for one in found.findings)
+        return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
 
-    added = " + ".join(one.effect for one in found.findings)
-    return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
+    inputs.finish(given, document, lambda: _answer(found, output), page, written)
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:

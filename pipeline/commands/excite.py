@@ -109,15 +109,15 @@ def excite(
 
 def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":
     from armdyn.effects.user import load_effects
-    from pipeline.front import goal_of
+    from armdyn.experiments.goal import determining, separating
 
     own = load_effects(effects_file)
     if rivals is None:
-        return goal_of(model, _effects(wanted, "--for", model, own) if wanted is not None else (), (), rate)
+        return determining(model, _effects(wanted, "--for", model, own) if wanted is not None else (), rate)
     pair = _effects(rivals, "--rivals", model, own)
     if len(pair) != 2:
         raise InputError(f"--rivals {rivals}: name two effects, separated by a comma")
-    return goal_of(model, (), pair, rate)
+    return separating(model, pair[0], pair[1], rate)
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":

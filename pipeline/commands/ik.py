@@ -9,6 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import ArmChoice, JsonOption, exactly, tool_rotation
 from pipeline.console.screen import finish, write_answer
+from pipeline.fields import fields
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -144,9 +145,12 @@ def build(
         target = target or default_path(arm)
     if target is not None:
         table.save(target)
-    extra = ({} if target is None else {"file": str(target)}) | ({} if found is None else {"found": found_json(found)})
+    extra: dict[str, Any] = {} if target is None else {"file": str(target)}
     written = [] if found is None else [as_settings(found)]
     written += [] if target is None else [f"written to {target}"]
+    if found is not None:
+        quality = fields(found, "home core_speed whole_speed joint_margin clearance torque")
+        extra["found"] = {"line": found.line.describe(), **quality}
     finish(ik_document(table), lambda: table_json(table) | extra, json_file, written=written)
 
 
@@ -191,8 +195,6 @@ def table_json(table: "PathTable") -> dict[str, Any]:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from pipeline.fields import fields
-
     rotation, position = table.path.pose(table.s)
     return {
         "schema": "armdyn.ik/1",
@@ -222,27 +224,18 @@ def as_settings(found: "Found") -> str:
         "range": (line.s_min, line.s_max),
         "core": line.core,
     }
-    rows = {name: f"[{', '.join(f'{value:.10g}' for value in values)}]" for name, values in entries.items()}
-    home = ", ".join(f"{value:.10g}" for value in found.home)
-    return "\n".join(
-        [
-            "",
-            f"# core {found.core_speed:.3f} m/s, whole line {found.whole_speed:.3f} m/s, "
-            f"margin {found.joint_margin:.3f} rad, clearance {found.clearance:.3f} m,",
-            f"# torque at rest {100 * found.torque[0]:.0f} % of a limit, {100 * found.torque[1]:.0f} % with springs",
-            "[line]",
-            *(f"{name} = {row}" for name, row in rows.items()),
-            f"core_speed = {line.core_speed:g}",
-            "",
-            "[arm]",
-            f"home = [{home}]",
-        ]
-    )
 
+    def listed(values: Any) -> str:
+        return f"[{', '.join(f'{value:.10g}' for value in values)}]"
 
-def found_json(found: "Found") -> dict[str, Any]:
-    """JSON of a found line and of its quality."""
-    from pipeline.fields import fields
+    rows = "\n".join(f"{name} = {listed(values)}" for name, values in entries.items())
+    return f"""
+# core {found.core_speed:.3f} m/s, whole line {found.whole_speed:.3f} m/s, margin {found.joint_margin:.3f} rad, \
+clearance {found.clearance:.3f} m,
+# torque at rest {100 * found.torque[0]:.0f} % of a limit, {100 * found.torque[1]:.0f} % with springs
+[line]
+{rows}
+core_speed = {line.core_speed:g}
 
-    numbers = fields(found, "home core_speed whole_speed joint_margin clearance torque")
-    return {"line": found.line.describe(), **numbers}
+[arm]
+home = {listed(found.home)}"""

@@ -94,8 +94,7 @@ def _run_command(interrupts: Interrupts) -> int:
     app = application([known[asked]] if asked in known else known.values())
     interrupts.check()
     status = app(standalone_mode=False)
-    interrupts.check()
-    interrupts.check_noted()
+    interrupts.check(ended=True)
     return status if isinstance(status, int) else 0
 
 

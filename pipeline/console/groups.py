@@ -34,11 +34,11 @@ def with_groups(command: Callable[..., Any]) -> Callable[..., Any]:
 
     called.__name__, called.__doc__ = command.__name__, command.__doc__
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
+
+    def takes_the_rest(parameter: inspect.Parameter) -> bool:
+        kind, *declared = get_args(parameter.annotation) or (None,)
+        return get_origin(kind) is list and any(isinstance(each, ArgumentInfo) for each in declared)
+
     # Typer reads a command by `inspect.signature`, which takes this signature in place of the function's own.
-    vars(called)["__signature__"] = inspect.Signature(sorted(flat, key=_takes_the_rest))
+    vars(called)["__signature__"] = inspect.Signature(sorted(flat, key=takes_the_rest))
     return called
-
-
-def _takes_the_rest(parameter: inspect.Parameter) -> bool:
-    kind, *declared = get_args(parameter.annotation) or (None,)
-    return get_origin(kind) is list and any(isinstance(each, ArgumentInfo) for each in declared)

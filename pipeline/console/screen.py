@@ -30,10 +30,15 @@ PIPED_WIDTH = 140
 
 
 def to_screen() -> "Console":
-    """Console on standard output; colours are given as `style`, so that a unit such as ``[m]`` is text."""
+    """Console on standard output; colours are given as `style`, so that a unit such as ``[m]`` is text.
+
+    What the encoding of standard output or error lacks becomes a question mark.
+    """
     from rich.console import Console
 
-    any_encoding()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
@@ -127,13 +132,6 @@ def save_report(document: "Document", file: Path) -> None:
     from pipeline.report.page import write_page
 
     write_page(replace(document, command=command_line()), file)
-
-
-def any_encoding() -> None:
-    """Let standard output and error take every character: what their encoding lacks becomes a question mark."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:

@@ -52,7 +52,13 @@ def ik_report(table: PathTable, robot: Robot | None) -> Document:
         robot: whose table it is, for the defects of its description; None leaves them out.
     """
     document = ik_document(table)
-    sections = [_speed_section(table), *_joint_sections(table), _dexterity_section(table), *document.sections]
+    figure = _along_path(table, "sqrt det(J Jᵀ)")
+    for values, name, style in zip(
+        table.manipulability.T, ("linear [m³/rad³]", "angular [1]"), (MODEL, REFERENCE), strict=True
+    ):
+        figure.add_scatter(x=table.s, y=values, name=name, **style)
+    dexterity = Section("Manipulability", charts=[Chart(figure, "Yoshikawa 1985; zero at a singularity.")])
+    sections = [_speed_section(table), *_joint_sections(table), dexterity, *document.sections]
     return replace(document, sections=sections, notes=() if robot is None else robot.defects)
 
 
@@ -145,14 +151,6 @@ def _joint_sections(table: PathTable) -> list[Section]:
         ),
         Section("Torque at rest", held, [Chart(torque)]),
     ]
-
-
-def _dexterity_section(table: PathTable) -> Section:
-    """Section on the distance from singularities: Yoshikawa's measure for translation and rotation of the tool."""
-    figure = _along_path(table, "sqrt det(J Jᵀ)")
-    for column, name, style in ((0, "linear [m³/rad³]", MODEL), (1, "angular [1]", REFERENCE)):
-        figure.add_scatter(x=table.s, y=table.manipulability[:, column], name=name, **style)
-    return Section("Manipulability", charts=[Chart(figure, "Yoshikawa 1985; zero at a singularity.")])
 
 
 def _along_path(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armdyn import __version__, atomic
-from armdyn.document import Chart, Document, KeyFigure, Level, NextStep, Section, Table, Widget
+from armdyn.document import Chart, Document, Level, Section, Table, Widget
 from armdyn.quoting import script_json
 from pipeline.report.theme import DARK, TEMPLATE
 
@@ -73,9 +73,12 @@ def page_html(document: Document) -> str:
         word=escape(level.value),
         verdict=escape(document.verdict),
         navigation="".join(f"<a href='#{s.anchor}'>{escape(s.title)}</a>" for s in document.sections),
-        key_figures="".join(map(_key_figure, document.key_figures)),
+        key_figures="".join(key_html(figure.name, figure.value, figure.note) for figure in document.key_figures),
         notes="".join(f"<p class='note'>{escape(note)}</p>" for note in document.notes),
-        next_steps="".join(map(_next_step, document.next_steps)),
+        next_steps="".join(
+            f"<p class='next'>{escape(step.what)}:<code>{escape(step.command)}</code></p>"
+            for step in document.next_steps
+        ),
         sections=sections,
         footer=escape(f"armdyn {__version__}" + (f" · {document.command}" if document.command else "")),
         script=_template("page.js").template,
@@ -110,6 +113,12 @@ def _section(section: Section, figures: list[dict[str, Any]], widgets: list[Mapp
     together = f"<div class='together'>{heading}{''.join(charts[:1])}</div>"
     tables = "".join(map(table_html, section.tables))
     return f"<section id='{section.anchor}'>{together}{''.join(charts[1:])}{tables}</section>"
+
+
+def key_html(name: str, value: str, note: str, attributes: str = "") -> str:
+    """HTML of a number in large type."""
+    below = f"<small>{escape(note)}</small>" if note else ""
+    return f"<div class='key'{attributes}><span>{escape(name)}</span><strong>{escape(value)}</strong>{below}</div>"
 
 
 def widget_html(widget: Widget) -> str:
@@ -170,15 +179,6 @@ def _light(value: Any) -> Any:
     if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > PRECISE * np.ptp(finite):
         return value
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
-
-
-def _next_step(step: NextStep) -> str:
-    return f"<p class='next'>{escape(step.what)}:<code>{escape(step.command)}</code></p>"
-
-
-def _key_figure(figure: KeyFigure) -> str:
-    note = f"<small>{escape(figure.note)}</small>" if figure.note else ""
-    return f"<div class='key'><span>{escape(figure.name)}</span><strong>{escape(figure.value)}</strong>{note}</div>"
 
 
 def _template(name: str) -> Template:

@@ -10,6 +10,7 @@ from armdyn.model import Model
 from armdyn.recording.channels import FloatArray
 from armdyn.run import Run, read_run
 from pipeline.box import Box
+from pipeline.motion.feasibility.read import is_line_csv
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene, trial_scene
 from pipeline.view.scene import Mark, Scene
 from pipeline.view.shapes import links_of
@@ -38,7 +39,7 @@ def scene_of(path: Path, model: Model | None = None, robot: urdf.Robot | None = 
         robot = model.robot
     if path.suffix.lower() == ".npz":
         return _table(path, robot)
-    if _is_line(path):
+    if path.suffix.lower() == ".csv" and is_line_csv(path):
         return _trajectory(path, robot or _known("baxter"))
     run = read_run(path)
     if (model is None and not run.joints) or "gripper_x" in run.channels:
@@ -70,12 +71,6 @@ def _model_beside(path: Path, model: Model | None) -> Model | None:
     from armdyn.model_file import read_model
 
     return read_model(beside)
-
-
-def _is_line(path: Path) -> bool:
-    from pipeline.motion.feasibility.read import is_line_csv
-
-    return path.suffix.lower() == ".csv" and is_line_csv(path)
 
 
 def _trajectory(path: Path, robot: urdf.Robot) -> Scene:

@@ -10,7 +10,7 @@ from armdyn.inspection.check import Inspection
 from pipeline.exports import formats
 from pipeline.report.inspection import checks_section
 from pipeline.report.overlay import FITTED, HELD_OUT, quality
-from pipeline.report.page import bar, table_html
+from pipeline.report.page import bar, key_html, table_html
 from pipeline.report.theme import full_name, number
 from pipeline.workbench.bench import Knob, TickedModel, Workbench
 
@@ -72,13 +72,15 @@ def errors_panel(state: TickedModel) -> str:
             continue
         for unit in dict.fromkeys(units.values()):
             before, after = (quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
-            change = (
-                f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−") if before and after != before else ""
-            )
-            figures.append(_key(f"Error, {kind} runs", after, unit, f"as given {number(before, unit)}{change}"))
+            note = f"as given {number(before, unit)}"
+            if before and after != before:
+                note += f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
+            value = f" data-value='{after!r}'"
+            figures.append(key_html(f"Error, {kind} runs", number(after, unit), note, value))
     if state.others and not any(curve.kind == HELD_OUT for curve in state.curves):
         for unit, error in totals(state.others, units).items():
-            figures.append(_key("Error, runs predicted from the others", error, unit, ""))
+            text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
+            figures.append(key_html(text, number(error, unit), "", value))
     how = f"<p class='how {state.how.replace(' ', '-')}'>{HOW[state.how]}</p>"
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
@@ -94,11 +96,6 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
     if not worst:
         return ""
     return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MOST_PLACES]))}.</p>"
-
-
-def _key(name: str, value: float, unit: str, note: str) -> str:
-    text = f"<span>{escape(name)}</span><strong>{escape(number(value, unit))}</strong><small>{escape(note)}</small>"
-    return f"<div class='key' data-value='{value!r}'>{text}</div>"
 
 
 def knobs_panel(state: TickedModel) -> str:
