@@ -351,11 +351,6 @@ class Model(Displayable):
         """Robot whose joints the model describes; None for a model of anything else."""
         return None
 
-    @property
-    def hangs_from_gripper(self) -> bool:
-        """Whether it describes the load of a trial: a load on a string below a moving gripper."""
-        return False
-
     def motion_errors(self, recordings: "Sequence[tuple[Run, str]]") -> "tuple[RollOut, ...]":
         """Simulated against recorded motion in recordings, each with its role; empty for a model without joints."""
         del recordings

@@ -46,7 +46,6 @@ class PendulumModel(SimulatedModel):
     """A load on a string below a moving gripper, with any effects."""
 
     base = "pendulum"
-    hangs_from_gripper = True
     stages = PENDULUM_STAGES
     inputs = GRIPPER_CHANNELS
     start_names = START_PARAMETERS
