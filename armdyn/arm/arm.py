@@ -14,6 +14,7 @@ from armdyn.arm.rigid import described_parameters, parents, shape
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
+from armdyn.recording.units import sliding_unit
 
 USUAL_EFFORT = 50.0
 """N m; the effort limit of the joint for which an effect's typical sizes are written."""
@@ -123,7 +124,7 @@ class Arm:
         scale = strength**torque * length**angle
         adapted = replace(
             quantity,
-            unit=_sliding_unit(quantity.unit) if self.slides[i] else quantity.unit,
+            unit=sliding_unit(quantity.unit) if self.slides[i] else quantity.unit,
             typical=quantity.typical * scale,
             null=quantity.null * scale,
             lower=quantity.lower * scale,
@@ -168,10 +169,3 @@ def _powers(unit: str) -> tuple[int, int]:
 
 def _radians(text: str) -> int:
     return sum(int(power or 1) for power in re.findall(r"\brad(?:\^(\d+))?", text))
-
-
-def _sliding_unit(unit: str) -> str:
-    """The unit for a joint that slides."""
-    if unit == "kg m^2":
-        return "kg"
-    return re.sub(r"\brad\b", "m", re.sub(r"\bN m\b", "N", unit))

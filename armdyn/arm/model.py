@@ -15,7 +15,7 @@ from armdyn.arm.arm import CANNOT, Arm, find_arm
 from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
 from armdyn.arm.carried import following
 from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
-from armdyn.arm.drive_scale import settled, telling
+from armdyn.arm.drive_scale import identified_drives, telling
 from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
 from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
@@ -81,7 +81,7 @@ class ArmModel(Model):
     def following(self, runs: Sequence[Run]) -> Self:
         """See `Model.following`: joints of the URDF that it leaves out and that move, and drives not known yet."""
         arm = following(self.arm, runs)
-        drives = settled(self.drives, arm, runs)
+        drives = identified_drives(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
             return self
         return replace(self, arm=arm, drives=MappingProxyType(drives))

@@ -15,7 +15,7 @@ from armdyn.identify.noise import DIFFERENCE_ORDERS
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
-from armdyn.recording.differences import normalised_differences, quiet_std
+from armdyn.recording.noise import normalised_differences, quiet_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from armdyn.pendulum.path import run_path
 from armdyn.recording.channels import MIN_SAMPLES, Channel
-from armdyn.recording.differences import quiet_std
 from armdyn.recording.gaps import between, in_pieces, told
+from armdyn.recording.noise import quiet_std
 from armdyn.run import Run
 
 ORBIT_AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)

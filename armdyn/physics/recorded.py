@@ -230,7 +230,7 @@ def recorded_inputs(
     for name, channel in driving.items():
         if name in steady:
             level = np.zeros((3, len(grid) - 1))
-            level[0] = mean_held(channel, grid)
+            level[0] = channel.mean_held(grid)
             nodes.append(np.column_stack([level, level[:, -1]]))
             middle.append(level)
             ends.append(level)
@@ -257,10 +257,3 @@ def moves_in_steps(channel: Channel) -> bool:
     there = jumps != 0.0
     sizes = np.abs(jumps[there])
     return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_STEP_RATIO * sizes.min())
-
-
-def mean_held(channel: Channel, grid: np.ndarray) -> np.ndarray:
-    """(K-1,) mean, between the nodes (K,), of a signal that keeps its value until the next sample."""
-    time = np.append(channel.time, max(channel.time[-1], grid[-1]) + 1.0)
-    sums = np.concatenate([[0.0], np.cumsum(channel.value * np.diff(time))])
-    return np.asarray(np.diff(np.interp(grid, time, sums)) / np.diff(grid))

@@ -14,7 +14,7 @@ from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
-from armdyn.recording.differences import NORMAL_MEDIAN, quiet_std
+from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
 from armdyn.recording.spikes import clean
 from armdyn.run import Run
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hidden_effects.servo_arm import generate
 
-from armdyn.arm.drive_scale import settled
+from armdyn.arm.drive_scale import identified_drives
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.readings import mean_held
-from armdyn.arm.rollout import resolution, rolled, windows
+from armdyn.arm.rollout import encoder_step, rolled, windows
 from armdyn.checked_study import CheckedStudy, absent_in_motion
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
@@ -162,7 +161,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
     carrying = true_model(arm).with_effect(find("payload"))
     carrying = carrying.with_values({"payload.mass[elbow]": 0.5, "payload.x[elbow]": 0.2})
     loaded = [simulated(mujoco_text(carrying)[0], seed, DELAY) for seed in (1, 2)]
-    servo = settled(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
+    servo = identified_drives(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
     assert GAIN - servo.gain.value > 10.0 * servo.unloaded
     assert abs(GAIN - servo.gain.value) < 2.0 * servo.gain.std
     assert servo.determined
@@ -171,7 +170,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
 @pytest.mark.parametrize("seed", [5, 7, 13, 19])
 def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_something_is_carried(seed):
     made = generate(seed)
-    for name, servo in settled(made.known.drives, made.known.arm, made.runs[:-1]).items():
+    for name, servo in identified_drives(made.known.drives, made.known.arm, made.runs[:-1]).items():
         true = made.truth.drives[name].gain.value
         assert abs(servo.gain.value - true) < 2.5 * servo.gain.std
         assert servo.gain.std < (0.08 if servo.determined else 0.6) * true
@@ -181,7 +180,7 @@ def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_some
 def test_a_command_holds_until_the_next_stamp():
     told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
     assert told.held(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
-    assert mean_held(told, np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+    assert told.mean_held(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize(
@@ -202,10 +201,10 @@ def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, 
 def test_the_step_of_an_encoder_shows_also_where_its_values_were_rounded_in_degrees():
     step, time = 2.0 * np.pi / 4096, np.linspace(0.0, 20.0, 2001)
     q = np.round(np.sin(time) / step) * step
-    assert resolution(q) == pytest.approx(step)
-    assert resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
-    assert resolution(np.sin(time)) == 0.0
-    assert resolution(np.zeros(100)) == 0.0
+    assert encoder_step(q) == pytest.approx(step)
+    assert encoder_step(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
+    assert encoder_step(np.sin(time)) == 0.0
+    assert encoder_step(np.zeros(100)) == 0.0
 
 
 @pytest.mark.parametrize(("value", "std", "absent"), [(0.0017, 0.0008, True), (0.12, 0.003, False), (0.0, None, True)])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,9 +20,8 @@ def with_effects(model: ArmModel, **values: float) -> ArmModel:
 
 
 def drives(count: int, joints: int, **given: np.ndarray | float) -> Drives:
-    shapes = {"gain": joints, "damping": joints}
-    usual = {"given": 0.0, "q_cmd": 0.0, "v_cmd": 0.0, "limit": np.inf, "on": 0.0, "gain": 0.0, "damping": 0.0}
-    return Drives(**{k: np.broadcast_to(v, shapes.get(k, (count, joints))) for k, v in {**usual, **given}.items()})
+    off = Drives.off(count, joints)
+    return replace(off, **{k: np.broadcast_to(v, getattr(off, k).shape) for k, v in given.items()})
 
 
 @pytest.fixture(scope="module")
