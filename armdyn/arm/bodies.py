@@ -74,7 +74,7 @@ class MotionSamples:
     @cached_property
     def regressor(self) -> np.ndarray:
         """(n, nj, nj, 10) torques per inertial parameter."""
-        return torque_regressor(self.model, self.motion)
+        return torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def gravity_regressor(self) -> np.ndarray:

@@ -413,7 +413,7 @@ def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     motion = measured_motion(run, arm.joints)
     time = np.arange(motion.start, motion.end, STEP_SECONDS)
     at = motion.at(time)
-    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at)[:, :, -1]
+    return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at.q, at.v, at.a)[:, :, -1]
 
 
 def _low_pass(signal: np.ndarray) -> np.ndarray:

@@ -10,16 +10,8 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing import (
-    MIN_SMOOTHED_SAMPLES,
-    SPLINE_ORDERS,
-    Choice,
-    Curve,
-    Rates,
-    best_smoothing,
-    derivative_noise,
-    smoothed,
-)
+from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, Curve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""

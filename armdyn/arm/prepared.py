@@ -24,16 +24,8 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, Reading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing import (
-    MAX_CUTOFF_SHARE,
-    MAX_UNDISTORTED_CUTOFF,
-    WHITE_RATE_SHARE,
-    Choice,
-    Curve,
-    LowPass,
-    Samples,
-    best_smoothing,
-)
+from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, Curve, LowPass, Samples
 
 STIFF_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
@@ -253,7 +245,7 @@ def _physics(model: pin.Model, motion: MeasuredMotion, joint: int, stamps: np.nd
     """(n, 15) regression columns of a joint's torque: load, unknown payload, springs, rotor, frictions of all kinds."""
     at = motion.at(stamps)
     load = inverse_dynamics(model, at.q, at.v, at.a)[:, joint]
-    carried = torque_regressor(model, at)[:, joint, -1, :4]
+    carried = torque_regressor(model, at.q, at.v, at.a)[:, joint, -1, :4]
     friction = at.direction[:, joint] * np.abs(load)
     return np.column_stack([load, carried, *at.own_columns(joint, READING_FADING_SPEEDS), friction])
 

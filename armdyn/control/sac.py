@@ -210,13 +210,6 @@ class SequentialActionControl:
             0.0, 0.0, 0.0, self._within_speed(free, state.v), free_cost, free_cost, perf_counter() - started
         )
 
-    def gradient(
-        self, schedule: np.ndarray, state: SacState, model: PendulumModel, rival: PendulumModel | None = None
-    ) -> tuple[float, np.ndarray]:
-        """Cost of a schedule (steps,) of accelerations, and its exact gradient (steps,)."""
-        cost, gradient = self._gradient(schedule, *self._fixed(state, model, rival))
-        return float(cost[0, 0]), gradient.ravel().copy()
-
     def _fixed(self, state: SacState, model: PendulumModel, rival: PendulumModel | None) -> tuple[object, ...]:
         """Arguments of the compiled functions after the schedule."""
         models = [model] if rival is None else [model, rival]

@@ -69,6 +69,11 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
+    def has_catalogue_stages(self) -> bool:
+        """False: a stage may have the name of a catalogue's stage and another content."""
+        return False
+
+    @property
     def step(self) -> float:
         """Longest step of the integration, s; see `Model.step`."""
         return self.physics.step

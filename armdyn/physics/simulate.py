@@ -11,9 +11,10 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
-from armdyn.physics.recorded import Path, slope
+from armdyn.physics.recorded import Path
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
+from armdyn.smoothing.even import slope
 
 STEPS_PER_BLOCK = 16
 """Number of steps that are compiled together; pieces of a motion are short."""
@@ -132,21 +133,12 @@ class Simulator:
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
-        nodes, middle, ends = path.rows(self._dynamics.inputs)
-        rows, starts = len(nodes), self._dynamics.starts
-        K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
-        inputs = np.zeros((3 * rows, padded))
-        inputs[:rows, :K] = nodes
-        inputs[rows : 2 * rows, : K - 1] = middle
-        inputs[2 * rows :, : K - 1] = ends
-        step = np.zeros((1, padded))  # zero beyond the end, where the state is constant
-        step[0, : K - 1] = path.dt
-        columns = self.columns
-        states = np.empty((padded, n))
-        outputs = np.empty((padded, columns))
+        inputs, step = path.packed(self._dynamics.inputs, STEPS_PER_CALL)
+        starts, (width, padded) = self._dynamics.starts, inputs.shape
+        K, m, n, columns = path.nodes.shape[1], self.parameters + starts, self._dynamics.states, self.columns
+        states, outputs = np.empty((padded, n)), np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
-        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
+        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), inputs[: width // 3, 0], theta)
         for first in range(0, padded, STEPS_PER_CALL):
             block = slice(first, first + STEPS_PER_CALL)
             along = inputs[:, block], step[:, block], theta

@@ -9,10 +9,10 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
-from armdyn.physics.recorded import differentiated, smoothed_motion
 from armdyn.readout import Interpolated, Sensor, lagged
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
+from armdyn.smoothing.even import differentiated, smoothed_motion
 
 DT = 0.01
 
