@@ -13,22 +13,12 @@ from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Simulator
 
 BIAS = CATALOGUE["sensor_bias"]
-
-
 DRAG = pendulum_model(0.368, 0.08, [CATALOGUE["linear_drag"], BIAS]).with_values({"linear_drag.coefficient": 0.005})
-
-
 PIVOT = pendulum_model(0.368, 0.08, [CATALOGUE["pivot_viscous_friction"], BIAS]).with_values(
     {"pivot_viscous_friction.coefficient": 7e-4}
 )
-
-
 SWING = np.array([0.2, 0.004])
-
-
 UNKNOWNS = ("length", "mass", "pivot_viscous_friction.coefficient", "sensor_bias.force")
-
-
 QUESTIONS = [
     LENGTH_QUESTION,
     information(("length", "linear_drag.coefficient", "mass")),

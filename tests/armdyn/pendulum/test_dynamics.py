@@ -16,14 +16,8 @@ from armdyn.physics.simulate import Simulator
 from armdyn.run import Channel, Run
 
 LENGTH, MASS, G = 0.368, 0.1, 9.81
-
-
 THETA = np.array([LENGTH, MASS, G])
-
-
 AMPLITUDE, OMEGA = 0.04, 2 * np.pi * 0.8
-
-
 DRAG = [CATALOGUE[name] for name in ("linear_drag", "sensor_gain")]
 
 
@@ -170,13 +164,9 @@ def test_measured_height_of_the_gripper_enters_the_tension(dynamics):
 
 
 STAMPS = np.arange(0.0, 3.0, 0.005)
-
-
 STILL = Run(
     "a.csv", {"swing_angle": Channel(STAMPS, 0 * STAMPS, "rad"), "load_force": Channel(STAMPS, 0 * STAMPS, "N")}
 )
-
-
 SIZES = {"bristle_friction.torque": 4e-3, "bristle_friction.deflection": 0.02, "initial_angle": 0.5}
 
 

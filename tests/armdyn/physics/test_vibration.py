@@ -17,11 +17,7 @@ from armdyn.physics.vibration import IGNORED_FREQUENCY, Vibration
 from armdyn.smoothing.even import smoothed_motion
 
 DT = 0.01
-
-
 TIME = DT * np.arange(400)
-
-
 SIGNAL = np.sin(7.0 * TIME) + np.where(TIME > 1.0, 0.5, 0.0) * np.sin(30.0 * (TIME - 1.0))
 
 
@@ -114,14 +110,8 @@ def oil(string, k=quantity("N m s/(rad K)", typical=1e-5), warm=column("extra.te
 
 
 EFFECTS = {**CATALOGUE, "oil": oil}
-
-
 SERIES = motion_series(3.0)
-
-
 BASIS = SERIES.at(np.linspace(0.0, 3.0, 151))
-
-
 COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
 
 
