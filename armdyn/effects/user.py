@@ -46,7 +46,7 @@ def load_effects(path: str | Path | None, stages: Collection[str] | None = STAGE
 
 
 def _apply(effects: Sequence[Effect], path: Path, *, strictly: bool) -> None:
-    """Apply effects once as a test; where another base may define a stage differently, they only have to end."""
+    """Apply effects once as a test; unless `strictly`, they only have to end: another base may have other stages."""
     for item in effects:
         with nullcontext() if strictly else suppress(InputError):
             check_applied(item, path)

@@ -6,7 +6,6 @@ import tomllib
 import numpy as np
 import pytest
 
-from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.model_file import ModelFile, model_text, read_model, write_model_file
 from armdyn.run import Channel, Run, write_run_csv
@@ -22,8 +21,7 @@ HEAD = 'base = "arm"\nurdf = "arm.urdf"\njoints = ["along", "across"]\n'
 
 @pytest.fixture
 def arm(tmp_path):
-    (tmp_path / "arm.urdf").write_text(urdfs.chain(CROSS))
-    return arm_model(urdf=tmp_path / "arm.urdf", joints=["along", "across"])
+    return urdfs.arm(tmp_path, CROSS, joints=["along", "across"])
 
 
 def with_small(model, values=SMALL, width=0.3):

@@ -8,7 +8,7 @@ import pytest
 from hidden_effects.servo_arm import generate
 
 from armdyn.arm.drive_scale import identified_drives
-from armdyn.arm.model import ArmModel, arm_model
+from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import encoder_step, rolled, windows
 from armdyn.checked_study import CheckedStudy, absent_in_motion
 from armdyn.effects.catalogue import find
@@ -22,6 +22,7 @@ from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
+from .conftest import with_effects
 
 mujoco = pytest.importorskip("mujoco")
 JOINTS = ("swing", "elbow")
@@ -34,9 +35,7 @@ def joined(**entries):
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory) -> ArmModel:
-    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    file.write_text(urdfs.chain(urdfs.DOUBLE))
-    return arm_model(file)
+    return urdfs.arm(tmp_path_factory.mktemp("arm"), urdfs.DOUBLE)
 
 
 def commanded(seed: int, seconds: float = 25.0) -> tuple[np.ndarray, np.ndarray]:
@@ -69,16 +68,8 @@ def simulated(text: str, seed: int, delay: float) -> Run:
 
 
 def true_model(arm: ArmModel) -> ArmModel:
-    model = arm.with_drives(joined(gain=f"{GAIN} N m/rad"))
-    values = {
-        "joint_viscous_friction.coefficient": DAMPING,
-        "joint_coulomb_friction.torque": FRICTION,
-        "rotor_inertia.inertia": ARMATURE,
-    }
-    for name, value in values.items():
-        model = model.with_effect(find(name.partition(".")[0]))
-        model = model.with_values({f"{name}[{joint}]": value for joint in JOINTS})
-    return model
+    frictions = {"joint_viscous_friction__coefficient": DAMPING, "joint_coulomb_friction__torque": FRICTION}
+    return with_effects(arm.with_drives(joined(gain=f"{GAIN} N m/rad")), **frictions, rotor_inertia__inertia=ARMATURE)
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +127,7 @@ def test_the_exported_python_function_holds_the_servos_law(arm):
 
 def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(tmp_path, runs):
     upright = [(name, kind, "0 0 1", place) for name, kind, _, place in urdfs.DOUBLE]  # no gravity about these axes
-    (tmp_path / "flat.urdf").write_text(urdfs.chain(upright))
-    flat = arm_model(tmp_path / "flat.urdf").with_drives(joined())
+    flat = urdfs.arm(tmp_path, upright).with_drives(joined())
     study = CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
     found = study.add([find("joint_viscous_friction")])
     servo = found.model.drives["servo"]

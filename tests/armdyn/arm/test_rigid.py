@@ -4,7 +4,6 @@ import pinocchio as pin
 import pytest
 from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
 
-import urdf
 from armdyn.arm.rigid import (
     described_parameters,
     gravity_regressor,
@@ -45,9 +44,7 @@ def test_torques_are_linear_in_the_inertial_parameters(baxter):
 def test_torques_are_linear_in_gravity(baxter, tmp_path, chain):
     model = baxter.arm.model
     if chain is not None:
-        path = tmp_path / "arm.urdf"
-        path.write_text(urdfs.chain(getattr(urdfs, chain)))
-        model = urdf.load(str(path), meshes=False).model
+        model = urdfs.arm(tmp_path, getattr(urdfs, chain)).arm.model
     q = np.random.default_rng(0).uniform(-2, 2, (20, model.nv))
     gravity = np.array([3.0, -5.0, 7.0])
     weights = described_parameters(model)[:, :4]
@@ -77,9 +74,7 @@ def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
     ],
 )
 def test_base_parameters_are_as_many_as_by_hand(tmp_path, joints, count):
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdfs.chain(joints))
-    model, rng = urdf.load(path).model, np.random.default_rng(0)
+    model, rng = urdfs.arm(tmp_path, joints).arm.model, np.random.default_rng(0)
     q, v, a = rng.standard_normal((3, 50, model.nv))
     regressor = torque_regressor(model, q, v, a)
     assert np.linalg.matrix_rank(regressor.reshape(-1, 10 * model.nv), tol=1e-9 * np.abs(regressor).max()) == count

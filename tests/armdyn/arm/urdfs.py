@@ -1,4 +1,6 @@
-"""Small arms as URDF text."""
+"""Small arms as URDF text, and as models."""
+
+from armdyn.arm.model import arm_model
 
 
 def chain(joints):
@@ -15,6 +17,12 @@ def chain(joints):
         )
         parent = f"{name}_link"
     return "\n".join([*parts, "</robot>"])
+
+
+def arm(folder, joints, **settings):
+    """The model of a `chain` whose URDF is in a folder."""
+    (folder / "arm.urdf").write_text(chain(joints))
+    return arm_model(folder / "arm.urdf", **settings)
 
 
 SLIDE = [("slide", "prismatic", "1 0 0", "0 0 0")]
