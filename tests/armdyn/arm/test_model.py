@@ -12,25 +12,10 @@ from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from armdyn.run import Channel, Run
+from armdyn.run import Channel
 
 from . import urdfs
 from .conftest import chi2_per_sample, fitted, residuals
-
-
-def recorded(joints, units, torque, n=1000, seed=0, name="a.csv"):
-    """A run of joints on smooth random paths; `torque(q=, v=, a=)` gives (n, nj)."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(n) / 100
-    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
-    c = 0.3 * rng.standard_normal((len(joints), 3))
-    wave = np.outer(w, t)
-    q, v, a = c @ np.sin(wave), c * w @ np.cos(wave), -c * w**2 @ np.sin(wave)
-    tau, channels = torque(q=q.T, v=v.T, a=a.T), {}
-    for i, (joint, unit) in enumerate(zip(joints, units, strict=True)):
-        force = Channel(t, tau[:, i] + 1e-3 * rng.standard_normal(n), {"m": "N", "rad": "N m"}[unit])
-        channels |= {f"q.{joint}": Channel(t, q[i], unit), f"tau.{joint}": force}
-    return Run(name, channels)
 
 
 def test_a_sliding_joint_has_units_of_its_own(tmp_path):
@@ -48,7 +33,7 @@ def test_a_sliding_joint_has_units_of_its_own(tmp_path):
 
 
 def test_a_slide_is_identified(tmp_path):
-    run = recorded(["slide"], ["m"], lambda v, a, **_: 5.0 * a + 30.0 * v + 4.0 * np.sign(v) - 1.0)
+    run = urdfs.recorded(["slide"], ["m"], lambda v, a, **_: 5.0 * a + 30.0 * v + 4.0 * np.sign(v) - 1.0)
     model = urdfs.arm(tmp_path, urdfs.SLIDE)
     for name in ("rotor_inertia", "joint_viscous_friction", "joint_coulomb_friction", "torque_offset"):
         model = model.with_effect(find(name))
@@ -66,7 +51,7 @@ def test_sliding_and_continuous_joints_go_together(tmp_path):
         return np.column_stack([lift, turn])
 
     model = urdfs.arm(tmp_path, urdfs.MIXED)
-    run = recorded(["lift", "turn"], ["m", "rad"], torque)
+    run = urdfs.recorded(["lift", "turn"], ["m", "rad"], torque)
     inside = slice(50, -50)
     for name, residual in residuals(model, run).items():
         assert np.abs(residual[inside]).max() < 6e-3, name
@@ -75,7 +60,7 @@ def test_sliding_and_continuous_joints_go_together(tmp_path):
 def test_locked_joints_stay_at_zero(tmp_path):
     elbow = urdfs.arm(tmp_path, urdfs.DOUBLE, joints=["elbow"])
     assert elbow.joints == ("elbow",)
-    run = recorded(["elbow"], ["rad"], lambda q, a, **_: 0.04 * a - 2.0 * 9.81 * 0.1 * np.cos(q))
+    run = urdfs.recorded(["elbow"], ["rad"], lambda q, a, **_: 0.04 * a - 2.0 * 9.81 * 0.1 * np.cos(q))
     assert np.abs(residuals(elbow, run)["tau.elbow"][50:-50]).max() < 6e-3
 
 
@@ -205,7 +190,7 @@ def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
 
 
 def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
-    run = recorded(["slide"], ["rad"], lambda a, **_: a)
+    run = urdfs.recorded(["slide"], ["rad"], lambda a, **_: a)
     with pytest.raises(InputError, match="is in rad, but the joint slides"):
         urdfs.arm(tmp_path, urdfs.SLIDE).prepared(run)
 
