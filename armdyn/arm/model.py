@@ -118,7 +118,7 @@ class ArmModel(Model):
         return next((servo for servo in self.drives.values() if joint in servo.joints), None)
 
     @property
-    def told(self) -> frozenset[str]:
+    def servo_joints(self) -> frozenset[str]:
         """Joints with declared drives."""
         return frozenset(joint for servo in self.drives.values() for joint in servo.joints)
 
@@ -136,7 +136,7 @@ class ArmModel(Model):
         """
         reachable = self.arm.within(effect.reach)
         if effect.name in OF_DRIVE or effect.acts_on == "drive":
-            reachable = tuple(j for j in reachable if (j in self.told) == (effect.acts_on == "drive"))
+            reachable = tuple(j for j in reachable if (j in self.servo_joints) == (effect.acts_on == "drive"))
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)

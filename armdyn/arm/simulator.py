@@ -88,7 +88,7 @@ def simulate(
         InputError: an effect depends on time or has states of its own.
     """
     count, joints = drives.given.shape
-    function = _compiled(model.arm, model.told, model.effects, model.names)
+    function = _compiled(model.arm, model.servo_joints, model.effects, model.names)
     links = model.arm.described.copy()
     for i, (change, _) in model.changed_links(theta).items():
         links[i] += change
@@ -118,10 +118,10 @@ NO_LIMIT = 1e30
 
 
 @lru_cache(maxsize=16)
-def _compiled(arm: Arm, told: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
+def _compiled(arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
     """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
     nameless: Any = dict.fromkeys(names)  # values are inputs of the function
-    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(told))}))
+    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
     name = f"arm_{len(arm.joints)}_steps"
     block = step.mapaccum(name, ARM_STEPS_PER_CALL)
     s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)

@@ -266,7 +266,7 @@ class PhysicsModel(SimulatedModel):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
 
-    def shown_against(
+    def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
         """Quantities on which a missing acceleration may depend: states and their rates; see `SimulatedModel`."""

@@ -239,7 +239,7 @@ def advanced(
     if dry.followed:
         resting = lifted(lambda s, w, p, _: _rates_at_rest(system, dry, s, w, p), 1, 1)
         held = runge_kutta(lambda s, w: resting(s, w, theta, 0), z, inputs, dt)
-    return lifted(dry.settled, 3, 2)(z, following, held, here, there, theta, dt)
+    return lifted(dry.corrected, 3, 2)(z, following, held, here, there, theta, dt)
 
 
 def runge_kutta(

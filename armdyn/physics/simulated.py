@@ -84,7 +84,7 @@ class SimulatedModel(Model):
         del run, theta, swing
         return None if self.start_names else np.zeros((len(times), 0))
 
-    def shown_against(
+    def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
         """(J,) values and unit of each quantity on which the missing rate of the start value `speed` may depend.
@@ -104,7 +104,7 @@ class SimulatedModel(Model):
         del run, theta, direction
         return ()
 
-    def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
+    def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """Values of parameters that a run gives without a fit, as the period of a swing gives a length."""
         del run, theta
         return {}

@@ -22,9 +22,9 @@ def chain(joints):
     return "\n".join([*parts, "</robot>"])
 
 
-def arm(folder, joints, **settings):
+def arm(folder, described, **settings):
     """The model of a `chain` whose URDF is in a folder."""
-    (folder / "arm.urdf").write_text(chain(joints))
+    (folder / "arm.urdf").write_text(chain(described))
     return arm_model(folder / "arm.urdf", **settings)
 
 
