@@ -196,26 +196,9 @@ def _sliding(H: Expression, r: Expression, up: Expression, down: Expression, v: 
         masked = H * (keep @ keep.T)
         for i in range(n):
             masked[i, i] = ca.if_else(moves[i], H[i, i], 1)
-        v = _solved(masked, keep * (r - friction))
+        v = ca.ldl_solve(keep * (r - friction), *ca.ldl(masked, False))  # without pivots: H is positive definite
     for _ in range(COORDINATE_SWEEPS):
         for i in range(n):
             push = r[i] - H[i, :] @ v + H[i, i] * v[i]
             v[i] = (ca.fmax(push - up[i], 0) + ca.fmin(push + down[i], 0)) / H[i, i]
     return v
-
-
-def _solved(H: Expression, r: Expression) -> Expression:
-    """(n,) solution of a positive definite system, by L D L' without pivots."""
-    n = r.numel()
-    L, d = [[ca.SX(0)] * n for _ in range(n)], [ca.SX(0)] * n
-    for j in range(n):
-        d[j] = H[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
-        for i in range(j + 1, n):
-            L[i][j] = (H[i, j] - sum((L[i][k] * L[j][k] * d[k] for k in range(j)), ca.SX(0))) / d[j]
-    x: list[Expression] = []
-    for i in range(n):
-        x.append(r[i] - sum((L[i][k] * x[k] for k in range(i)), ca.SX(0)))
-    x = [x[i] / d[i] for i in range(n)]
-    for i in reversed(range(n)):
-        x[i] = x[i] - sum((L[k][i] * x[k] for k in range(i + 1, n)), ca.SX(0))
-    return ca.vertcat(*x)
