@@ -342,6 +342,11 @@ class Model(Displayable):
         return tuple(dict.fromkeys(p.joint for p in map(self._parameter, held) if p.effect == effect))
 
     @property
+    def has_catalogue_stages(self) -> bool:
+        """Whether its stages are those of the catalogue's effects; a user's own base may define another load."""
+        return True
+
+    @property
     def own_effects(self) -> tuple[Effect, ...]:
         """Effects that come with the base, besides the catalogue's."""
         return ()

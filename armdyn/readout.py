@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered
 from armdyn.physics.definition import Expression
-from armdyn.smoothing import MAX_UNDISTORTED_CUTOFF, LowPass, Samples, basis_matrix
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, LowPass, Samples, basis_matrix
 
 NODE_TOLERANCE = 1e-9
 """Distance of a sample from a node, in intervals of the nodes, below which it needs no interpolation."""

@@ -1,4 +1,4 @@
-"""The arm: its joints, their kinds, and their links as the URDF describes them."""
+"""The described arm: its joints, their kinds, and their links."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,13 +14,14 @@ from armdyn.arm.rigid import described_parameters, parents, shape
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
+from armdyn.recording.units import sliding_unit
 
 USUAL_EFFORT = 50.0
-"""N m; the effort limit of the joint for which an effect's typical sizes are written."""
+"""Effort limit, N m, of the joint for which typical sizes of effects are written."""
 BASE = ""
-"""Where an effect on the base acts, in place of a joint's name."""
+"""The base, in place of a joint's name."""
 METRES_PER_RADIAN = 0.1
-"""What counts as much for a joint that slides as a radian for one that turns."""
+"""Displacement of a joint that slides, m, with the effect of a radian of one that turns."""
 CANNOT: Mapping[Reach, str] = {
     "every": "the arm has no joint",
     "turning": "it acts on joints that turn",
@@ -28,17 +29,17 @@ CANNOT: Mapping[Reach, str] = {
     "last": "it acts on the last joint of an arm",
     "base": "it acts on the base of the arm; leave out the joint",
 }
-"""Why an effect with this reach cannot act on an arm, or on a joint."""
+"""Reason why an effect cannot act on an arm or on a joint, by reach."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm as described.
+    """A described arm.
 
     Attributes:
-        robot: from its URDF, reduced to the arm's joints.
-        file: of the URDF or settings that it was read from; None where the robot is known by name.
-        carried: joints among them that move as they were recorded, and of which nothing is asked: see `following`.
+        robot: the robot of a URDF, reduced to the arm's joints.
+        file: file of the URDF or of the settings; None where the robot is known by name.
+        carried: joints that move as recorded and have no effects and no predicted torques; see `following`.
     """
 
     robot: urdf.Robot
@@ -52,19 +53,19 @@ class Arm:
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Names from base to tool of the joints whose torques are explained, and on which effects act."""
+        """Names, from base to tool, of the joints with predicted torques and effects."""
         return tuple(joint for joint in self.joints if joint not in self.carried)
 
     @cached_property
     def model(self) -> pin.Model:
-        """Rigid bodies for Pinocchio; rotors, which an MJCF may describe, are effects here."""
+        """The rigid bodies of Pinocchio, without the rotors of an MJCF, which are effects here."""
         model = self.robot.model.copy()
         model.armature = np.zeros(model.nv)
         return model
 
     @cached_property
     def slides(self) -> tuple[bool, ...]:
-        """Per joint: whether it slides rather than turns."""
+        """Whether each joint slides instead of turning."""
         return tuple("P" in joint.shortname().removeprefix("JointModel") for joint in list(self.model.joints)[1:])
 
     @cached_property
@@ -79,10 +80,7 @@ class Arm:
 
     @cached_property
     def without_inertia(self) -> tuple[str, ...]:
-        """Links that the joints move and that weigh nothing, with all that is fixed to them.
-
-        Not those between two joints of one place, as in a wrist, where nothing could weigh anything.
-        """
+        """Moved links without mass, except those between two joints at one place, as in a wrist."""
         between = {
             parent for parent, place in zip(self.model.parents, self.model.jointPlacements, strict=True)
             if not np.any(place.translation)
@@ -105,13 +103,13 @@ class Arm:
         return (BASE,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
 
     def parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter of an effect on one joint, in the units of that joint and of the size that it has there.
+        """A parameter of an effect in the units and of the typical size of a joint, or of `BASE`.
 
         Args:
-            quantity: as written for a joint that turns with an effort of 50 N m.
-            effect: its name.
+            quantity: its quantity, for a joint that turns with an effort limit of 50 N m.
+            effect: name of the effect.
             short: name of the quantity.
-            joint: which, or `BASE`.
+            joint: name of the joint.
         """
         if joint == BASE:
             return quantity.parameter(effect, short)
@@ -121,16 +119,10 @@ class Arm:
         strength = effort / USUAL_EFFORT if np.isfinite(effort) else 1.0
         length = METRES_PER_RADIAN if self.slides[i] else 1.0
         scale = strength**torque * length**angle
-        adapted = replace(
-            quantity,
-            unit=_sliding_unit(quantity.unit) if self.slides[i] else quantity.unit,
-            typical=quantity.typical * scale,
-            null=quantity.null * scale,
-            lower=quantity.lower * scale,
-            upper=quantity.upper * scale,
-            spread=None if quantity.spread is None else quantity.spread * scale,
-        )
-        return adapted.parameter(effect, short, joint)
+        unit = sliding_unit(quantity.unit) if self.slides[i] else quantity.unit
+        spread = None if quantity.spread is None else quantity.spread * scale
+        sizes = {key: getattr(quantity, key) * scale for key in ("typical", "null", "lower", "upper")}
+        return replace(quantity, unit=unit, spread=spread, **sizes).parameter(effect, short, joint)
 
 
 def find_arm(
@@ -139,7 +131,7 @@ def find_arm(
     joints: Sequence[str] | None = None,
     tool: str | None = None,
 ) -> Arm:
-    """The arm of a URDF or of a known robot; joints that are not named stay where their zero is.
+    """The arm of a URDF or of a known robot; joints that are not named stay at zero.
 
     Raises:
         InputError: not exactly one of both is given, or the description cannot be used.
@@ -159,19 +151,12 @@ def find_arm(
 
 
 def _powers(unit: str) -> tuple[int, int]:
-    """How a unit scales with the size of torques and of angles: ``"N m s/rad"`` is torque^1 angle^-1."""
+    """Powers of torque and angle in a unit: ``"N m s/rad"`` is torque^1 angle^-1."""
     if unit == "kg m^2":
         return 1, -1
     numerator, _, denominator = unit.partition("/")
-    return int("N m" in numerator) - int("N m" in denominator), _radians(numerator) - _radians(denominator)
-
-
-def _radians(text: str) -> int:
-    return sum(int(power or 1) for power in re.findall(r"\brad(?:\^(\d+))?", text))
-
-
-def _sliding_unit(unit: str) -> str:
-    """The unit for a joint that slides."""
-    if unit == "kg m^2":
-        return "kg"
-    return re.sub(r"\brad\b", "m", re.sub(r"\bN m\b", "N", unit))
+    torques, angles = (
+        [sum(int(power or 1) for power in re.findall(pattern, part)) for part in (numerator, denominator)]
+        for pattern in (r"\bN m()\b", r"\brad(?:\^(\d+))?")
+    )
+    return torques[0] - torques[1], angles[0] - angles[1]

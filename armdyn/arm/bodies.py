@@ -1,4 +1,4 @@
-"""The rigid bodies of an arm in one run: what they ask of the joints, and what effects change of them."""
+"""The rigid bodies of an arm in one run: the torques that they need, and the changes that effects make to them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,22 +14,22 @@ from armdyn.parameter import RecordedColumn
 from armdyn.recording.channels import Channel, Reading
 
 OF_BASE = -1
-"""Where the parameters of effects on the base belong, in place of a joint."""
+"""Index of the base, in place of a joint's index."""
 
 
 class Bodies:
-    """What effects change of the rigid bodies and of the gravity that they feel, at one vector of parameters.
+    """Changes that effects make to the rigid bodies and to gravity, at one vector of parameters.
 
     Args:
-        functions: of all joints.
+        functions: functions of all joints.
         theta: (k,) parameters of each joint.
         shapes: (nj, 4, 4) factors of the described pseudo-inertias.
         base: function, described gravity (3,) m/s^2 and parameters (k,) of the base; None where it has no effects.
 
     Attributes:
-        links: by joint with effects on its link, the (10,) inertial parameters less those described.
-        gravity: (3,) less the described one, m/s^2; None where the base has no effects.
-        derivatives: by joint (10, k), and (3, k) for `OF_BASE`.
+        links: (10,) changes of the inertial parameters, by joints with effects on their links.
+        gravity: (3,) change of gravity, m/s^2; None where the base has no effects.
+        derivatives: derivatives of these changes, (10, k) by joint, and (3, k) for `OF_BASE`.
     """
 
     def __init__(
@@ -52,13 +52,13 @@ class Bodies:
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """The motion at the stamps of one or more torque channels, and what rigid bodies make of it.
+    """The motion at the stamps of torque channels, with the torques of the rigid bodies.
 
     Attributes:
-        model: the arm as described.
-        motion: at the stamps.
-        time: (n,) s since the start of the run.
-        extra: further recorded quantities by name, see `Run.extra`, when drives were on, and what they read.
+        model: the described arm.
+        motion: the motion at the stamps.
+        time: (n,) time since the start of the run, s.
+        extra: channels that effects read: further recorded quantities, ``enabled.<joint>``, and drives' readings.
     """
 
     model: pin.Model
@@ -68,13 +68,13 @@ class MotionSamples:
 
     @cached_property
     def described(self) -> np.ndarray:
-        """(n, nj) torques of the arm as described."""
+        """(n, nj) torques of the described arm."""
         return inverse_dynamics(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def regressor(self) -> np.ndarray:
         """(n, nj, nj, 10) torques per inertial parameter."""
-        return torque_regressor(self.model, self.motion)
+        return torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
     def gravity_regressor(self) -> np.ndarray:
@@ -82,7 +82,7 @@ class MotionSamples:
         return gravity_regressor(self.model, self.motion.q)
 
     def rigid(self, joint: int, bodies: Bodies) -> np.ndarray:
-        """(n,) what the rigid bodies ask of a joint beyond the arm as described."""
+        """(n,) change of a joint's torque by the changes of the rigid bodies."""
         change = np.zeros(len(self.time))
         for i, link in bodies.links.items():
             if self.carries(joint, i):
@@ -92,7 +92,7 @@ class MotionSamples:
         return change
 
     def by_link(self, joint: int, link: int, bodies: Bodies) -> np.ndarray:
-        """(n, 10) torque on a joint per inertial parameter of a link, in the gravity that there is."""
+        """(n, 10) torque on a joint per inertial parameter of a link, in the changed gravity."""
         columns = self.regressor[:, joint, link]
         if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
@@ -100,7 +100,7 @@ class MotionSamples:
         return columns
 
     def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
-        """(n, 3) torque on a joint per component of gravity, of the links that there are."""
+        """(n, 3) torque on a joint per component of gravity, with the changed links."""
         columns = self.described_per_gravity[joint]
         for i, change in bodies.links.items():
             if change[:4].any():
@@ -109,7 +109,7 @@ class MotionSamples:
 
     @cached_property
     def described_per_gravity(self) -> np.ndarray:
-        """(nj, n, 3) torques per component of gravity of the arm as described."""
+        """(nj, n, 3) torques of the described arm per component of gravity."""
         weights = described_parameters(self.model)[:, :4].ravel()
         by_joint = self.gravity_regressor.transpose(1, 0, 3, 2, 4)
         return by_joint.reshape(*by_joint.shape[:3], -1) @ weights
@@ -120,13 +120,13 @@ class MotionSamples:
         return parents(self.model)
 
     def carries(self, joint: int, link: int) -> bool:
-        """Whether the link that joint `link` moves hangs on `joint`."""
+        """Whether `joint` carries the link that joint `link` moves."""
         while link > joint:
             link = self.parents[link]
         return link == joint
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(15 + c, n) inputs of a joint's functions, with the load of the arm as described, and c more quantities."""
+        """(15 + c, n) inputs of a joint's functions, with the load of the described arm, and c recorded quantities."""
         m, inner = self.motion, self.parents[joint]
         rows = [self.time, m.q[:, joint], m.v[:, joint], m.a[:, joint], m.direction[:, joint], self.described[:, joint]]
         none = np.zeros(len(self.time))

@@ -1,7 +1,6 @@
-"""Joints that a model leaves out and that move in its recordings: a lift under the arm, a tool that turns.
+"""Joints outside an arm that move in its recordings, such as a lift below the arm or a tool that turns.
 
-They are no unknowns: their recorded motion is given to the rigid bodies, so that the weight and the inertia of what
-they move are where they were.
+Their recorded motion moves the rigid bodies, so that weight and inertia of the moved bodies are in the right place.
 """
 
 from collections.abc import Sequence
@@ -15,25 +14,17 @@ import urdf
 from armdyn.arm.arm import Arm
 from armdyn.run import Run
 
-MOVES = 1e-3
-"""rad or m from its zero, that a joint which is left out is away at least."""
-MATTERS = 3e-4
-"""Of the largest weight that a joint of the arm holds, that it holds more or less because another one moved. A Panda's
+MIN_DISPLACEMENT = 1e-3
+"""Least distance from zero of a joint that moves, rad or m."""
+MIN_WEIGHT_CHANGE = 3e-4
+"""Least change of the weight on a joint by the motion of another one, as a share of the largest weight. A Panda's
 fingers that open and close change 1.3e-4, its last joint, which turns a hand almost about its own axis, 5.8e-4."""
-POSTURES = 20
-"""Of a recording, at which that is looked at."""
+COMPARED_POSTURES = 20
+"""Number of postures of a recording at which weights are compared."""
 
 
 def following(arm: Arm, runs: Sequence[Run]) -> Arm:
-    """The arm with joints of its description that it leaves out, where all recordings say how they moved.
-
-    Args:
-        arm: as described.
-        runs: recordings of it.
-
-    Returns:
-        The same arm where no such joint changes a torque.
-    """
+    """The arm with further joints of its description that change its torques, where all runs contain their motion."""
     wanted = [joint for joint in left_out(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
     if not wanted:
         return arm
@@ -47,7 +38,7 @@ def following(arm: Arm, runs: Sequence[Run]) -> Arm:
 
 
 def left_out(arm: Arm, runs: Sequence[Run]) -> list[str]:
-    """Joints of the description that are no part of the arm, and that change its torques in some recording."""
+    """Joints of the description that are no part of the arm and change its torques in a recording."""
     if not any(joint not in arm.joints for run in runs for joint in run.joints):
         return []
     full = pin.buildModelFromXML(arm.robot.urdf_xml)
@@ -63,28 +54,26 @@ def left_out(arm: Arm, runs: Sequence[Run]) -> list[str]:
 
 
 def joints_described(arm: Arm) -> tuple[str, ...]:
-    """All joints of an arm's description that move, those that follow others included."""
+    """All joints of an arm's description that can move, including those that mimic others."""
     root = ET.fromstring(arm.robot.urdf_xml)
     return tuple(str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") != "fixed")
 
 
 def _away(run: Run, full: pin.Model, joint: int) -> bool:
-    channel, slides = (
-        run.channels.get(f"q.{full.names[joint]}"),
-        "P" in full.joints[joint].shortname()[len("JointModel") :],
-    )
+    channel = run.channels.get(f"q.{full.names[joint]}")
+    slides = "P" in full.joints[joint].shortname().removeprefix("JointModel")
     if channel is None or (channel.unit == "m") != slides:
         return False
-    return bool(np.quantile(np.abs(channel.value), 0.99) > MOVES)
+    return bool(np.quantile(np.abs(channel.value), 0.99) > MIN_DISPLACEMENT)
 
 
 def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
-    """Whether weights that the arm's joints hold depend on where a joint outside of it is."""
+    """Whether the weight on the arm's joints depends on the position of a joint outside the arm."""
     channels = {i: run.channels.get(f"q.{full.names[i]}") for i in range(1, full.njoints)}
     given = {i: c for i, c in channels.items() if c is not None and full.joints[i].nq == 1}
     if joint not in given:
         return False
-    time = np.linspace(given[joint].time[0], given[joint].time[-1], POSTURES)
+    time = np.linspace(given[joint].time[0], given[joint].time[-1], COMPARED_POSTURES)
     data, change, largest = full.createData(), 0.0, float(np.finfo(float).tiny)
     own = [full.joints[full.getJointId(name)].idx_v for name in arm.driven]
     for t in time:
@@ -95,4 +84,4 @@ def _matters(full: pin.Model, arm: Arm, joint: int, run: Run) -> bool:
         q[full.joints[joint].idx_q] = pin.neutral(full)[full.joints[joint].idx_q]
         change = max(change, float(np.abs(as_recorded - pin.computeGeneralizedGravity(full, data, q)[own]).max()))
         largest = max(largest, float(np.abs(as_recorded).max()))
-    return bool(change > MATTERS * largest)
+    return bool(change > MIN_WEIGHT_CHANGE * largest)

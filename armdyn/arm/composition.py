@@ -1,6 +1,6 @@
-"""One joint with any effects, as the functions that a prediction needs.
+"""One joint with its effects, as functions for a prediction.
 
-What is linear in its parameter, with a factor that only the motion decides, is kept apart and evaluated once per run.
+A term that is linear in its parameter, with a factor that depends on the motion alone, is evaluated once per run.
 """
 
 from collections.abc import Sequence
@@ -28,21 +28,21 @@ DIRECTION, LOAD, TOLD = (INPUTS.index(name) for name in ("direction", "load", "t
 
 
 class Term:
-    """A torque over time: linear columns times their parameters, and the rest.
+    """A torque over time: linear columns times their parameters, and a nonlinear rest.
 
     Args:
-        expression: of inputs and parameters.
+        expression: the torque, of inputs and parameters.
         inputs: (15 + c,) symbols in the order of `INPUTS`, then those of `recorded`.
-        theta: (k,) symbols.
+        theta: (k,) symbols of the parameters.
         remembered: states of the joint's effects, on which the expression may depend.
         recorded: c further recorded quantities that the joint's effects read.
 
     Attributes:
-        linear: indices of the parameters with columns of their own.
-        nonlinear: indices of the other parameters that the term depends on.
+        linear: indices of the parameters with linear columns.
+        nonlinear: indices of the other parameters of the term.
         loaded: whether it depends on the load.
+        has_rest: whether it has a nonlinear rest.
         empty: whether it is always zero.
-        recorded: as given.
     """
 
     def __init__(
@@ -74,15 +74,15 @@ class Term:
         self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
-        """(n, linear) columns over (15 + c, n) inputs; `size` is the number of parameters."""
+        """(n, linear) columns for (15 + c, n) inputs and `size` parameters."""
         if not self.linear:
             return np.zeros((inputs.shape[1], 0))
         return self._columns(inputs, np.zeros(size)).T
 
     def rest(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(n, 2 + nonlinear) over (15 + c, n) inputs: the rest, its derivatives by `nonlinear`, that by the load.
+        """(n, 2 + nonlinear) the rest and its derivatives by `nonlinear` parameters and by the load.
 
-        It depends on the entries `nonlinear` of (k,) `theta` only.
+        Of (k,) `theta` only the entries `nonlinear` matter; `inputs` are (15 + c, n).
         """
         if self._remembered is None:
             return self._rest(inputs, theta).T
@@ -94,18 +94,18 @@ class Term:
 
 
 class Change:
-    """What effects change of something described: the inertial parameters of a link, or gravity in the base's frame.
+    """Change of described values by effects: of a link's inertial parameters, or of gravity in the base's frame.
 
     Args:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
-        expression: (m,) of `described` and `theta`.
-        described: symbols of what the description says.
-        theta: (k,) symbols.
+        expression: (m,) changed values, of `described` and `theta`.
+        described: symbols of the described values.
+        theta: (k,) symbols of the parameters.
         null: (k,) values at which the effects are absent.
 
     Attributes:
-        names: as given.
-        depends: (k,) bool, the parameters that change it.
+        names: the given names.
+        depends: (k,) bool, whether the change depends on each parameter.
     """
 
     def __init__(
@@ -122,15 +122,14 @@ class Change:
         self.depends = np.array([bool(ca.depends_on(expression, theta[i])) for i in range(theta.numel())])
 
     def at(self, described: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) what the effects add to what is described, and (m, k) its derivatives."""
-        # What is described is what the same function gives at the null values: no effect, no change at all.
+        """(m,) change of the (m,) described values, exactly zero at the null values, and (m, k) its derivatives."""
         before = self._function(described, self._null)[0][:, 0].copy()
         after, derivatives = self._function(described, theta)
         return after[:, 0] - before, derivatives.copy()
 
 
 def base_change(effects: Sequence[Effect]) -> Change:
-    """How effects on the base, in the order in which they act, change gravity, (3,) m/s^2."""
+    """Change of gravity, (3,) m/s^2, by effects on the base, in the order in which they act."""
     names = [f"{e.name}.{short}" for e in effects for short in e.quantities]
     gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(names))
     base = Base(gravity)
@@ -145,12 +144,12 @@ class JointFunctions:
 
     Attributes:
         names: ``"<effect>.<quantity>"`` in the order of theta (k,).
-        torque: beyond the load; what is not linear has a term for each effect, so that it is evaluated when needed.
-        inner_torque: on the inner neighbour's drive.
-        offset: of the sensor's reading.
-        sensor: its gain, lag and delay.
-        link: of the (10,) inertial parameters, by the (4, 4) factor of the described pseudo-inertia; None where no
-            effect acts on the link.
+        torque: torque of the drive beyond the load: one term for all linear effects, and one for each other effect.
+        inner_torque: torque on the drive of the neighbour towards the base.
+        offset: offset of the sensor's reading.
+        sensor: gain, lag and delay of the reading.
+        link: change of the link's (10,) inertial parameters, from the (4, 4) factor of the described pseudo-inertia;
+            None where no effect acts on the link.
         remembers: whether an effect has states of its own.
     """
 
@@ -164,22 +163,22 @@ class JointFunctions:
 
     @property
     def of_before(self) -> bool:
-        """Whether a torque depends on what was before: on states, a lag or a delay."""
+        """Whether a torque depends on the past: by states, a lag or a delay."""
         return self.remembers or self.sensor.lags or self.sensor.delays
 
 
 def depends_on_before(effect: Effect) -> bool:
-    """Whether an effect of an arm makes a torque, or its reading, depend on what was before."""
+    """Whether an effect of an arm makes a torque, or its reading, depend on the past."""
     return effect.reach != "base" and compose_joint([effect]).of_before
 
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
-    """Apply `effects`, in the order given, to a joint.
+    """Apply effects to a joint, in the given order.
 
     Raises:
         InputError: an effect lets gain, lag, delay or link change with the motion.
     """
-    return _composed(tuple(e.on() for e in effects))  # on whichever joints it acts, it does the same to each
+    return _composed(tuple(e.on() for e in effects))  # the same functions on every joint
 
 
 @lru_cache(maxsize=256)
@@ -193,23 +192,8 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     time, q, v, a, direction, load, *inner, on = symbols[:TOLD]
     told = Told(*symbols[TOLD : len(INPUTS)])
     recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
-    zero, one, before = ca.SX(0), ca.SX(1), ca.SX.sym("torque")
-    joint = Joint(
-        time,
-        q,
-        v,
-        a,
-        direction,
-        load,
-        Neighbour(*inner),
-        Link(shape, ca.SX(4, 4)),
-        zero,
-        zero,
-        one,
-        zero,
-        on=on,
-        told=told,
-    )
+    before, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
+    joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)
     added = []
     for e in effects:
         joint = e.apply(replace(joint, torque=before), by_name, recorded)

@@ -1,22 +1,22 @@
-"""Effects that the description of an arm holds already: what an MJCF says of its drives and springs."""
+"""Effects that the description of an arm contains: drives and springs of an MJCF."""
 
 from collections.abc import Mapping
 
 from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 
-DRIVES = {
+DYNAMICS = {
     "joint_viscous_friction.coefficient": "damping",
     "joint_coulomb_friction.torque": "friction",
     "rotor_inertia.inertia": "armature",
 }
-"""By parameter of an effect: what `urdf.robot.JointDynamics` calls it."""
+"""Attribute of `urdf.robot.JointDynamics` by parameter of an effect."""
 
 
 def with_described_effects(model: ArmModel) -> ArmModel:
-    """The arm with an effect for everything but rigid bodies that its description counts in, at the values there.
+    """The arm with effects for damping, friction, armature and springs of its description, at their values.
 
-    That is nothing for a URDF, whose ``<dynamics>`` are placeholders; see `urdf.robot.IN_A_URDF`.
+    A URDF has none of them, because its ``<dynamics>`` are placeholders; see `urdf.robot.IN_A_URDF`.
     """
     for quantities in _described(model):
         effect = next(iter(quantities)).partition(".")[0]
@@ -28,10 +28,10 @@ def with_described_effects(model: ArmModel) -> ArmModel:
 
 
 def _described(model: ArmModel) -> list[Mapping[str, Mapping[str, float]]]:
-    """Per effect, by parameter and joint, the values; only effects and joints where one is not zero."""
+    """Values by parameter and joint, for each effect with a value that is not zero."""
     robot = model.arm.robot
     found: list[Mapping[str, Mapping[str, float]]] = []
-    for parameter, name in DRIVES.items():
+    for parameter, name in DYNAMICS.items():
         drives = {joint: getattr(dynamics, name) for joint, dynamics in robot.joint_dynamics.items()}
         found.append({parameter: {joint: value for joint, value in drives.items() if value}})
     linear: dict[str, tuple[float, float]] = {}

@@ -1,34 +1,31 @@
-"""Drives that do what they are told: a servo is a torque sensor whose gain may be unknown.
+"""Servos: drives that follow a command. Their own errors say which torque they gave, up to a gain.
 
-A position servo gives k (q_cmd - q), so that its own error says which torque it gave; a velocity servo likewise by its
-velocity's error, and a drive that is told a torque or records its current says it itself. Such a reading stands in a
-run as `tau.<joint>`, and everything that holds for measured torques holds for it. What the drive adds in proportion to
-the velocity, its own damping and the back-EMF of its motor, cannot be told from viscous friction while it is on.
+A position servo gives k (q_cmd - q), and a velocity servo gives k (v_cmd - v). A drive with a torque command, or with a
+recorded current, states its torque itself. Such a reading becomes `tau.<joint>` of a run, and is treated like a
+measured torque. While the drive is on, its own damping and the back-EMF of its motor are not identifiable beside
+viscous friction.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.recording.units import Known, parse_quantity
+from armdyn.recording.units import Known, parse_quantity, sliding_unit
 from armdyn.run import Run
 from urdf.table_file import read_as
 
 Law = Literal["position", "velocity", "torque", "current"]
-UNITS: Mapping[Law, tuple[str, str]] = {
-    "position": ("N m/rad", "N/m"),
-    "velocity": ("N m s/rad", "N s/m"),
-    "torque": ("1", "1"),
-    "current": ("N m/A", "N/A"),
-}
-"""Of the gain, where the joint turns and where it slides."""
-TOLD: Mapping[Law, str] = {"position": "q_cmd", "velocity": "v_cmd", "torque": "tau_ff", "current": "current"}
-"""Channel that a drive of each law obeys, or records."""
+GAIN_UNITS: Mapping[Law, str] = {"position": "N m/rad", "velocity": "N m s/rad", "torque": "1", "current": "N m/A"}
+"""Unit of the gain by law, for a joint that turns."""
+COMMAND_CHANNELS: Mapping[Law, str] = {
+    "position": "q_cmd", "velocity": "v_cmd", "torque": "tau_ff", "current": "current"
+}  # fmt: skip
+"""Channel of the command by law; of a drive that is read by its current, the measured current."""
 SCALE = "extra.gain_scale"
-"""Further column: the gain that was set over the model's, where it was changed."""
+"""Recorded column: the gain that was set, over that of the model."""
 
 KNOWN: Mapping[str, Mapping[str, str]] = {
     # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
@@ -37,26 +34,27 @@ KNOWN: Mapping[str, Mapping[str, str]] = {
     # Full duty from an error of 885 x 256 x 2 pi/4096 / P rad at register P; here P = 100: BAM (Rhoban).
     "xl330": {"law": "position", "full_at": "3.47 rad"},
 }
-"""Kinds of drives: gain and limit as they are usually set, ``extra.gain_scale`` beside a recording says otherwise."""
+"""Known kinds of drives, with their usual settings; other settings are recorded as ``extra.gain_scale``."""
 
 
 @dataclass(frozen=True)
 class Servo:
-    """Drives of one kind; what is not known is None.
+    """Drives of one kind; unknown values are None.
 
     Attributes:
-        joints: that they drive.
-        law: what they are told.
-        gain: torque per error of the position or velocity, per torque that was asked for, or per current.
-        damping: of a position servo, N m s/rad or N s/m: torque per error of the velocity.
-        supply: V at which gain and limit hold; both follow a recorded voltage.
-        limit: N m or N.
-        full_at: error, of the gain's unit, from which it gives all that it has; beside or in place of `limit`.
-        delay: s from the command's stamp to the torque.
-        rate: rad/s or m/s at which a position servo follows what it is told at most.
-        reference: V of the recordings that told the gain, where that does not follow the supply; see `supply_voltage`.
-        unloaded: standard deviation of the gain if nothing is carried that the model lacks; the gain's own where None.
-        determined: whether something says how large the gain is; values of its joints are ratios to it where not.
+        joints: joints that they drive.
+        law: quantity that they control.
+        gain: torque per error of position or velocity, per commanded torque, or per current.
+        damping: torque per velocity error of a position servo, N m s/rad or N s/m.
+        supply: supply voltage at which gain and limit hold, V; both follow a recorded voltage.
+        limit: largest torque, N m or N.
+        full_at: error, in the unit of the command, at which the torque saturates; beside or in place of `limit`.
+        delay: time from the command's stamp to the torque, s.
+        rate: largest speed with which a position servo follows its command, rad/s or m/s.
+        reference: mean voltage of the recordings that gave the gain, V, where the gain does not follow the supply; see
+            the effect `supply_voltage`.
+        unloaded: standard deviation of the gain without an unknown load; None means that of the gain.
+        determined: whether the gain is identifiable; otherwise values of its joints are ratios to it.
     """
 
     joints: tuple[str, ...]
@@ -74,16 +72,20 @@ class Servo:
 
     @property
     def largest(self) -> float:
-        """Torque that it gives at most, N m or N."""
+        """Largest torque, N m or N."""
         return self.limit if self.gain is None else min(self.limit, self.gain.value * self.full_at)
 
     @property
     def saturating(self) -> float:
-        """Error from which it is saturated at its usual gain."""
+        """Error at which the torque saturates, with the usual gain."""
         return self.full_at if self.gain is None else min(self.full_at, self.limit / self.gain.value)
 
+    def command(self, joint: str) -> str:
+        """Name of the channel with the command of a joint."""
+        return f"{COMMAND_CHANNELS[self.law]}.{joint}"
+
     def gate(self, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) share of its torque that it gives at (n,) times, 0 where it is off, and (n,) share of its gain."""
+        """(n,) share of its torque that it gives at (n,) times, 0 while it is off, and (n,) share of its gain."""
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
             share = (run.channels[f"enabled.{joint}"].held(time) > 0.5).astype(float)
@@ -95,62 +97,55 @@ class Servo:
         return share, scale
 
     def over_reference(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:
-        """(n,) recorded voltage at (n,) times over the one at which the gain holds, less one; 0 where none is."""
+        """(n,) relative excess of the recorded voltage over that of the gain, at (n,) times; 0 without a voltage."""
         volts, at = run.channels.get(f"voltage.{joint}"), self.supply or self.reference
         if volts is None or at is None:
             return np.zeros(len(time))
         return np.asarray(np.interp(time, volts.time, np.abs(volts.value)) / at - 1.0)
 
-    def error_unit(self, slides: bool) -> str:
-        """Of what it is told."""
-        turning = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"}[self.law]
-        return turning.replace("rad", "m").replace("N m", "N") if slides else turning
-
     def entries(self, slides: bool) -> dict[str, Any]:
-        """The table of a model file."""
-        turning, sliding = ("N", "m") if slides else ("N m", "rad")
+        """Entries of its table in a model file."""
         found: dict[str, Any] = {"joints": list(self.joints), "law": self.law}
         if self.gain is not None:
             spread = "" if self.gain.std is None else f" +/- {self.gain.std:.4g} {self.gain.unit}"
             found["gain"] = f"{self.gain.value:.6g} {self.gain.unit}{spread}"
-        values = {
-            "damping": (self.damping, f"{turning} s/{sliding}", 0.0),
-            "supply": (self.supply, "V", None),
-            "limit": (self.limit, turning, np.inf),
-            "full_at": (self.full_at, self.error_unit(slides), np.inf),
-            "delay": (self.delay, "s", None),
-            "rate": (self.rate, f"{sliding}/s", np.inf),
-            "reference": (self.reference, "V", None),
-        }
-        return found | {key: f"{value:.6g} {unit}" for key, (value, unit, none) in values.items() if value != none}
+        units = [(key, unit) for key, unit in _units(self.law, slides).items() if key != "gain"]
+        changed = {key: unit for key, unit in units if getattr(self, key) != getattr(Servo, key)}
+        return found | {key: f"{getattr(self, key):.6g} {unit}" for key, unit in changed.items()}
 
 
-@dataclass(frozen=True)
-class _Entry:
-    joints: tuple[str, ...]
-    law: str = "position"
-    gain: str | None = None
-    damping: str | None = None
-    supply: str | None = None
-    limit: str | None = None
-    full_at: str | None = None
-    delay: str | None = None
-    rate: str | None = None
-    reference: str | None = None
+def gain_unit(law: Law, slides: bool) -> str:
+    """Unit of the gain of drives with this law, on joints that slide or turn."""
+    return sliding_unit(GAIN_UNITS[law]) if slides else GAIN_UNITS[law]
+
+
+def _units(law: Law, slides: bool) -> dict[str, str]:
+    """Units of a drive's quantities, by their keys in a model file."""
+    error = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"}[law]
+    turning = {
+        "gain": GAIN_UNITS[law], "damping": "N m s/rad", "supply": "V", "limit": "N m", "full_at": error, "delay": "s",
+        "rate": "rad/s", "reference": "V",
+    }  # fmt: skip
+    return {key: sliding_unit(unit) if slides else unit for key, unit in turning.items()}
+
+
+_QUANTITIES = tuple(_units("position", slides=False))
+_Entry: Any = make_dataclass(
+    "_Entry", [("joints", tuple[str, ...]), ("law", str, "position"), *((key, str | None, None) for key in _QUANTITIES)]
+)
 
 
 def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[str, Servo]:
-    """``[drives.NAME]`` of a model file.
+    """Read the tables ``[drives.NAME]`` of a model file.
 
     Args:
-        table: by name of the kind of drive.
-        slides: by joint of the arm, whether it slides.
+        table: the tables, by name of the kind of drive.
+        slides: whether each joint of the arm slides.
 
     Raises:
-        InputError: names the table, the entry, what is wrong and what to do.
+        InputError: an entry cannot be used.
     """
-    found: dict[str, Servo] = {}
-    driven: dict[str, str] = {}
+    found, driven = dict[str, Servo](), dict[str, str]()
     if not isinstance(table, Mapping):
         raise InputError("[drives]: write a table for each kind of drive, such as [drives.sts3215]")
     for name, entries in table.items():
@@ -176,14 +171,14 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
 
 
 def known_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]:
-    """``[drives]`` of a model file for kinds of drives that are known.
+    """Table ``[drives]`` of a model file for known kinds of drives.
 
     Args:
-        chosen: ``"KIND=all"`` or ``"KIND=joint,joint"`` each.
-        joints: of the arm.
+        chosen: texts ``"KIND=all"`` or ``"KIND=joint,joint"``.
+        joints: joints of the arm.
 
     Raises:
-        InputError: a kind is unknown, or it is written otherwise.
+        InputError: a kind is unknown, or a text has another form.
     """
     found: dict[str, Any] = {}
     for text in chosen:
@@ -196,24 +191,14 @@ def known_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]
     return found
 
 
-def _servo(entry: _Entry, *, slides: bool) -> Servo:
-    law: Any = entry.law
-    torque, way = ("N", "m") if slides else ("N m", "rad")
-    told = Servo(entry.joints, law).error_unit(slides)
-    units = {"full_at": told, "damping": f"{torque} s/{way}", "supply": "V", "limit": torque, "delay": "s"}
-    units |= {"rate": f"{way}/s", "reference": "V"}
+def _servo(entry: Any, *, slides: bool) -> Servo:
     values: dict[str, Any] = {}
-    for key, unit in units.items():
+    for key, unit in _units(entry.law, slides).items():
         text = getattr(entry, key)
         if text is not None:
             with at(key):
-                values[key] = parse_quantity(text, unit).value
-                if values[key] < 0.0 or (values[key] == 0.0 and key not in ("damping", "delay")):
+                read = parse_quantity(text, unit)
+                if read.value < 0.0 or (read.value == 0.0 and key not in ("damping", "delay")):
                     raise InputError(f"'{text}': write one that is positive")
-    gain = None
-    if entry.gain is not None:
-        with at("gain"):
-            gain = parse_quantity(entry.gain, UNITS[law][slides])
-            if gain.value <= 0.0:
-                raise InputError(f"'{entry.gain}': write one that is positive")
-    return Servo(entry.joints, law, gain, **values)
+            values[key] = read if key == "gain" else read.value
+    return Servo(entry.joints, entry.law, **values)

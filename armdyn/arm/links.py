@@ -1,4 +1,4 @@
-"""Links in kg, m and kg m^2: as the URDF has them, as a fit changed them, and what of that the runs determine."""
+"""Links in kg, m and kg m^2: described and fitted values, and which of them the runs determine."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -9,34 +9,33 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import SIZE, is_physical
 
-DETERMINED = 0.25
-"""Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass, of
-its radius of gyration, of their product, of its mean moment of inertia. With more, a value says little but that it is
-positive."""
-ABSURD = 5.0
-"""Ratio of a link's mass to the URDF's, or its inverse, that no description is wrong by: the mass then stands in for
-something else, or nothing determines it."""
+MAX_STD_SHARE = 0.25
+"""Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass,
+radius of gyration, their product, or mean moment of inertia. Beyond it a value is hardly more than positive."""
+MAX_MASS_RATIO = 5.0
+"""Largest ratio of a link's mass to that in the URDF, or its inverse, for a wrong description: beyond it the mass
+represents something else, or is not identifiable."""
 QUANTITIES = (
     ("mass", "kg"),
     *((f"centre_{axis}", "m") for axis in "xyz"),
     *((f"inertia_{axes}", "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
     *((f"moment_{axis}", "kg m") for axis in "xyz"),
 )
-"""Names and units of what describes a link, in the frame of its joint; inertias are about the centre of mass. Moments
-are mass times centre: torques tell those of a last link, whose mass alone they do not tell."""
+"""Names and units of the values of a link in the frame of its joint; inertias are about the centre of mass. Moments are
+mass times centre: torques determine those of a last link, but not its mass alone."""
 
 
 @dataclass(frozen=True)
 class LinkQuantity:
-    """One number that describes a link.
+    """One value of a link.
 
     Attributes:
-        name: of `QUANTITIES`.
-        unit: SI.
-        described: as the URDF has it.
-        value: in the model.
-        std: standard deviation of `value`, priors counted in.
-        determined: whether these runs determine it, without any prior.
+        name: a name of `QUANTITIES`.
+        unit: its SI unit.
+        described: value in the URDF.
+        value: value in the model.
+        std: standard deviation of `value`, with priors.
+        determined: whether these runs determine it without any prior.
     """
 
     name: str
@@ -49,12 +48,12 @@ class LinkQuantity:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """A link that a fit changed, with all that is fixed to it.
+    """A link that a fit changed, with the bodies that are fixed to it.
 
     Attributes:
-        joint: that moves it.
-        quantities: in the order of `QUANTITIES`.
-        physical: whether some body has these inertial parameters.
+        joint: joint that moves it.
+        quantities: its values, in the order of `QUANTITIES`.
+        physical: whether a body with these inertial parameters can exist.
     """
 
     joint: str
@@ -68,11 +67,11 @@ class LinkChange:
 
     @property
     def warning(self) -> str:
-        """What a reader must know before using these values; empty where there is nothing."""
+        """A warning for users of these values; empty without one."""
         if not self.physical:
             return f"the link of {self.joint} has an inertia that no body has"
         mass = self.mass
-        if mass.described > 0 and not 1 / ABSURD <= mass.value / mass.described <= ABSURD:
+        if mass.described > 0 and not 1 / MAX_MASS_RATIO <= mass.value / mass.described <= MAX_MASS_RATIO:
             text = f"the link of {self.joint} weighs {mass.value:.3g} kg in the model (URDF: {mass.described:.3g} kg)"
             return text + ("" if mass.determined else ", which these runs do not determine")
         return ""
@@ -81,14 +80,14 @@ class LinkChange:
 def link_changes(
     model: ArmModel, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray
 ) -> tuple[LinkChange, ...]:
-    """Every link that effects change, in the order of the joints.
+    """Every link that effects change, in the order of the joints, with standard deviations by the delta method.
 
     Args:
-        model: with those effects.
-        theta: (p,) its fitted parameters.
-        covariance: (p, p) of them, by the delta method carried over to the links.
-        of_runs_alone: (p, p) nearly without priors.
-        free: (p,) bool, what was fitted.
+        model: the arm with its effects.
+        theta: (p,) fitted parameters.
+        covariance: (p, p) covariance of the parameters.
+        of_runs_alone: (p, p) covariance nearly without priors.
+        free: (p,) bool, fitted parameters.
     """
     found = []
     for i, (change, derivatives) in model.changed_links(theta).items():
@@ -103,7 +102,7 @@ def link_changes(
         sizes = _sizes(value)
         moves = np.any(by_theta != 0.0, axis=1)
         quantities = tuple(
-            LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < DETERMINED * size))
+            LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < MAX_STD_SHARE * size))
             for (name, unit), d, v, s, a, size, m in zip(
                 QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
@@ -113,14 +112,14 @@ def link_changes(
 
 
 def _deviations(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(k,) standard deviations by the delta method, none below what rounding leaves of the sum."""
+    """(k,) standard deviations by the delta method, none below the rounding error of the sum."""
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     terms = np.einsum("ij,jk,ik->i", np.abs(jacobian), np.abs(covariance), np.abs(jacobian))
     return np.sqrt(np.maximum(variance, len(covariance) * np.finfo(float).eps * terms))
 
 
 def _sizes(value: np.ndarray) -> np.ndarray:
-    """(13,) what a standard deviation is compared with: mass, radius of gyration, mean moment of inertia, moment."""
+    """(13,) sizes for comparison with a standard deviation: mass, radius of gyration, mean inertia, moment."""
     mass, moment = abs(value[0]), float(np.mean(np.abs(value[[4, 6, 9]])))
     # A sphere's moments are 2/3 of its mass times the square of its radius of gyration about the centre.
     radius = float(np.sqrt(1.5 * moment / mass)) if mass > 0 else 0.0

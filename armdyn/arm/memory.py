@@ -1,8 +1,8 @@
-r"""States that effects bring to a joint, such as a bristle's deflection, along the recorded motion.
+r"""States that effects add to a joint, such as a bristle's deflection, along the recorded motion.
 
-z' = f(z, w(t), theta), w being what was recorded of the joint, linear between samples. A bristle relaxes within less
-than a sample, so each step is one of the L-stable diagonally implicit Runge-Kutta method of order 2 with two stages
-(Alexander, SIAM J. Numer. Anal. 14, 1977), gamma = 1 - 1/sqrt(2):
+They obey z' = f(z, w(t), theta), with the recorded motion w of the joint linear between samples. A bristle relaxes in
+less than a sample, so the steps are those of the L-stable diagonally implicit Runge-Kutta method of order 2 with two
+stages (Alexander, SIAM J. Numer. Anal. 14, 1977), gamma = 1 - 1/sqrt(2):
 
     y1 = z + gamma h f(y1, t + gamma h),    z_next = z + (1 - gamma)/gamma (y1 - z) + gamma h f(z_next, t + h).
 """
@@ -17,24 +17,24 @@ from armdyn.physics.definition import Expression, Memory
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 NEWTON_STEPS = 3
-"""One is exact where the rate is linear in the state, as of every bristle model."""
+"""One step is exact where the rate is linear in the state, as in every bristle model."""
 
 
 class InternalStates:
     """The states of one joint's effects over time, with exact derivatives.
 
     Args:
-        memory: of the joint's stage.
+        memory: states of the joint's stage.
         inputs: (15,) symbols in the order of `composition.INPUTS`.
-        load: the one of them that a state cannot follow.
-        theta: (k,) symbols.
+        load: the input on which no state may depend.
+        theta: (k,) symbols of the parameters.
 
     Attributes:
-        symbols: (m,) of the states.
-        depends: (k,) bool, the parameters on which a state depends.
+        symbols: (m,) symbols of the states.
+        depends: (k,) bool, whether a state depends on each parameter.
 
     Raises:
-        InputError: a state follows something else than the joint's own motion.
+        InputError: a state depends on more than the joint's own motion.
     """
 
     def __init__(self, memory: Sequence[Memory], inputs: Expression, load: Expression, theta: Expression) -> None:
@@ -69,7 +69,7 @@ def _step(z: Expression, rates: Expression, inputs: Expression, theta: Expressio
     f = ca.Function("f", [z, inputs, theta], [rates, ca.jacobian(rates, z), ca.jacobian(rates, theta)])
 
     def stage(base: Expression, slopes: Expression, at: Expression) -> tuple[Expression, Expression]:
-        """The solution of y = base + gamma h f(y), and its derivatives."""
+        """Solution of y = base + gamma h f(y), and its derivatives."""
         y = base
         for _ in range(NEWTON_STEPS):
             value, by_state, _ = f(y, at, theta)

@@ -1,4 +1,4 @@
-"""How an arm moved in a run: positions smoothed with the noise that they have, and differentiated."""
+"""The motion of an arm in a run: positions, smoothed according to their noise and differentiated."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -10,28 +10,20 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing import (
-    MIN_SMOOTHED_SAMPLES,
-    SPLINE_ORDERS,
-    Choice,
-    Curve,
-    Rates,
-    best_smoothing,
-    derivative_noise,
-    smoothed,
-)
+from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, Curve
 
-SHARPEST = 1e-3
-"""Of a joint's speed: the least noise that its velocity is taken to have."""
+MIN_VELOCITY_NOISE = 1e-3
+"""Least noise of a joint's velocity, as a share of its speed."""
 CERTAIN = 0.99
 """Expected sign of a velocity from which its sign is known."""
-STANDING = 0.5
-"""Share of the time during which a joint must surely move for its rests to be left out."""
+MIN_MOVING_SHARE = 0.5
+"""Share of the time during which a joint must certainly move for its rests to be left out."""
 CREEP = 1e-3
-"""rad/s, and a tenth of it in m/s: a slower joint creeps within what its gears and the bristles of its friction bend,
-and the direction of its friction is not that of its velocity (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
-30(7), 1994). So a joint at rest has no friction whose sign is noise. Real arms would have it larger (other motions of a
-UR10e are predicted to 4.12, 3.79 and 3.51 N m with 0, 0.001 and 0.003); up to 0.001 a sharp sign is told exactly."""
+"""Speed of creep, rad/s, and a tenth of it in m/s: a slower joint moves within the elastic deformation of its gears and
+of the bristles of its friction, which has no certain direction (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
+30(7), 1994). So a joint at rest has no friction with a random sign. A larger value would suit real arms (other motions
+of a UR10e are predicted to 4.12, 3.79 and 3.51 N m with 0, 0.001 and 0.003); up to 0.001 a sharp sign remains exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +31,11 @@ class Motion:
     """Positions, velocities and accelerations at some times.
 
     Attributes:
-        time: (n,) s.
-        q: (n, nj) rad or m.
-        v: (n, nj) per s.
-        a: (n, nj) per s^2.
-        direction: (n, nj) expected sign of v, given how well it is known.
+        time: (n,) times, s.
+        q: (n, nj) positions, rad or m.
+        v: (n, nj) velocities, per s.
+        a: (n, nj) accelerations, per s^2.
+        direction: (n, nj) expected signs of v, given its noise.
     """
 
     time: np.ndarray
@@ -52,20 +44,29 @@ class Motion:
     a: np.ndarray
     direction: np.ndarray
 
+    def own_columns(self, joint: int, fading: Sequence[float]) -> list[np.ndarray]:
+        """Regression columns (n,) of one joint alone: offset, springs, viscous friction, rotor, dry frictions.
+
+        A friction that fades with the speed is a mixture of those that fade over the speeds `fading`, rad/s or m/s.
+        """
+        q, v, a, way = (part[:, joint] for part in (self.q, self.v, self.a, self.direction))
+        frictions = [way * np.exp(-((v / speed) ** 2)) for speed in fading]
+        return [np.ones(len(q)), q, np.sin(q), np.cos(q), v, a, way, *frictions]
+
 
 @dataclass(frozen=True, eq=False)
 class JointCurve:
-    """One joint's path.
+    """Path of one joint.
 
     Attributes:
         curve: position over time, rad or m.
-        choice: how the measured position was smoothed.
-        interval: between its samples, s.
-        speed_noise: by how much its smoothed velocity is off, as far as friction is concerned, rad/s or m/s.
-        moving: share of the recording during which it surely moves.
-        stands: whether it hardly does anything but rest, so that rests are all that it shows.
-        turns: (k,) s, where its smoothed velocity changes sign.
-        moves: (k + 1,) bool, whether between two turns it is seen to move: smoothed positions swing after a quick stop.
+        choice: smoothing of the measured position.
+        interval: interval between its samples, s.
+        speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
+        moving: share of the recording during which the joint certainly moves.
+        stands: whether it mostly rests, so that its rests are compared as well.
+        turns: (k,) times at which the smoothed velocity changes its sign, s.
+        moves: (k + 1,) bool, whether it certainly moves between two turns: smoothed positions oscillate after a stop.
     """
 
     curve: Curve
@@ -78,9 +79,9 @@ class JointCurve:
     moves: np.ndarray
 
     def direction(self, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """(n,) expected sign of (n,) velocities at (n,) times; if unknown, none where the joint mostly stands.
+        """(n,) expected sign of (n,) velocities at (n,) times; 0 at uncertain ones of a joint that mostly rests.
 
-        What a joint at rest is held by is no friction that a motion shows.
+        Friction at rest is not that of a motion.
         """
         expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
         return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
@@ -88,21 +89,21 @@ class JointCurve:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """The paths of all joints, good from `start` to `end` s."""
+    """The paths of all joints, valid from `start` to `end`, s."""
 
     joints: tuple[JointCurve, ...]
     start: float
     end: float
 
     def at(self, time: np.ndarray) -> Motion:
-        """The motion at (n,) times; outside the recording the arm is where it was at its end."""
+        """The motion at (n,) times; outside the recording the arm keeps its first or last position."""
         inside = np.clip(time, self.start, self.end)
         q, v, a = (np.column_stack([j.curve(inside, k)[:, 0] for j in self.joints]) for k in range(3))
         ways = [j.direction(inside, v[:, i]) for i, j in enumerate(self.joints)]
         return Motion(time, q, v, a, np.column_stack(ways))
 
     def standing(self, stands: Sequence[bool]) -> "MeasuredMotion":
-        """The same motion where `stands` says which joints hardly do anything but rest."""
+        """The same motion with another attribute `stands` of each joint."""
         joints = tuple(replace(j, stands=still) for j, still in zip(self.joints, stands, strict=True))
         return replace(self, joints=joints)
 
@@ -113,18 +114,15 @@ class MeasuredMotion:
 
 
 def expected_sign(velocity: np.ndarray, noise: float) -> np.ndarray:
-    """Of (n,) velocities that are known with normal noise."""
+    """(n,) expected signs of velocities with normal noise."""
     return np.asarray(erf(velocity / (np.sqrt(2.0) * noise)))
 
 
 def standing_joints(motions: Sequence[MeasuredMotion]) -> tuple[bool, ...]:
-    """Which joints rest for more than half of the time of all recordings together.
-
-    A joint that moves through most of them and creeps through one has frictions that its rests do not show.
-    """
+    """Whether each joint rests for more than half of the time of all recordings together."""
     lasts = np.array([motion.end - motion.start for motion in motions])
     moving = np.array([[j.moving for j in motion.joints] for motion in motions])
-    return tuple((lasts @ moving < STANDING * lasts.sum()).tolist())
+    return tuple((lasts @ moving < MIN_MOVING_SHARE * lasts.sum()).tolist())
 
 
 @cached_with_first_argument
@@ -156,7 +154,7 @@ def measured_motion(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
 
 @cached_with_first_argument
 def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve:
-    """By channels, which a run keeps when others of its channels are cleaned."""
+    """Path of a joint, cached with its position channel, which other versions of a run share."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
     choice = best_smoothing(q.time, q.value, SPLINE_ORDERS)
     rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES]
@@ -164,24 +162,18 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
     speed = float(np.sqrt(np.mean(velocity**2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP
-    noise = max(derivative_noise(choice, interval, 1), SHARPEST * speed, creep)
+    noise = max(derivative_noise(choice, interval, 1), MIN_VELOCITY_NOISE * speed, creep)
     moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
-    return JointCurve(curve, choice, interval, noise, moving, moving < STANDING, q.time[turns], moves)
+    return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_SHARE, q.time[turns], moves)
 
 
 def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise: float) -> np.ndarray:
-    """(k,) bool, whether a joint is seen to move in each of k stretches of a recording.
+    """(k,) bool, whether a joint certainly moves in each of k parts of a recording, from (k,) first samples on.
 
-    It goes further than the noise of one sample, and the recorded positions go the same way: the slope of their
-    regression on the smoothed ones has a sign that is certain.
-
-    Args:
-        recorded: (n,) positions.
-        smoothed: (n,) positions.
-        begins: (k,) index of the first sample of each stretch.
-        noise: standard deviation of recorded positions.
+    It moves farther than the noise of one sample, and the slope of the regression of (n,) recorded on (n,) smoothed
+    positions has a certain sign.
     """
     counts = np.diff(np.append(begins, len(smoothed)))
     means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
@@ -195,11 +187,6 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
 def motion_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> dict[str, Channel]:
     """Position ``q``, velocity ``v`` and acceleration ``a`` of every joint, at the stamps of the first one's position.
 
-    Args:
-        run: a recording.
-        joints: names from base to tool.
-        slides: whether each slides.
-
     Raises:
         InputError: a position is missing, or its samples are too few.
     """
@@ -207,27 +194,21 @@ def motion_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> 
     first = run.recording.channels[f"q.{joints[0]}"]
     time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
     at = motion.at(time)
-    found = {}
-    for i, joint in enumerate(joints):
-        unit = "m" if slides[i] else "rad"
-        for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2")):
-            found[f"{kind}.{joint}"] = Channel(time, values[:, i], f"{unit}{per}")
-    return found
+    units = ["m" if slide else "rad" for slide in slides]
+    return {
+        f"{kind}.{joint}": Channel(time, values[:, i], f"{unit}{per}")
+        for i, (joint, unit) in enumerate(zip(joints, units, strict=True))
+        for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2"))
+    }
 
 
 def torque_channels(
     run: Run, joints: Sequence[str], slides: Sequence[bool], carried: Collection[str] = ()
 ) -> tuple[str, ...]:
-    """The measured torques of an arm's joints, of a recording that also holds how every joint moved.
-
-    Args:
-        run: a recording.
-        joints: names from base to tool.
-        slides: whether each slides.
-        carried: joints whose torque is not asked for.
+    """Channels with the torques of an arm's joints, without those of `carried` joints.
 
     Raises:
-        InputError: it holds no torque, or lacks a position, or one is in the unit of another kind of joint.
+        InputError: the run has no such torque, or lacks a position, or one is in the unit of another kind of joint.
     """
     asked = [joint for joint in joints if joint not in carried]
     channels = tuple(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels)

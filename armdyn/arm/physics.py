@@ -1,7 +1,7 @@
-"""The symbolic physics of an arm's base and of one joint, as effects read and change them.
+"""The symbolic physics of an arm's base and of one joint: the stages on which effects act.
 
-Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are written for a joint
-that turns; one that slides has N for N m, m for rad and kg for kg m^2.
+Each stage is an immutable bundle of CasADi expressions, scalar unless a shape is given. Units are those of a joint that
+turns; a joint that slides has N for N m, m for rad and kg for kg m^2.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,13 +19,13 @@ ONE: Expression = ca.SX(1)
 class Link:
     """The link that a joint moves, as a distribution of mass.
 
-    Its pseudo-inertia is J = sum_i m_i p_i p_i' over its particles, p = (x, y, z, 1) in the frame of the joint: it
-    holds the ten inertial parameters, and is positive definite exactly when some body has them (Wensing, Kim & Slotine,
-    IEEE RA-L 3, 2018).
+    Its pseudo-inertia is J = sum_i m_i p_i p_i' over its particles, with p = (x, y, z, 1) in the frame of the joint. It
+    contains the ten inertial parameters, and is positive definite exactly if a body with them can exist (Wensing, Kim &
+    Slotine, IEEE RA-L 3, 2018).
 
     Attributes:
-        shape: (4, 4) upper triangular U, J = U U' of the link itself, kg^1/2 m and kg^1/2.
-        carried: (4, 4) pseudo-inertia of what is fixed to it, kg m^2, kg m and kg.
+        shape: (4, 4) upper triangular U with J = U U' of the link itself, kg^1/2 m and kg^1/2.
+        carried: (4, 4) pseudo-inertia of bodies that are fixed to it, kg m^2, kg m and kg.
     """
 
     shape: Expression
@@ -33,7 +33,7 @@ class Link:
 
     @property
     def pseudo_inertia(self) -> Expression:
-        """(4, 4) J."""
+        """(4, 4) pseudo-inertia J of the link with the fixed bodies."""
         return self.shape @ self.shape.T + self.carried
 
     def deformed(self, deformation: Expression) -> "Link":
@@ -48,7 +48,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Base:
-    """What carries the whole arm.
+    """The base, which carries the whole arm.
 
     Attributes:
         gravity: (3,) acceleration of free fall in the frame of the base, m/s^2.
@@ -59,7 +59,7 @@ class Base:
     def turned(self, roll: Expression, pitch: Expression) -> "Base":
         """Turn the base about its x axis and then about the world's y axis, rad, as ``rpy="<roll> <pitch> 0"`` does."""
         x, y, z = ca.vertsplit(self.gravity)
-        # R' g with R = R_y(pitch) R_x(roll): first the pitch is undone, then the roll.
+        # R' g with R = R_y(pitch) R_x(roll): first the inverse of the pitch, then that of the roll.
         x, z = ca.cos(pitch) * x - ca.sin(pitch) * z, ca.sin(pitch) * x + ca.cos(pitch) * z
         y, z = ca.cos(roll) * y + ca.sin(roll) * z, ca.cos(roll) * z - ca.sin(roll) * y
         return replace(self, gravity=ca.vertcat(x, y, z))
@@ -67,13 +67,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Neighbour:
-    """The next joint towards the base.
-
-    Attributes:
-        position: rad.
-        velocity: rad/s.
-        acceleration: rad/s^2.
-    """
+    """The next joint towards the base: its position, rad, velocity, rad/s, and acceleration, rad/s^2."""
 
     position: Expression
     velocity: Expression
@@ -82,14 +76,14 @@ class Neighbour:
 
 @dataclass(frozen=True)
 class Told:
-    """What a drive was told; nothing, 0, of one whose torque was measured.
+    """Commands of a drive; 0 for a joint whose torque was measured.
 
     Attributes:
-        torque: that its law asks for, within its limit and while it is on, N m.
-        rate: of that, by the command alone, N m/s: what a command that acts later asks for less, per time.
-        total: of that since the run's start, N m s.
-        velocity: that it was told, rad/s.
-        voltage: of its supply over the one at which its gain holds, less one.
+        torque: torque by the drive's law, within its limit and while it is on, N m.
+        rate: rate of that torque by the command alone, N m/s: its loss per delay of the command.
+        total: integral of that torque since the start of the run, N m s.
+        velocity: commanded velocity, rad/s.
+        voltage: relative excess of the supply voltage over that of the gain.
     """
 
     torque: Expression = ZERO
@@ -104,20 +98,20 @@ class Joint(Timed):
     """One joint, its drive and its torque sensor.
 
     Attributes:
-        time: s since the start of the run.
-        position: rad.
-        velocity: rad/s.
-        acceleration: rad/s^2.
-        direction: sign of the velocity, its expected value where the velocity is uncertain, -1 to 1.
-        load: torque that the rigid bodies ask of the joint, N m.
+        time: time since the start of the run, s.
+        position: position, rad.
+        velocity: velocity, rad/s.
+        acceleration: acceleration, rad/s^2.
+        direction: expected sign of the velocity, -1 to 1.
+        load: torque that the rigid bodies need, N m.
         inner: the next joint towards the base.
         link: the link that the joint moves.
-        torque: what the drive gives beyond `load`, N m.
-        inner_torque: what the inner neighbour's drive gives beyond its own, N m.
-        gain: the sensor's reading per torque; what a drive asks for, per torque that it gives.
-        offset: its reading without torque, N m.
+        torque: torque of the drive beyond `load`, N m.
+        inner_torque: further torque of the drive of the `inner` joint, N m.
+        gain: reading of the torque sensor, or torque by the drive's law, per torque of the drive.
+        offset: reading of the sensor without torque, N m.
         on: 1 while the drive is on, 0 while its windings are open.
-        told: what the drive was told.
+        told: commands of the drive.
     """
 
     time: Expression
@@ -136,15 +130,15 @@ class Joint(Timed):
     told: Told = field(default_factory=Told)
 
     def with_torque(self, torque: Expression) -> "Joint":
-        """Let the drive give this much more, N m: positive where friction opposes a positive velocity."""
+        """Add to the torque of the drive, N m: positive where friction opposes a positive velocity."""
         return replace(self, torque=self.torque + torque)
 
     def with_inner_torque(self, torque: Expression) -> "Joint":
-        """Let the inner neighbour's drive give this much more, N m."""
+        """Add to the torque of the `inner` joint's drive, N m."""
         return replace(self, inner_torque=self.inner_torque + torque)
 
     def with_link(self, link: Link) -> "Joint":
-        """Move another link."""
+        """Replace the link that the joint moves."""
         return replace(self, link=link)
 
     def with_gain(self, gain: Expression) -> "Joint":
@@ -152,5 +146,5 @@ class Joint(Timed):
         return replace(self, gain=self.gain * gain)
 
     def with_offset(self, offset: Expression) -> "Joint":
-        """Add to the sensor's reading, N m, or to what a drive asks for beyond the torque that it gives."""
+        """Add to the sensor's reading, or to the torque by the drive's law, N m."""
         return replace(self, offset=self.offset + offset)

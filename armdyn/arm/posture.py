@@ -1,10 +1,10 @@
-r"""An arm at one posture in closed form: gravity, inertia, Coriolis, energy, regressor, and what its tool can do.
+r"""The dynamics of an arm at one posture, and the speeds and forces that its tool can reach.
 
-All of it comes from the equation of motion
+All terms are those of the equation of motion
 
     M(q) \ddot q + C(q, \dot q) \dot q + g(q) + d \dot q = \tau,
 
-d being the viscous damping of the URDF's joints, which Pinocchio's own algorithms leave out.
+with the viscous damping d of the joints, which Pinocchio's own algorithms omit.
 """
 
 from dataclasses import dataclass
@@ -18,18 +18,19 @@ from armdyn.errors import InputError
 from urdf import Robot
 from urdf.robot import Array, read_only
 
-LOOKS_LIKE_DEGREES = 2 * np.pi  # rad beyond a limit's side: nobody means so many radians
+MAX_MEANT_RADIANS = 2 * np.pi
+"""Position, rad, beyond which a value outside its limits is probably in degrees."""
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # kg, kg m, kg m^2 about the joint
 
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """Where the tool's speed or force ends when the joints use all that they have, in the Euclidean norm.
+    """Largest speeds or forces of the tool, for joint values within an ellipsoid of their limits.
 
     Attributes:
         axes: unit vectors in the base frame, the columns of (3, 3).
         lengths: semi-axes, (3,) [m/s or N], the largest first.
-        along: largest value straight along the base's x, y and z, by the limits joint by joint, (3,) [m/s or N].
+        along: largest value along the base's x, y and z, with each joint within its own limit, (3,) [m/s or N].
     """
 
     axes: Array
@@ -48,18 +49,18 @@ class ArmPosture:
         tool_rotation: of the tool frame, (3, 3).
         margin: distance of each joint to its nearer position limit, (n,) [rad or m].
         gravity: torque that holds the arm, (n,) [N m or N].
-        springs: what the robot's known springs add to the motors' torque, (n,) [N m].
+        springs: torque of the robot's known springs, (n,) [N m].
         inertia: M, (n, n) [kg m^2, kg m or kg].
         coriolis: C, (n, n) [N m s]; C v is the torque that the velocities take.
         damping: d, (n,) [N m s/rad or N s/m].
         kinetic_energy: [J].
-        potential_energy: of gravity, 0 where every centre of mass is at the base's height [J].
+        potential_energy: potential energy of gravity, 0 with every centre of mass at the base's height [J].
         regressor: Y with tau - d v = Y p at these q, v and zero acceleration, (n, 10 n).
-        parameters: p, ten numbers per link as in `PER_LINK`, (10 n,) [kg, kg m, kg m^2].
-        jacobian: of the tool point in base axes, linear rows first, (6, n) [m/rad or 1, 1 or 0].
-        manipulability: Yoshikawa's measure for shifting the tool; 0 at a singularity.
-        speed: what the joints' velocity limits let the tool point reach; its orientation is free. None without limits.
-        force: what the torque limits, less gravity, let the tool point exert at rest. None without limits.
+        parameters: p, ten values per link as in `PER_LINK`, (10 n,) [kg, kg m, kg m^2].
+        jacobian: Jacobian of the tool point in base axes, linear rows first, (6, n) [m/rad or 1, 1 or 0].
+        manipulability: Yoshikawa's measure for translations of the tool; 0 at a singularity.
+        speed: speeds of the tool point within the joints' velocity limits, with any rotation. None without limits.
+        force: forces of the tool point at rest, within the torque limits minus gravity. None without limits.
     """
 
     q: Array
@@ -87,8 +88,8 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
 
     Args:
         robot: the arm.
-        q: positions, (n,) [rad or m]; home if not given.
-        v: velocities, (n,) [rad/s or m/s]; rest if not given.
+        q: positions, (n,) [rad or m]; None means home.
+        v: velocities, (n,) [rad/s or m/s]; None means rest.
 
     Raises:
         InputError: a value is missing, not finite, or outside the position limits.
@@ -100,7 +101,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
     still = np.zeros(model.nv)
     pose = robot.tool_pose(at)
     gravity = pin.computeGeneralizedGravity(model, data, at).copy()
-    upper = np.triu(pin.crba(model, data, at).reshape(model.nv, model.nv))  # of a single joint it is flat
+    upper = np.triu(pin.crba(model, data, at).reshape(model.nv, model.nv))  # for a single joint it is flat
     jacobian = _tool_jacobian(robot, data, at)
     linear = jacobian[:3]
     volume = float(np.linalg.det(linear @ linear.T)) if model.nv >= 3 else 0.0
@@ -127,7 +128,7 @@ def arm_posture(robot: Robot, q: ArrayLike | None = None, v: ArrayLike | None = 
 
 
 def _speed(linear: Array, limits: Array) -> Ellipsoid:
-    """The image of the ball |q' / limit| <= 1, and the largest speeds straight along x, y and z of the box."""
+    """Image of the ball |q' / limit| <= 1, and the largest speeds along x, y and z within the box of limits."""
     axes, lengths, _ = np.linalg.svd(linear * limits)
     along = np.empty(3)
     for axis in range(3):
@@ -149,7 +150,7 @@ def _speed(linear: Array, limits: Array) -> Ellipsoid:
 def _force(linear: Array, limits: Array, gravity: Array) -> Ellipsoid:
     """Forces f with |J^T f / (limit - |gravity|)| <= 1, and the largest along +x, +y and +z joint by joint.
 
-    Semi-axes are infinite in a direction that the structure holds without any torque.
+    Semi-axes are infinite in directions in which the structure carries the force without torque.
     """
     left = np.maximum(limits - np.abs(gravity), 0.0)
     scaled = linear.T / np.maximum(left, 1e-12)[:, None]
@@ -205,6 +206,6 @@ def _check_limits(robot: Robot, q: Array) -> None:
         f"{robot.model.lowerPositionLimit[joint]:g} to {robot.model.upperPositionLimit[joint]:g}"
     )
     inside = _margin(robot, np.deg2rad(q)).min() >= 0
-    if inside and np.abs(q).max() > LOOKS_LIKE_DEGREES:
+    if inside and np.abs(q).max() > MAX_MEANT_RADIANS:
         raise InputError(f"{message}; these look like degrees: give radians")
     raise InputError(f"{message}; choose a posture within them")

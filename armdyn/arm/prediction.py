@@ -1,4 +1,4 @@
-"""Torques of one run with exact derivatives: what does not depend on the parameters is computed once per run."""
+"""Torques of one run with exact derivatives; parts that do not depend on parameters are computed once per run."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +9,7 @@ from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
 from armdyn.arm.composition import LOAD, JointFunctions, Term
 from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, standing_joints
-from armdyn.arm.prepared import FREQUENCIES, PreparedRun, interior, motion_in, prepare, recorded, settled
+from armdyn.arm.prepared import FREQUENCIES, PreparedRun, direction_known, interior, motion_in, prepare, recorded
 from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, Signal
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
@@ -24,9 +24,9 @@ class ChannelPredictor:
 
     Args:
         stretch: the motion at the stamps of the channel.
-        sampler: from there to the samples.
+        sampler: map from signals at the stamps to the samples.
         joint: index of the joint.
-        motion: at any time; None where nothing is read late.
+        motion: the motion at any time; None where no reading has a delay.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class ChannelPredictor:
         self._stretch, self._sampler, self._joint, self._motion = stretch, sampler, joint, motion
         self._late: tuple[float, Reduction] | None = None
         self._coefficients = Reduction(sampler.coefficients, stretch, joint)
-        # Without lag and delay the samples are all that is asked for: a few of them for many coefficients.
+        # Without lag and delay only the samples are needed, which are fewer than the coefficients.
         on_time = sampler.matrix(0.0)
         self._samples = Reduction(lambda signals: on_time @ sampler.coefficients(signals), stretch, joint)
         self._nodes = Reduction(lambda signals: signals, stretch, joint)
@@ -43,12 +43,12 @@ class ChannelPredictor:
     def predict(
         self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """Samples (n,) of the channel, and by joint that matters their derivatives (n, k) by its parameters.
+        """(n,) samples of the channel, and (n, k) derivatives by the parameters of each joint that it depends on.
 
         Args:
-            functions: of all joints.
+            functions: functions of all joints.
             theta: (k,) parameters of each joint.
-            bodies: at these parameters.
+            bodies: changes of the rigid bodies at these parameters.
         """
         sensor, own = functions[self._joint].sensor, theta[self._joint]
         given = functions, theta, bodies
@@ -68,10 +68,9 @@ class ChannelPredictor:
         return read[:, 0], {i: read[:, columns] for i, columns in total.columns.items()}
 
     def _read_late(self, delay: float) -> Reduction:
-        """Coefficients of what acted in the joints before each stamp."""
+        """The reduction to coefficients of signals `delay` s before each stamp."""
         if self._late is None or self._late[0] != delay:
-            if self._motion is None:
-                raise ValueError("a torque that is read late needs the motion at any time")
+            assert self._motion is not None, "a delayed reading needs the motion at any time"
             earlier = Earlier(self._stretch, self._motion, delay)
             self._late = delay, Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
         return self._late[1]
@@ -86,7 +85,7 @@ class ChannelPredictor:
         of_bodies: bool = True,
         of_joints: bool = True,
     ) -> Signal:
-        """The sensor's reading without lag and delay: what rigid bodies ask for, and what acts in the joints."""
+        """The sensor's reading without lag and delay: the sum of rigid bodies and effects in the joints."""
         j, own = self._joint, functions[self._joint]
         outer = [
             i for i, inner in enumerate(self._stretch.parents) if inner == j and not functions[i].inner_torque.empty
@@ -121,7 +120,7 @@ class ChannelPredictor:
     def _add_gravity(
         self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: Reduction
     ) -> None:
-        """Add the torque that follows from a gravity other than the described one."""
+        """Add the torque by the change of gravity."""
         columns = reduced.per_gravity
         for i in carried:
             if bodies.links[i].any():
@@ -142,7 +141,7 @@ class ChannelPredictor:
             reduced.linear[term] = reduced.reduce(term.columns(reduced.inputs(joint, term.recorded), len(theta)))
         own = total.by(joint)
         for column, i in zip(reduced.linear[term].T, term.linear, strict=True):
-            # One after the other, so that one more with a factor of zero changes no digit.
+            # One after the other: a further effect at zero changes no digit.
             total.value += column * theta[i]
             own[:, i] += column
         if term.has_rest:
@@ -154,7 +153,7 @@ class ChannelPredictor:
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
     def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction) -> NonlinearTerm:
-        """Most fits leave most of these parameters alone, so that the last answer often still holds."""
+        """Nonlinear rest of a term; the last one is reused while the values that it depends on do not change."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
         changes = [bodies.links[i] for i in carried]
         if term.loaded and bodies.gravity is not None:
@@ -182,19 +181,10 @@ class ChannelPredictor:
 def predict_at_states(
     stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
 ) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
-    """The torque of each joint at n states that need not follow each other.
-
-    Args:
-        stretch: the states.
-        functions: of all joints.
-        theta: (k,) parameters of each joint.
-        bodies: at these parameters.
-
-    Returns:
-        By joint (n,) torques, and by joint that matters their derivatives (n, k) by its parameters.
+    """Predictions as by `ChannelPredictor`, for each joint, at n states that are no motion.
 
     Raises:
-        InputError: an effect makes a torque depend on what was before.
+        InputError: an effect makes a torque depend on the past.
     """
     for own in functions:
         if own.of_before:
@@ -210,12 +200,12 @@ def predict_at_states(
 
 @cached_with_first_argument
 def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
-    """See `prepare`; isolated outliers are left out before.
+    """The run prepared by `prepare`, without isolated outliers.
 
     Args:
         run: a recording.
-        arm: that moved.
-        beside: recordings that show what its drives did; this one alone if there are none.
+        arm: the arm.
+        beside: recordings that show the low-passes of its drives; by default this one alone.
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)
@@ -224,7 +214,7 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
 
 @cached_with_first_argument
 def _shown_together(first: Run, arm: Arm, others: tuple[Run, ...]) -> tuple[Mapping[str, Drive], tuple[bool, ...]]:
-    """What the drives did in several recordings, and which joints hardly moved in them."""
+    """Low-passes of the drives in several recordings, and whether each joint hardly moved in them."""
     every = [_recorded(run, arm)[1] for run in (first, *others)]
     return smoothing_drives(every, arm.model, FREQUENCIES), standing_joints([one.motion for one in every])
 
@@ -239,13 +229,13 @@ def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
 
 @cached_with_first_argument
 def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
-    """What predicts the samples of a torque channel called `name`; filtered as the run was, where it was."""
+    """Predictor of the torque channel `name`, filtered as the run was prepared."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
     motion, stretch = motion_in(run, arm.joints), _stretch(run, arm, name)
     if run.recording is not run:
         stamps, done = stretch.motion.time, run.preparations[name]
-        known = settled(motion, joint, stamps, done.cutoff)
+        known = direction_known(motion, joint, stamps, done.cutoff)
         sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
         sampler = Interpolated(channel.time, channel.time)
@@ -254,14 +244,13 @@ def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPred
 
 @cached_with_first_argument
 def _stretch(run: Run, arm: Arm, name: str) -> MotionSamples:
-    """The motion at the recorded stamps of a channel; channels that were sampled together share it."""
+    """The motion at the recorded stamps of a channel; channels with the same stamps share it."""
     recording = run.recording
     channel = recording.channels[name]
-    for other in recording.channels:
-        if other == name:
-            break
-        if other.startswith("tau.") and np.array_equal(recording.channels[other].time, channel.time):
-            return _stretch(run, arm, other)
+    torques = (other for other in recording.channels if other.startswith("tau.") or other == name)
+    first = next(o for o in torques if np.array_equal(recording.channels[o].time, channel.time))
+    if first != name:
+        return _stretch(run, arm, first)
     motion = motion_in(run, arm.joints)
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())

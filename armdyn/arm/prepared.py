@@ -1,13 +1,13 @@
-"""A run of an arm made ready for comparison: torques low-passed, and thinned until their noise is white again.
+"""Prepare an arm's run for comparison: torques are low-passed, and thinned until their noise is white again.
 
-Measured and predicted torques pass the same filter, as in the parallel filtering of Gautier (ICRA 1997), so that
-filtering causes no bias. Samples at about twice the cut-off keep the whole band: more of them would add no information.
-The torque that the positions' noise causes is counted as noise.
+Measured and predicted torques pass the same filter, as in the parallel filtering of Gautier (ICRA 1997), so filtering
+causes no bias. Samples at about twice the cut-off contain the whole band. The torque that the positions' noise causes
+counts as noise.
 
-Torques are compared up to `STIFF` at least, and up to the end of the torque's own band where that is higher. The band
-is narrower only where the positions are too noisy: their noise, differentiated twice and multiplied by the inertias,
-grows like f^2, and above some frequency it causes more of the predicted torque than there is measured torque; or where
-the drive smoothed the torque before it was recorded (see `drive`).
+Torques are compared up to `STIFF_HZ` at least, and up to the end of the torque's own band where that is higher. The
+band is narrower only where the positions are too noisy, because their noise, differentiated twice and multiplied by the
+inertias, grows like f^2 and exceeds the measured torque above some frequency; or where the drive has smoothed the
+torque before it was recorded (see `drive`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,51 +24,51 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, Reading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing import (
-    MAX_CUTOFF_SHARE,
-    MAX_UNDISTORTED_CUTOFF,
-    WHITE_RATE_SHARE,
-    Choice,
-    Curve,
-    LowPass,
-    Samples,
-    best_smoothing,
-)
+from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, Curve, LowPass, Samples
 
-STIFF = 10.0
-"""Hz, where the links of arms begin to bend (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
-MARGIN = 0.7
-"""Of the frequency where a torque sinks into its noise; the power of the signal is then 16 times that of the noise."""
-HIGHEST_RATE = 125.0
-"""Hz at which samples are kept at most: no arm's rigid-body motion is faster."""
+STIFF_HZ = 10.0
+"""Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
+BAND_MARGIN = 0.7
+"""Share of the frequency at which a torque equals its noise; there its power is 16 times that of the noise."""
+MAX_KEPT_RATE = 125.0
+"""Largest rate of the samples that are kept, Hz: no arm's rigid-body motion is faster."""
 WITHIN = 0.5
-"""Of the cut-off of a drive's own low-pass: there 0.06 of the amplitude is gone."""
-FEWEST = 20
-"""Samples of a torque that are left at least, where there were so many."""
+"""Share of the cut-off of a drive's low-pass that is compared: there 0.06 of the amplitude is gone."""
+MIN_KEPT_SAMPLES = 20
+"""Least number of samples of a torque that are kept, where so many were recorded."""
 POSTURES = 20
-"""Of a run, over which inertias are averaged."""
-FREQUENCIES = np.linspace(0.0, HIGHEST_RATE / (2.0 * WHITE_RATE_SHARE), 701)
-"""Hz at which the noise of positions is worked out."""
+"""Number of postures of a run over which inertias are averaged."""
+FREQUENCIES = np.linspace(0.0, MAX_KEPT_RATE / (2.0 * WHITE_RATE_SHARE), 701)
+"""Frequencies of the spectra of the positions' noise, Hz."""
+EDGE_PERIODS = 0.5
+"""Periods of the cut-off that are left out at both ends, where smoothing has neighbours on one side only."""
+MAX_GAP_PERIODS = 0.25
+"""Longest gap, in periods of the cut-off, that does not change the low-passed torque."""
+MAX_UNEXPLAINED_SHARE = 0.1
+"""Share of a drive's reading below which what no physics explains is noise of differentiated positions: 0.003 to 0.013
+of generated arms, once 0.06; 0.2 of an SO-101, which has laws that are in no catalogue."""
+READING_FADING_SPEEDS = (0.05, 0.15)
+"""Speeds of fading frictions, rad/s or m/s; see `Motion.own_columns`."""
 
 
 def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: Choice, brought_in: np.ndarray) -> float:
-    """The cut-off, Hz, under which as much as possible of a torque is compared with as little as possible of noise.
+    """The cut-off, Hz, with which as much torque and as little noise as possible is compared.
 
-    It is the f up to `STIFF`, or the torque's own band, that maximises int_0^f S(f') - P(f') df', S the spectrum of the
-    measured torque, P that of the torque that the positions' noise causes: the last frequency at which there is more to
-    see than is brought in. A torque that was smoothed before it was stored ends where its smoothing ended.
+    It is the f up to `STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S the
+    spectrum of the measured torque and P that of the torque by the positions' noise.
 
     Args:
-        stamps: (n,) s.
-        torque: (n,) N m or N.
-        choice: how the torque is best smoothed: where it sinks into its noise.
-        brought_in: (nf,) P at `FREQUENCIES`, see `position_noise`.
+        stamps: (n,) time stamps, s.
+        torque: (n,) torque, N m or N.
+        choice: the best smoothing of the torque, whose cut-off is the end of its own band.
+        brought_in: (nf,) P at `FREQUENCIES`; see `position_noise`.
     """
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
-    as_recorded, per_second = 1.0 / interval, min(FEWEST, len(stamps) // 3) / float(stamps[-1] - stamps[0])
-    # A torque that shows no noise up to the highest cut-off that was tried shows no end of its band either.
-    own_band = MARGIN * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
-    widest = min(max(STIFF, own_band), float(FREQUENCIES[-1]))
+    as_recorded, per_second = 1.0 / interval, min(MIN_KEPT_SAMPLES, len(stamps) // 3) / float(stamps[-1] - stamps[0])
+    # Without visible noise up to the highest cut-off that was tried, the end of the band is unknown.
+    own_band = BAND_MARGIN * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
+    widest = min(max(STIFF_HZ, own_band), float(FREQUENCIES[-1]))
     frequencies, measured = _spectrum(stamps, torque, interval)
     frequencies, measured = frequencies[frequencies <= widest], measured[frequencies <= widest]
     last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, FREQUENCIES, brought_in))))
@@ -77,7 +77,7 @@ def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: Choice, brought_in
 
 
 def position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
-    """(nj, nf) spectrum, (N m)^2/Hz, of the torque that the noise of all smoothed positions causes, at `FREQUENCIES`.
+    """(nj, nf) spectra, (N m)^2/Hz, of the torque by the noise of all smoothed positions, at `FREQUENCIES`.
 
     A small error e of the positions changes the torque by M(q) e'' + dg/dq e; squared factors are averaged over the
     run's postures.
@@ -96,7 +96,7 @@ def position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
 
 
 def _spectrum(stamps: np.ndarray, values: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies, Hz, and the two-sided power density there of a signal less its mean, under a Hann window."""
+    """Frequencies, Hz, and two-sided power densities of a signal without its mean, under a Hann window."""
     even = stamps[0] + interval * np.arange(len(stamps))
     window = np.hanning(len(stamps) + 2)[1:-1]
     signal = np.interp(even, stamps, values)
@@ -104,22 +104,16 @@ def _spectrum(stamps: np.ndarray, values: np.ndarray, interval: float) -> tuple[
     return np.fft.rfftfreq(len(stamps), interval), interval * power / float(window @ window)
 
 
-EDGE = 0.5
-"""Periods of the cut-off that are left out at either end, where smoothing has neighbours on one side only."""
-BRIEF = 0.25
-"""Periods of the cut-off; a gap that is shorter leaves the low-passed torque as it was."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedRun(Run):
-    """A run whose torques were low-passed; `ArmModel.predict` filters its prediction for it in the same way.
+    """A run with low-passed torques; `ArmModel.predict` filters predictions for it in the same way.
 
     Its `noise` is that of the thinned torques, estimated where the recording states none.
 
     Attributes:
         original: the recording.
-        done: to it, by torque channel.
-        stands: of every joint, whether its rests were compared, as it hardly does anything else.
+        done: processing by torque channel.
+        stands: whether each joint mostly rests, so that its rests are compared.
     """
 
     original: Run = field(kw_only=True)
@@ -139,13 +133,13 @@ class PreparedRun(Run):
 
 @cached_with_first_argument
 def motion_in(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
-    """How an arm moved in a run, as what is compared with the run takes it."""
+    """The motion of an arm in a run, with the attribute `stands` of a prepared run."""
     motion = measured_motion(run.recording, joints)
     return motion.standing(run.stands) if isinstance(run, PreparedRun) else motion
 
 
 def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
-    """The torques of a run without the ends of its motion, and that motion.
+    """Torques of a run without the ends of its motion, and the motion.
 
     Raises:
         InputError: a torque is constant or too short.
@@ -158,9 +152,8 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
         if name in run.channels:
             run.require_informative(name)
             stamps, values = _inside(run, name, motion)
-            physics = (
-                _physics(model, motion, j, stamps) if isinstance(run.channels[name], Reading) else np.zeros((0, 0))
-            )
+            reading = isinstance(run.channels[name], Reading)
+            physics = _physics(model, motion, j, stamps) if reading else np.zeros((0, 0))
             torques[name] = Torque(j, stamps, values, brought_in[j], physics)
     return Recorded(torques, motion)
 
@@ -168,16 +161,16 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
 def prepare(
     run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive], standing: Sequence[bool]
 ) -> PreparedRun:
-    """The run with its torques low-passed and thinned, and its motion smoothed.
+    """The run with low-passed and thinned torques, and with smoothed motion.
 
     Args:
         run: a recording.
         joints: all joints of the arm, in its order.
         own: its torques and its motion.
-        drives: see `smoothing_drives`.
-        standing: which joints hardly move in all recordings together.
+        drives: low-passes of the drives; see `smoothing_drives`.
+        standing: whether each joint mostly rests in all recordings together.
     """
-    # What a drive reads at rest is what friction holds, up to what breaks it loose.
+    # At rest a drive's reading is held by friction of any size, up to breakaway.
     reading = [isinstance(run.channels.get(f"tau.{joint}"), Reading) for joint in joints]
     stands = [still and not reads for still, reads in zip(standing, reading, strict=True)]
     motion = own.motion.standing(stands)
@@ -190,23 +183,23 @@ def prepare(
         cutoff = min(cutoff, WITHIN * drive.cutoff)
         if isinstance(raw, Reading):
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
-        known = settled(motion, j, stamps, cutoff)
+        known = direction_known(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
         if len(time) < 2 and not stands[j]:  # it moves in other recordings only
             stands[j] = True
             at_rest |= {name} if reading[j] else set()
             motion = motion.standing(stands)
-            known = settled(motion, j, stamps, cutoff)
+            known = direction_known(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
         low = LowPass(Samples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
-        # Thinned samples vary too much to show their noise; the recording at its own rate does.
-        # Steps of a friction look like noise to a smooth curve; behind a low-pass there is more than the samples show.
+        # The noise is that of the recording at its own rate, because thinned samples vary too much to show it. To a
+        # smooth curve steps of friction look like noise; behind a low-pass there is more noise than samples show.
         sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in)))
         if isinstance(raw, Reading):
             left = _unexplained(low.curve(physics[known])(time), channels[name].value)
-            if left < LARGEST_SHARE * float(np.std(values)):
+            if left < MAX_UNEXPLAINED_SHARE * float(np.std(values)):
                 noise[name] = float(np.hypot(max(noise[name], left), raw.off))
         preparations[name] = Preparation(
             cutoff=cutoff,
@@ -230,14 +223,12 @@ def prepare(
 
 
 def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints: tuple[str, ...]) -> dict[str, float]:
-    """By torque channel, the noise of a run where the arm is not as described when its run was prepared.
-
-    A rotor or a payload that nobody knew of makes more torque of the positions' noise.
+    """Noise of a prepared run by torque channel, for an arm with other inertias than were described.
 
     Args:
-        run: a recording as prepared.
-        arm: what it is.
-        described: what it was when the run was prepared.
+        run: a prepared run.
+        arm: the present arm.
+        described: the arm for which the run was prepared.
         joints: all joints of the arm, in its order.
     """
     motion = measured_motion(run.recording, joints)
@@ -250,29 +241,17 @@ def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints:
     return found
 
 
-LARGEST_SHARE = 0.1
-"""Of what a drive reads, below which what no physics explains is noise that differentiated positions bring: 0.003 to
-0.013 of generated arms, once 0.06; of an SO-101, which has laws that no catalogue holds, it is 0.2."""
-FADING = (0.05, 0.15)
-"""rad/s or m/s; a friction that fades with the speed is a mixture of those that fade over these."""
-
-
 def _physics(model: pin.Model, motion: MeasuredMotion, joint: int, stamps: np.ndarray) -> np.ndarray:
-    """(n, 15) what any physics may make a joint read.
-
-    These are its load, what the last link carries, its own inertia, springs and frictions of every kind.
-    """
+    """(n, 15) regression columns of a joint's torque: load, unknown payload, springs, rotor, frictions of all kinds."""
     at = motion.at(stamps)
     load = inverse_dynamics(model, at.q, at.v, at.a)[:, joint]
-    carried = torque_regressor(model, at)[:, joint, -1, :4]
-    q, v, a, way = (part[:, joint] for part in (at.q, at.v, at.a, at.direction))
-    fading = [way * np.exp(-((v / speed) ** 2)) for speed in FADING]
-    own = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, a, way, way * np.abs(load), *fading]
-    return np.column_stack([load, carried, *own])
+    carried = torque_regressor(model, at.q, at.v, at.a)[:, joint, -1, :4]
+    friction = at.direction[:, joint] * np.abs(load)
+    return np.column_stack([load, carried, *at.own_columns(joint, READING_FADING_SPEEDS), friction])
 
 
 def _unexplained(physics: np.ndarray, reading: np.ndarray) -> float:
-    """Standard deviation of what (n, k) columns leave of (n,) readings."""
+    """Standard deviation of the residual of (n,) readings after a regression on (n, k) columns."""
     size = np.maximum(np.linalg.norm(physics, axis=0), 1e-12)
     found, _, rank, _ = np.linalg.lstsq(physics / size, reading, rcond=1e-9)
     left = reading - physics / size @ found
@@ -280,16 +259,16 @@ def _unexplained(physics: np.ndarray, reading: np.ndarray) -> float:
 
 
 def _below(cutoff: float, spectrum: np.ndarray) -> float:
-    """Variance of an (nf,) two-sided spectrum at `FREQUENCIES` up to a cut-off, Hz."""
+    """Variance of a signal with a two-sided spectrum (nf,) at `FREQUENCIES`, below a cut-off, Hz."""
     return 2.0 * float(np.sum(spectrum[cutoff >= FREQUENCIES]) * FREQUENCIES[1])
 
 
 def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
-    """(n,) bool: samples that were taken while the motion was recorded, but not at its ends.
+    """(n,) bool: samples within the recorded motion, but not at its ends.
 
-    At an end a smoothed acceleration has neighbours on one side only, and a standard deviation several times larger.
+    At an end a smoothed acceleration has neighbours on one side only, and a several times larger standard deviation.
     """
-    edge = EDGE * max(1.0 / j.choice.cutoff for j in motion.joints)
+    edge = EDGE_PERIODS * max(1.0 / j.choice.cutoff for j in motion.joints)
     edge = min(edge, 0.1 * (motion.end - motion.start))
     return (channel.time >= motion.start + edge) & (channel.time <= motion.end - edge)
 
@@ -317,42 +296,42 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
     return inside.time, inside.value
 
 
-def settled(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
-    """(n,) bool: samples at which the direction of motion is known; of a joint that hardly moves, its rests.
+def direction_known(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
+    """(n,) bool: samples at which the direction of motion is known, or at which a joint that mostly rests is at rest.
 
-    Where a joint turns round, its dry friction changes sign at a moment that is less certain than the stamps: one
-    sample of a friction that is 25 times the noise, on the wrong side, is an error of 3 standard deviations after the
-    low-pass. Those few samples are left out of the measured and of the predicted torque. At rest, friction is anything
-    up to what breaks it loose: rests are left out as well, but of a joint that hardly does anything else.
+    Where a joint reverses, its dry friction changes sign at an uncertain moment: one sample of a friction of 25 times
+    the noise, with the wrong sign, is an error of 3 standard deviations after the low-pass. These few samples are left
+    out of the measured and of the predicted torque. At rest friction takes any value up to breakaway, so rests are left
+    out as well, except those of a joint that does little else.
     """
     uncertain = np.abs(motion.direction(joint, stamps)) < CERTAIN
     if not motion.joints[joint].stands:
         return ~uncertain
     edges = np.flatnonzero(np.diff(np.concatenate([[False], uncertain, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):
-        if stamps[end - 1] - stamps[begin] > BRIEF / cutoff:
+        if stamps[end - 1] - stamps[begin] > MAX_GAP_PERIODS / cutoff:
             uncertain[begin:end] = False
     return ~uncertain
 
 
 def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray:
-    """Even times at which a signal with this cut-off is sampled, without those in gaps of the `known` stamps.
+    """Even times for a signal with this cut-off, without those in gaps of the `known` stamps and beside long gaps.
 
-    Before and after a long one, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
+    Beside a long gap, such as a rest, a smoothed torque has neighbours on one side only, as at the ends.
     """
     step = 1.0 / (2.0 * WHITE_RATE_SHARE * cutoff)
     usual = float(np.median(np.diff(stamps)))
     stamps = stamps[known]
     if len(stamps) < 2:
         return stamps[:0]
-    edge = min(EDGE / cutoff, 0.1 * (stamps[-1] - stamps[0]))
+    edge = min(EDGE_PERIODS / cutoff, 0.1 * (stamps[-1] - stamps[0]))
     first, last = stamps[0] + edge, stamps[-1] - edge
     count = int((last - first) / step)
     time = first + (last - first - count * step) / 2.0 + step * np.arange(count + 1)
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(time - stamps[after - 1]), np.abs(stamps[after] - time))
     time = time[nearest <= step / 2.0]
-    long = np.flatnonzero(np.diff(stamps) > usual + EDGE / cutoff)
+    long = np.flatnonzero(np.diff(stamps) > usual + EDGE_PERIODS / cutoff)
     beside = np.zeros(len(time), dtype=bool)
     for begin, end in zip(stamps[long] - edge, stamps[long + 1] + edge, strict=True):
         beside |= (time > begin) & (time < end)

@@ -1,4 +1,4 @@
-"""A torque while its parts are added up, reduced to coefficients or samples: what parameters do not change is kept."""
+"""The parts of a torque, reduced to coefficients or samples; those that do not depend on parameters are cached."""
 
 from collections.abc import Callable
 from functools import cache, cached_property
@@ -13,16 +13,16 @@ from armdyn.parameter import RecordedColumn
 
 
 class Signal:
-    """A torque while its parts are added up, with its derivatives by the joints that matter.
+    """Sum of the parts of a torque, with derivatives by the parameters of the joints on which it depends.
 
     Args:
-        size: N, coefficients or samples.
+        size: number N of coefficients or samples.
         widths: number of parameters by joint.
 
     Attributes:
-        block: (N, 1 + sum of the widths), the torque first.
+        block: (N, 1 + sum of the widths) torque and derivatives.
         value: (N,) view of the torque.
-        columns: by joint, where its parameters are in the block.
+        columns: columns of the block by joint.
     """
 
     def __init__(self, size: int, widths: dict[int, int]) -> None:
@@ -37,7 +37,7 @@ class Signal:
 
 
 class NonlinearTerm(NamedTuple):
-    """What a term that is not linear came to last: for which parameters, and the coefficients."""
+    """Last value of the nonlinear rest of a term: the values that it depends on, coefficients, slopes by link."""
 
     key: bytes
     coefficients: np.ndarray
@@ -45,13 +45,13 @@ class NonlinearTerm(NamedTuple):
 
 
 class Reduction:
-    """What signals at the stamps are reduced to, and what was reduced before.
+    """Reduction of signals at the stamps of a torque, with a cache of reduced signals.
 
     Args:
         reduce: linear map of (n, m) signals at the stamps to (N, m).
         stretch: the motion at the stamps.
         joint: index of the joint whose torque is predicted.
-        earlier: what gives joints' inputs and other signals at the stamps as they were before; as they are if None.
+        earlier: signals some time before each stamp; None means those at the stamps.
     """
 
     def __init__(
@@ -66,31 +66,31 @@ class Reduction:
         self.inputs = cache(stretch.inputs if earlier is None else earlier.inputs)
         self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
-        # Not a method: large arrays in a circle of references would stay until Python looks for circles.
+        # No method: a circle of references would keep the large arrays until Python collects circles.
         self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
         self.linear: dict[Term, np.ndarray] = {}
         self.rests: dict[Term, NonlinearTerm] = {}
 
     @cached_property
     def described(self) -> np.ndarray:
-        """(N,) the torque of the arm as described."""
+        """(N,) torque of the described arm."""
         return self.reduce(self._stretch.described[:, [self._joint]])[:, 0]
 
     @cached_property
     def per_gravity(self) -> np.ndarray:
-        """(N, 3) the torque of the arm as described per component of gravity."""
+        """(N, 3) torque of the described arm per component of gravity."""
         return self.reduce(self._stretch.described_per_gravity[self._joint])
 
 
 class Earlier:
-    """What drove the joints some time before each stamp, where the motion is known at any time.
+    """Inputs of the joints some time before each stamp.
 
-    A dry friction changes its sign between two stamps: of what was sampled and is then moved, nobody knows where.
+    A dry friction changes its sign between two stamps, at a time that its samples do not contain.
 
     Args:
         stretch: the motion at the stamps.
-        motion: at any time.
-        delay: s.
+        motion: the motion at any time.
+        delay: time before each stamp, s.
     """
 
     def __init__(self, stretch: MotionSamples, motion: MeasuredMotion, delay: float) -> None:
@@ -102,7 +102,7 @@ class Earlier:
         self._share = (self._time - before) / (time[self._after] - before)
 
     def signal(self, at_stamps: np.ndarray) -> np.ndarray:
-        """(n, ...) of a smooth signal, linear between the stamps."""
+        """(n, ...) earlier values of a smooth signal, linear between the stamps."""
         share = self._share.reshape(-1, *[1] * (at_stamps.ndim - 1))
         return (1.0 - share) * at_stamps[self._after - 1] + share * at_stamps[self._after]
 
@@ -114,5 +114,5 @@ class Earlier:
 
 
 def _reduced_weight(reduce: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
-    """(N, 3, 4) of (n, 3, 4) torques per gravity and per mass and first moment of a link."""
+    """Reduce (n, 3, 4) torques per gravity and per mass and first moment of a link to (N, 3, 4)."""
     return reduce(columns.reshape(len(columns), -1)).reshape(-1, *columns.shape[1:])

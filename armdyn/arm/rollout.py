@@ -1,58 +1,57 @@
-"""How far the motion of a model is from the robot's: an arm simulated by what its drives were told, or gave.
+"""Compare the simulated motion of an arm with its recorded motion; drives follow their commands or measured torques.
 
-Where every joint has a command the loop is closed, and whole recordings are simulated from their first state; a
-measured torque alone pulls nothing back, so that windows are begun anew at the measured motion.
+Where every joint has a position command, whole recordings are simulated from their first state in closed loop. Under
+measured torques alone errors grow without limit, so short windows are simulated, each from the measured motion.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drives import TOLD, Servo
+from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.readings import mean_held, mean_told
+from armdyn.arm.readings import mean_command
 from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import cached_with_first_argument
 from armdyn.run import Run
 
 STEP, COARSE_STEP = 0.001, 0.004
-"""Longest step of the simulation, s, and of one that only leads near an optimum. In arms that stick and slide the error
-of the first is below an encoder's noise; that of the second is up to ten times larger, and bends frictions."""
-STIFF = 0.5
-"""Of the time sqrt(I/k) in which a servo pulls back what it moves, that a step lasts at most."""
-WINDOWS = (0.5, 5.0)
-"""s, of what cannot be simulated as a whole."""
-ROUNDING = 1e-6
-"""rad or m; what is less is no encoder's step: it is how a recording was written down."""
-LOST = 2.0 * np.pi
-"""rad or m: a simulated joint that is farther from where it was has left the motion, and how far says nothing."""
-LATE, TOLD_LATE = "torque_delay.time", "command_delay.time"
-"""Parameters by which a measured torque is read late, and a command acts late."""
+"""Longest step of a simulation, s, and of one that only leads a fit near its optimum. In arms that stick and slide, the
+error of the first is below an encoder's noise; that of the second is up to ten times larger and biases frictions."""
+MAX_STIFF_STEP_SHARE = 0.5
+"""Longest step as a share of sqrt(I/k), the time in which a servo with gain k pulls back an inertia I."""
+ROLLOUT_SECONDS = (0.5, 5.0)
+"""Lengths of the windows of recordings that cannot be simulated as a whole, s."""
+MIN_ENCODER_STEP = 1e-6
+"""Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
+MAX_ROLLOUT_ERROR = 2.0 * np.pi
+"""Error, rad or m, beyond which a simulated joint has left the motion; its size has then no meaning."""
+READ_DELAY, COMMAND_DELAY = "torque_delay.time", "command_delay.time"
+"""Parameters that delay a measured torque, and the action of a command."""
 
 
 @dataclass(frozen=True)
 class RollOut:
-    """The error of one joint's simulated position in one run; see the contract's `rollout`.
+    """Error of one joint's simulated position in one run; see the contract's `rollout`.
 
     Attributes:
-        run: its name.
+        run: name of the run.
         role: ``"training"``, ``"held_out"`` or ``"exam"``.
         kind: ``"closed_loop"``, or ``"window_0.5"`` and ``"window_5"``.
-        joint: which.
+        joint: name of the joint.
         unit: rad or m.
-        rms: root of the mean square; None where the simulated joint left the motion by more than `LOST`.
+        rms: root mean square of the error; None where the error exceeds `MAX_ROLLOUT_ERROR`.
         mae: mean absolute error, likewise.
-        position_is_command: rms and mean absolute error of a joint that is always where it was told to be; None where
-            it was told no position.
-        resolution: step of the encoder, 0 where none shows.
-        time: (n,) s of the recorded positions, increasing.
-        measured: (n,) recorded positions.
-        simulated: (n,) simulated ones.
-        told: (n,) positions that it was told; None where it was told none.
+        position_is_command: both errors of a joint that is always at its command; None without a position command.
+        resolution: step of the encoder; 0 where none is visible.
+        time: (n,) time stamps of the positions, s, increasing.
+        measured: (n,) measured positions.
+        simulated: (n,) simulated positions.
+        told: (n,) commanded positions; None without a position command.
     """
 
     run: str
@@ -70,35 +69,33 @@ class RollOut:
     told: np.ndarray | None = field(repr=False, compare=False)
 
 
+def _commanded(servo: Servo | None, run: Run, joint: str) -> bool:
+    """Whether a joint has a drive with a known gain, and the run contains its command."""
+    return servo is not None and servo.gain is not None and servo.command(joint) in run.channels
+
+
 def closed(model: ArmModel, run: Run) -> bool:
-    """Whether every joint of the arm was told its position."""
-    servos = [model.servo(joint) for joint in model.arm.joints]
-    return all(
-        servo is not None and servo.law == "position" and f"q_cmd.{joint}" in run.channels
-        for servo, joint in zip(servos, model.arm.joints, strict=True)
-    )
+    """Whether every joint of the arm has a recorded position command."""
+    servos = {joint: model.servo(joint) for joint in model.arm.joints}
+    return all(s is not None and s.law == "position" and s.command(j) in run.channels for j, s in servos.items())
 
 
 def can_roll_out(model: ArmModel, run: Run) -> bool:
-    """Whether the recording says what drove every joint, and the model has nothing that depends on what was before."""
-    for joint in model.arm.joints:
-        servo = model.servo(joint)
-        told = servo is not None and servo.gain is not None and f"{TOLD[servo.law]}.{joint}" in run.channels
-        if not told and f"tau.{joint}" not in run.channels:
-            return False
-    return not model.arm.carried and not model.remembers
+    """Whether the run contains a command or a torque of every joint, and no effect has states of its own."""
+    driven = (f"tau.{j}" in run.channels or _commanded(model.servo(j), run, j) for j in model.arm.joints)
+    return not model.arm.carried and not model.remembers and all(driven)
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A stretch of a recording that is simulated from its first state.
+    """Part of a recording that is simulated from its first state.
 
     Attributes:
         run: the recording.
-        begin: s.
-        end: s.
-        start: (nj,) positions and velocities.
-        time: (n,) s of the recorded positions.
+        begin: start time, s.
+        end: end time, s.
+        start: (nj,) positions and (nj,) velocities at the start.
+        time: (n,) time stamps of the recorded positions, s.
         q: (n, nj) recorded positions.
     """
 
@@ -112,11 +109,11 @@ class Window:
 
 @cached_with_first_argument
 def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, ...]:
-    """Stretches of `length` s of a recording, infinite for the whole, at the stamps of its first joint."""
+    """Parts of a recording of `length` s, infinite for the whole, at the stamps of the first joint."""
     motion = measured_motion(run, joints)
     first = run.channels[f"q.{joints[0]}"].time
     time = first[(first >= motion.start) & (first <= motion.end)]
-    recorded = np.column_stack(
+    measured = np.column_stack(
         [np.interp(time, run.channels[f"q.{j}"].time, run.channels[f"q.{j}"].value) for j in joints]
     )
     lasts = float(time[-1] - time[0])
@@ -126,7 +123,7 @@ def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, .
     for begin, end in pairwise(edges):
         inside = (time >= begin - 1e-9) & (time <= end + 1e-9)
         at = motion.at(np.array([begin]))
-        found.append(Window(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], recorded[inside]))
+        found.append(Window(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], measured[inside]))
     return tuple(found)
 
 
@@ -141,9 +138,9 @@ def rolled(
 
     Args:
         model: the arm.
-        theta: (p,) its parameters.
-        window: what is simulated.
-        servos: by joint, in place of those of the model.
+        theta: (p,) parameters.
+        window: the part that is simulated.
+        servos: drives by joint; None means those of the model.
         longest: longest step of the simulation, s.
     """
     own = [model.servo(joint) for joint in model.arm.joints] if servos is None else list(servos)
@@ -155,98 +152,80 @@ def rolled(
 
 
 def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | None]) -> float:
-    """Longest step, s, in which no servo pulls back what it moves; infinite without a position servo."""
-    rigid, lasts = model.rigid_at(theta), np.inf
-    mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid)))
-    for inertia, servo in zip(mass.tolist(), servos, strict=True):
-        if servo is not None and servo.gain is not None and servo.law == "position":
-            lasts = min(lasts, STIFF * float(np.sqrt(inertia / servo.gain.value)))
-    return lasts
+    """Longest step, s, that no position servo makes unstable; infinite without one."""
+    rigid = model.rigid_at(theta)
+    mass = np.diag(pin.crba(rigid, rigid.createData(), pin.neutral(rigid))).tolist()
+    stiff = ((m, s.gain.value) for m, s in zip(mass, servos, strict=True) if s and s.gain and s.law == "position")
+    return min((MAX_STIFF_STEP_SHARE * float(np.sqrt(inertia / gain)) for inertia, gain in stiff), default=np.inf)
 
 
 def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray) -> Drives:
-    n, m = len(edges) - 1, len(servos)
-    given, q_cmd, v_cmd, on, voltage = (np.zeros((n, m)) for _ in range(5))
-    limit, gain, damping = np.full((n, m), np.inf), np.zeros(m), np.zeros(m)
-    middle = (edges[1:] + edges[:-1]) / 2
+    """Inputs of a simulation over the (n,) steps between `edges`, s."""
+    channels, values = run.channels, dict(zip(model.names, theta.tolist(), strict=True))
+    drives, middle = Drives.off(len(edges) - 1, len(servos)), (edges[1:] + edges[:-1]) / 2
+    voltage = np.zeros_like(drives.on)
     for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
-        late, told_late = (
-            float(theta[model.names.index(name)]) if (name := f"{of}[{joint}]") in model.parameters else 0.0
-            for of in (LATE, TOLD_LATE)
-        )
-        channels = run.channels
-        if servo is None or servo.gain is None or f"{TOLD[servo.law]}.{joint}" not in channels:
-            on[:, j] = 1.0
-            given[:, j] = np.interp(middle + late, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
+        if servo is None or servo.gain is None or not _commanded(servo, run, joint):
+            time = middle + values.get(f"{READ_DELAY}[{joint}]", 0.0)
+            drives.on[:, j] = 1.0
+            drives.given[:, j] = np.interp(time, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
             continue
-        share, scale = servo.gate(run, joint, middle)
-        told = edges - (servo.delay or 0.0) - told_late
+        gain, (share, scale) = servo.gain.value, servo.gate(run, joint, middle)
+        when = edges - (servo.delay or 0.0) - values.get(f"{COMMAND_DELAY}[{joint}]", 0.0)
         voltage[:, j] = servo.over_reference(run, joint, middle)
         if servo.law in ("torque", "current"):
-            value = scale * servo.gain.value * mean_told(run, joint, servo, told)
-            given[:, j], on[:, j] = share * np.clip(value, -servo.largest, servo.largest), share
+            torque = scale * gain * mean_command(run, joint, servo, when)
+            drives.given[:, j], drives.on[:, j] = share * np.clip(torque, -servo.largest, servo.largest), share
             continue
-        on[:, j], limit[:, j] = share * scale, servo.largest / scale
+        drives.on[:, j], drives.limit[:, j] = share * scale, servo.largest / scale
+        drives.damping[j] = gain
         if servo.law == "position":
-            q_cmd[:, j] = mean_told(run, joint, servo, told)
-            gain[j], damping[j] = servo.gain.value, servo.damping
-        else:
-            damping[j] = servo.gain.value
-        if f"v_cmd.{joint}" in channels:
-            v_cmd[:, j] = mean_held(channels[f"v_cmd.{joint}"], told)
-        if f"tau_ff.{joint}" in channels:
-            given[:, j] = mean_held(channels[f"tau_ff.{joint}"], told)
-    return Drives(given, q_cmd, v_cmd, limit, on, gain, damping, voltage)
+            drives.q_cmd[:, j] = mean_command(run, joint, servo, when)
+            drives.gain[j], drives.damping[j] = gain, servo.damping
+        for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
+            if f"{kind}.{joint}" in channels:
+                signal[:, j] = channels[f"{kind}.{joint}"].mean_held(when)
+    return replace(drives, voltage=voltage)
 
 
 def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut, ...]:
-    """The motion errors of a model in recordings, each with its role; none of what cannot be simulated."""
+    """Errors of the simulated motion in recordings, each with its role; without those that cannot be simulated."""
     found, theta = [], model.theta()
     for run, role in runs:
         if not can_roll_out(model, run):
             continue
         whole = closed(model, run)
-        for length in (np.inf,) if whole else WINDOWS:
+        for length in (np.inf,) if whole else ROLLOUT_SECONDS:
             parts = windows(run, model.arm.joints, length)
-            with np.errstate(all="ignore"):  # what is torn away by a torque that nothing resists ends nowhere
+            with np.errstate(all="ignore"):  # under a torque that nothing resists positions become infinite
                 errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
-            time, measured = np.concatenate([part.time for part in parts]), np.vstack([part.q for part in parts])
-            time, once = np.unique(time, return_index=True)
+            measured = np.vstack([part.q for part in parts])
+            time, once = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
             for j, joint in enumerate(model.arm.joints):
-                kind = "closed_loop" if whole else f"window_{length:g}"
-                own, aside = errors[:, j], _aside(run, joint)
-                there = bool(np.all(np.abs(own) < LOST))
-                q = run.channels[f"q.{joint}"]
-                told = run.channels[f"q_cmd.{joint}"].held(time) if aside is not None else None
+                q, command = run.channels[f"q.{joint}"], run.channels.get(f"q_cmd.{joint}")
+                rms, mae = _sizes(errors[:, j]) if np.all(np.abs(errors[:, j]) < MAX_ROLLOUT_ERROR) else (None, None)
                 found.append(
                     RollOut(
-                        run.name, role, kind, joint, q.unit,
-                        _rms(own) if there else None, float(np.abs(own).mean()) if there else None, aside,
-                        resolution(q.value),
-                        time, measured[once, j], (errors + measured)[once, j], told,
+                        run.name, role, "closed_loop" if whole else f"window_{length:g}", joint, q.unit, rms, mae,
+                        None if command is None else _sizes(command.held(q.time) - q.value), encoder_step(q.value),
+                        time, measured[once, j], (errors + measured)[once, j],
+                        None if command is None else command.held(time),
                     )
                 )  # fmt: skip
     return tuple(found)
 
 
-def resolution(values: np.ndarray) -> float:
+def encoder_step(values: np.ndarray) -> float:
     """Step of the encoder that gave (n,) values; 0 where their differences are no multiples of one."""
     differences = np.abs(np.diff(values))
-    moved = np.sort(differences[differences > ROUNDING])
+    moved = np.sort(differences[differences > MIN_ENCODER_STEP])
     if not len(moved):
         return 0.0
     step = float(np.median(moved / np.round(moved / moved[0])))
-    left = np.abs(moved / step - np.round(moved / step))
-    return step if np.quantile(left, 0.9) < 0.1 else 0.0
+    remainder = np.abs(moved / step - np.round(moved / step))
+    return step if np.quantile(remainder, 0.9) < 0.1 else 0.0
 
 
-def _aside(run: Run, joint: str) -> tuple[float, float] | None:
-    if f"q_cmd.{joint}" not in run.channels:
-        return None
-    q = run.channels[f"q.{joint}"]
-    error = run.channels[f"q_cmd.{joint}"].held(q.time) - q.value
-    return _rms(error), float(np.abs(error).mean())
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _sizes(errors: np.ndarray) -> tuple[float, float]:
+    """Root mean square and mean absolute value."""
+    return float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).mean())

@@ -1,16 +1,16 @@
-r"""An arm that moves: under given torques, or in closed loop with its servos, from the model that explains recordings.
+r"""Simulate an arm with its effects: under given torques, or in closed loop with its servos.
 
-A model says which torques T(q, v, a) a motion takes, effects counted in, and what a drive asks for, or reads, while it
-gives them: R = gain T + offset. Solved for the motion over a step h, with q' = q + h v/2, v' = v + h a/2 at its middle:
+The model gives the torques T(q, v, a) that a motion needs, with effects, and the reading R = gain T + offset of the
+drives. Over a step h, with q' = q + h v/2 and v' = v + h a/2 at its middle, the equation of motion is
 
     (A + h/2 D) v_next + h F sign(v_next) = A v + h (u - T(q', v', 0) + D (v' - v/2)),    q_next = q' + h v_next/2
 
-A = dT/da; D the share of T and of the drive's torque u that follows the joint's own velocity, taken at the mean of both
-velocities; F(q', v', load) the dry friction, dT/dsign(v), of either direction its own. This is second order where
-nothing sticks. At v_next = 0 friction is whatever holds the joint, up to F: v_next is the minimum of a convex function
-with kinks there (Moreau, Unilateral Contact and Dry Friction in Finite Freedom Dynamics, 1988), and found by Newton's
-method for such functions (Hintermüller, Ito & Kunisch, SIAM J. Optim. 13, 2003), then by coordinates. A joint that
-rests rests exactly.
+with A = dT/da, D the derivative of T and of the drive's torque u by the joint's own velocity, which is taken at the
+mean of both velocities, and F(q', v', load) the dry friction, dT/dsign(v), of each direction. The scheme is of second
+order where nothing sticks. At v_next = 0 friction takes any value up to F, so v_next is the minimum of a convex
+function with kinks (Moreau, Unilateral Contact and Dry Friction in Finite Freedom Dynamics, 1988). It is found by
+Newton's method for such functions (Hintermüller, Ito & Kunisch, SIAM J. Optim. 13, 2003), then by coordinate descent. A
+joint at rest stays exactly at rest.
 """
 
 from dataclasses import dataclass
@@ -28,29 +28,28 @@ from armdyn.arm.symbolic import added_torques, rigid_torques
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.effects.effect import Effect
 
-BLOCK = 50
-"""Steps of one compiled call."""
-NEWTON = 3
-"""Guesses of which joints stick and which way the others slide; each but the last is nearly always right."""
-SWEEPS = 2
-"""Over the coordinates, after which what is left of a wrong guess is friction's error in one step."""
-PER_JOINT = 6
-"""Inputs of a joint: see `Drives`."""
+ARM_STEPS_PER_CALL = 50
+SLIDING_NEWTON_STEPS = 3
+"""Iterations that find which joints stick, and in which direction the others slide; the last one is hardly needed."""
+COORDINATE_SWEEPS = 2
+"""Sweeps of coordinate descent; the rest of a wrong iteration is then an error of the friction in one step."""
+SIGNALS_PER_JOINT = 6
+"""Signals of a joint in every step; see `Drives`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """What drives an arm's joints over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), +-limit).
+    """Drives of an arm's joints over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), -limit, limit).
 
     Attributes:
-        given: (n, nj) N m or N: a measured torque, or one that is asked for beside a command.
-        q_cmd: (n, nj) rad or m, as it acts in the step.
-        v_cmd: (n, nj) per s.
-        limit: (n, nj) N m or N, infinite for none: it may follow the supply.
+        given: (n, nj) measured torque, or feed-forward torque, N m or N.
+        q_cmd: (n, nj) commanded positions that act in the step, rad or m.
+        v_cmd: (n, nj) commanded velocities, per s.
+        limit: (n, nj) largest torque, N m or N, which may follow the supply voltage; may be infinite.
         on: (n, nj) share of its torque that a drive gives, 0 where it is off.
         gain: (nj,) k, N m/rad or N/m.
         damping: (nj,) d, N m s/rad or N s/m.
-        voltage: (n, nj) of supplies over the ones at which the gains hold, less one; 0 where None.
+        voltage: (n, nj) relative excess of supply voltages over those of the gains; None means 0.
     """
 
     given: np.ndarray
@@ -62,18 +61,25 @@ class Drives:
     damping: np.ndarray
     voltage: np.ndarray | None = None
 
+    @classmethod
+    def off(cls, count: int, joints: int) -> "Drives":
+        """Drives that are off over `count` steps; their new arrays may be written to."""
+        given, q_cmd, v_cmd, on = (np.zeros((count, joints)) for _ in range(4))
+        limit = np.full((count, joints), np.inf)
+        return cls(given, q_cmd, v_cmd, limit, on, np.zeros(joints), np.zeros(joints))
+
 
 def simulate(
     model: ArmModel, theta: np.ndarray, start: tuple[np.ndarray, np.ndarray], drives: Drives, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The motion of an arm from a state.
+    """Simulate an arm from a state.
 
     Args:
         model: the arm with its effects.
-        theta: (p,) its parameters.
-        start: (nj,) positions and velocities.
-        drives: over n steps.
-        step: length of one, s; stable where k step^2 is well below four times the inertia that k moves.
+        theta: (p,) parameters.
+        start: (nj,) positions and (nj,) velocities.
+        drives: the drives over n steps.
+        step: length of a step, s; stable where k step^2 is well below four times the inertia that k moves.
 
     Returns:
         (n + 1, nj) positions and velocities, the start first.
@@ -82,23 +88,23 @@ def simulate(
         InputError: an effect depends on time or has states of its own.
     """
     count, joints = drives.given.shape
-    function = _compiled(model.arm, model.told, model.effects, model.names)
+    function = _compiled(model.arm, model.servo_joints, model.effects, model.names)
     links = model.arm.described.copy()
     for i, (change, _) in model.changed_links(theta).items():
         links[i] += change
     gravity = model.gravity_at(theta)
     values = np.concatenate([links.ravel(), gravity, theta, drives.gain, drives.damping, [step]])
     volts = np.zeros(drives.given.shape) if drives.voltage is None else drives.voltage
-    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, FREE), drives.on, volts])
+    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, NO_LIMIT), drives.on, volts])
     state = np.concatenate([*start, np.zeros(2 * joints)])
     found = np.empty((count + 1, len(state)))
-    inputs = np.zeros((PER_JOINT * joints, BLOCK))
+    inputs = np.zeros((SIGNALS_PER_JOINT * joints, ARM_STEPS_PER_CALL))
     inputs[:] = rows[:1].T
-    # No step was before the first one: it is made twice, with the acceleration that it has.
+    # The first step is made twice, because the acceleration before it is unknown.
     state[2 * joints : 3 * joints] = function(state, inputs, values)[0][2 * joints : 3 * joints, 0]
     found[0] = state
-    for begin in range(0, count, BLOCK):
-        part = rows[begin : begin + BLOCK]
+    for begin in range(0, count, ARM_STEPS_PER_CALL):
+        part = rows[begin : begin + ARM_STEPS_PER_CALL]
         inputs[:, : len(part)] = part.T
         inputs[:, len(part) :] = part[-1:].T
         states = function(state, inputs, values)[0]
@@ -107,37 +113,35 @@ def simulate(
     return found[:, :joints], found[:, joints : 2 * joints]
 
 
-FREE = 1e30
-"""N m; a limit that no torque reaches."""
+NO_LIMIT = 1e30
+"""Limit that no torque reaches, N m or N."""
 
 
 @lru_cache(maxsize=16)
-def _compiled(arm: Arm, told: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
-    """``(state, inputs, p) -> states`` of `BLOCK` steps."""
+def _compiled(arm: Arm, servo_joints: frozenset[str], effects: tuple[Effect, ...], names: tuple[str, ...]) -> Buffered:
+    """``(state, inputs, p) -> states`` of `ARM_STEPS_PER_CALL` steps."""
     nameless: Any = dict.fromkeys(names)  # values are inputs of the function
-    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(told))}))
+    step = _step(ArmModel(effects, nameless, arm, {"": Servo(tuple(servo_joints))}))
     name = f"arm_{len(arm.joints)}_steps"
-    block = step.mapaccum(name, BLOCK)
-    s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), BLOCK)
+    block = step.mapaccum(name, ARM_STEPS_PER_CALL)
+    s, w = ca.MX.sym("s", step.size1_in(0)), ca.MX.sym("w", step.size1_in(1), ARM_STEPS_PER_CALL)
     p = ca.MX.sym("p", step.size1_in(2))
-    whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, BLOCK))])
+    whole = ca.Function(name, [s, w, p], [block(s, w, ca.repmat(p, 1, ARM_STEPS_PER_CALL))])
     return Buffered(compile_functions(name, {name: whole})[name])
 
 
 def _step(model: ArmModel) -> ca.Function:
     """``(state, inputs, p) -> state`` of one step.
 
-    The state is q, v, the mean acceleration of the last step, and what drives asked for until now, added up.
+    The state is q, v, the mean acceleration of the last step, and the sum of the drives' torques, for integral action.
     """
     n, size = len(model.arm.joints), len(model.names)
-    state, inputs = ca.SX.sym("x", 4 * n), ca.SX.sym("w", PER_JOINT * n)
+    state, inputs = ca.SX.sym("x", 4 * n), ca.SX.sym("w", SIGNALS_PER_JOINT * n)
     p = ca.SX.sym("p", 12 * n + 4 + size)
     q, v, last, total = (state[i * n : (i + 1) * n] for i in range(4))
-    given, q_cmd, v_cmd, limit, on, volts = (inputs[i * n : (i + 1) * n] for i in range(PER_JOINT))
-    links, rest = [p[10 * i : 10 * (i + 1)] for i in range(n)], p[10 * n :]
-    gravity, theta, gain, damping, h = (
-        rest[:3], rest[3 : 3 + size], rest[3 + size : 3 + size + n], rest[3 + size + n : 3 + size + 2 * n], rest[-1],
-    )  # fmt: skip
+    given, q_cmd, v_cmd, limit, on, volts = (inputs[i * n : (i + 1) * n] for i in range(SIGNALS_PER_JOINT))
+    links, ends = ca.vertsplit(p[: 10 * n], 10), np.cumsum([0, 3, size, n, n, 1]).tolist()
+    gravity, theta, gain, damping, h = ca.vertsplit(p[10 * n :], ends)
     qm, vm = q + h / 2 * v, v + h / 2 * last
     qs, vs, a, way, load, live = (ca.SX.sym(name, n) for name in ("qs", "vs", "a", "way", "load", "live"))
     rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
@@ -178,18 +182,13 @@ def _step(model: ArmModel) -> ca.Function:
 
 
 def _sliding(H: Expression, r: Expression, up: Expression, down: Expression, v: Expression) -> Expression:
-    """(n,) v with r - H v within the friction: `up` where v > 0, -`down` where v < 0, between them where v = 0.
+    """(n,) v for which r - H v is the friction: `up` where v > 0, -`down` where v < 0, between them where v = 0.
 
-    Args:
-        H: (n, n), positive definite.
-        r: (n,).
-        up: (n,) >= 0.
-        down: (n,) >= 0.
-        v: (n,) where the search begins.
+    H is (n, n), positive definite; `up` and `down` are (n,), not negative; the search begins at `v`.
     """
     n = r.numel()
     diagonal = ca.diag(H)
-    for _ in range(NEWTON):
+    for _ in range(SLIDING_NEWTON_STEPS):
         push = r - H @ v + diagonal * v
         moves = ca.logic_or(push > up, push < -down)
         friction = ca.if_else(push > up, up, -down)
@@ -197,26 +196,9 @@ def _sliding(H: Expression, r: Expression, up: Expression, down: Expression, v: 
         masked = H * (keep @ keep.T)
         for i in range(n):
             masked[i, i] = ca.if_else(moves[i], H[i, i], 1)
-        v = _solved(masked, keep * (r - friction))
-    for _ in range(SWEEPS):
+        v = ca.ldl_solve(keep * (r - friction), *ca.ldl(masked, False))  # without pivots: H is positive definite
+    for _ in range(COORDINATE_SWEEPS):
         for i in range(n):
             push = r[i] - H[i, :] @ v + H[i, i] * v[i]
             v[i] = (ca.fmax(push - up[i], 0) + ca.fmin(push + down[i], 0)) / H[i, i]
     return v
-
-
-def _solved(H: Expression, r: Expression) -> Expression:
-    """(n,) solution of a positive definite system, by L D L' without pivots."""
-    n = r.numel()
-    L, d = [[ca.SX(0)] * n for _ in range(n)], [ca.SX(0)] * n
-    for j in range(n):
-        d[j] = H[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
-        for i in range(j + 1, n):
-            L[i][j] = (H[i, j] - sum((L[i][k] * L[j][k] * d[k] for k in range(j)), ca.SX(0))) / d[j]
-    x: list[Expression] = []
-    for i in range(n):
-        x.append(r[i] - sum((L[i][k] * x[k] for k in range(i)), ca.SX(0)))
-    x = [x[i] / d[i] for i in range(n)]
-    for i in reversed(range(n)):
-        x[i] = x[i] - sum((L[k][i] * x[k] for k in range(i + 1, n)), ca.SX(0))
-    return ca.vertcat(*x)

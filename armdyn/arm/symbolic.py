@@ -1,9 +1,8 @@
-r"""An arm with its effects as one CasADi function: the torques of a motion, for other tools.
+r"""An arm with its effects as CasADi functions of one instant, for simulations and exports.
 
-The rigid bodies by the recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, table 5.1)
-in the coordinates of each link, with the inertial parameters and the gravity that the effects leave; then what the
-effects add to the drives. Gain and offset of a drive's torque are no part of that: they stand between the torque and
-what the drive is told, and says itself, which is a function of its own.
+The torques of the rigid bodies are those of the recursive Newton-Euler algorithm (Featherstone, Rigid Body Dynamics
+Algorithms, 2008, table 5.1) in the coordinates of each link, with the inertial parameters and the gravity of the
+effects; other effects add to the drives' torques. Gain and offset of a drive's reading are functions of their own.
 """
 
 from collections.abc import Sequence
@@ -18,29 +17,25 @@ from armdyn.arm.physics import Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import joint_axes, parents
 from armdyn.errors import InputError
 
-DRIVE = frozenset({"torque_offset", "torque_gain", "servo_gain"})
-"""Effects between a drive's torque and what it is told and reads, whatever that is."""
-
-
-_Reading = tuple[Expression, Expression]
-"""Gain and offset."""
+READING_EFFECTS = frozenset({"torque_offset", "torque_gain", "servo_gain"})
+"""Effects on the gain and offset between a drive's torque and its command or reading."""
 
 
 def inverse_dynamics_function(model: ArmModel) -> ca.Function:
-    """``(q, v, a) -> tau``, (n,) each: what the drives give, N m or N, at the model's parameters.
+    """``(q, v, a) -> tau``, (n,) each: the drives' torques, N m or N, at the model's parameters.
 
     Raises:
-        InputError: an effect depends on time or has states of its own, which no function of one instant has.
+        InputError: an effect depends on time or has states of its own.
     """
     q, v, a, torques, _ = _torques(model)
     return ca.Function("inverse_dynamics", [q, v, a], [torques], ["q", "v", "a"], ["tau"])
 
 
 def drive_command_function(model: ArmModel) -> ca.Function:
-    """``(q, v, a) -> command``, (n,) each: what drives are told, and read themselves, while they give these torques.
+    """``(q, v, a) -> command``, (n,) each: commands and readings of the drives for the torques of a motion.
 
     Raises:
-        InputError: as `inverse_dynamics_function`.
+        InputError: an effect depends on time or has states of its own.
     """
     q, v, a, torques, readings = _torques(model)
     gains, offsets = (ca.vertcat(*column) for column in zip(*readings, strict=True))
@@ -49,7 +44,7 @@ def drive_command_function(model: ArmModel) -> ca.Function:
 
 
 def servo_torque_function(model: ArmModel) -> ca.Function:
-    """``(q, v, q_cmd, v_cmd) -> tau``, (n,) each: what servos give, on and in time; 0 of joints without one.
+    """``(q, v, q_cmd, v_cmd) -> tau``, (n,) each: torques of servos without delay; 0 for joints without one.
 
     The torque is (R - offset) / gain with R = clip(k (q_cmd - q) + d (v_cmd - v), +-limit), see `Servo`.
     """
@@ -74,13 +69,15 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
 
 
 def drive_readings(model: ArmModel) -> list[tuple[float, float]]:
-    """For every joint what its drive is told, or reads, per torque, and without torque, N m or N."""
-    present = {effect.name for effect in model.effects if effect.name in DRIVE}
+    """Gain and offset, N m or N, of each drive's command or reading."""
+    present = {effect.name for effect in model.effects if effect.name in READING_EFFECTS}
     return [(float(gain), float(offset)) for gain, offset in _torques(model.with_only(present))[-1]]
 
 
-def _torques(model: ArmModel) -> tuple[Expression, Expression, Expression, Expression, list[_Reading]]:
-    """Symbols of positions, velocities and accelerations, the drives' torques, and gain and offset of every reading."""
+def _torques(
+    model: ArmModel,
+) -> tuple[Expression, Expression, Expression, Expression, list[tuple[Expression, Expression]]]:
+    """Symbols of position, velocity and acceleration, the drives' torques, and gain and offset of each reading."""
     n = len(model.arm.joints)
     q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
     links = [ca.SX(link) for link in model.link_parameters().values()]
@@ -99,16 +96,16 @@ def added_torques(
     theta: Expression,
     told: Sequence[Told] = (),
 ) -> tuple[Expression, Expression, Expression]:
-    """What effects add to the drives' torques, (n,), and gain and offset, (n,) each, of the readings of these.
+    """(n,) torques that effects add to the drives', and (n,) gains and (n,) offsets of the readings.
 
     Args:
-        model: the arm; its own values are not read.
+        model: the arm; its parameter values are not used.
         motion: (n,) positions, velocities and accelerations.
         direction: (n,) signs of the velocities.
-        load: (n,) torques that the rigid bodies ask of the joints.
+        load: (n,) torques of the rigid bodies.
         on: (n,) 1 where the drive is on, 0 where it is off.
         theta: (p,) parameters of the model.
-        told: what the drive of each joint was told; nothing if not given.
+        told: commands of each joint's drive; empty for none.
 
     Raises:
         InputError: an effect depends on time or has states of its own.
@@ -128,12 +125,12 @@ def added_torques(
 def rigid_torques(
     arm: pin.Model, links: Sequence[Expression], gravity: Expression, q: Expression, v: Expression, a: Expression
 ) -> Expression:
-    """(n,) torques that rigid bodies ask of the joints.
+    """(n,) torques of the rigid bodies in a motion with (n,) positions q, velocities v and accelerations a.
 
     Args:
         arm: placements and axes of the joints.
-        links: (10,) inertial parameters of the link that each joint moves.
-        gravity: (3,) in the frame of the base, m/s^2.
+        links: (10,) inertial parameters of each joint's link.
+        gravity: (3,) gravity in the frame of the base, m/s^2.
         q: (n,) rad or m.
         v: (n,) per s.
         a: (n,) per s^2.
@@ -149,7 +146,7 @@ def rigid_torques(
         R = ca.SX(np.asarray(placements[i].rotation)) @ _turned(angular, q[i])
         p = ca.SX(placements[i].translation) + ca.SX(np.asarray(placements[i].rotation) @ linear) * q[i]
         w, dw, acceleration = (ca.SX(3, 1), ca.SX(3, 1), -gravity) if inner[i] < 0 else moves[inner[i]]
-        # Acceleration of the link's origin, less gravity, then everything in the link's own axes.
+        # Acceleration of the link's origin minus gravity, then everything in the link's own axes.
         acceleration = acceleration + ca.cross(dw, p) + ca.cross(w, ca.cross(w, p))
         w, dw, acceleration = R.T @ w, R.T @ dw, R.T @ acceleration
         slide, turn = ca.SX(linear), ca.SX(angular)
@@ -183,7 +180,7 @@ def _with_effects(
     theta: Expression,
     told: Told,
 ) -> tuple[Joint, int]:
-    """A joint with its effects at (p,) parameters, and its neighbour towards the base, -1 for none."""
+    """A joint with its effects at (p,) parameters, and the index of its neighbour towards the base, or -1."""
     name, zero, time = model.arm.joints[i], ca.SX(0), ca.SX.sym("time")
     inner = parents(model.arm.model)[i]
     neighbour = Neighbour(*(part[inner] if inner >= 0 else zero for part in motion))
@@ -194,7 +191,7 @@ def _with_effects(
             continue
         full = (f"{effect.name}.{short}" for short in effect.quantities)
         values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
-        # What an effect does to the link is in the link's parameters already.
+        # The link's parameters contain the changes of the link already.
         joint = replace(effect.apply(joint, values), link=joint.link)
         if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
             why = "has a state of its own" if joint.memory else "depends on time"

@@ -1,4 +1,4 @@
-"""A symbolic function at all samples of a run: one numpy operation per instruction instead of one call per sample."""
+"""Evaluate a symbolic function at all samples of a run, by one numpy operation per instruction."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -12,15 +12,10 @@ from armdyn.numpy_code import numpy_lines, unknown_operations
 
 
 class OverTime:
-    """Evaluates expressions of inputs that change over time and of parameters that do not.
-
-    Args:
-        expressions: (m,).
-        inputs: (15,) symbols.
-        theta: (k,) symbols.
+    """Evaluates (m,) expressions of (15,) symbols of inputs, which change over time, and (k,) symbols of parameters.
 
     Raises:
-        InputError: an expression holds an operation without a numpy counterpart.
+        InputError: an expression contains an operation without a numpy counterpart.
     """
 
     def __init__(self, expressions: Any, inputs: Any, theta: Any) -> None:
@@ -34,15 +29,14 @@ class OverTime:
 
     @cached_property
     def _evaluate(self) -> Callable[[tuple[np.ndarray, np.ndarray], np.ndarray], None]:
-        """From inputs and parameters into the rows of a result."""
         lines = numpy_lines(self._function, lambda i, j: f"given[{i}][{j}]", lambda _, j: f"result[{j}]")
         defined: dict[str, Any] = {"np": np}
         exec("\n    ".join(["def evaluate(given, result):", *lines, "return"]), defined)
         return defined["evaluate"]
 
     def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """(m, n) for (15, n) inputs and (k,) parameters."""
+        """(m, n) values for (15, n) inputs and (k,) parameters."""
         result = np.zeros((self._function.size1_out(0), inputs.shape[1]))
-        with np.errstate(all="ignore"):  # a fit tries values where nothing is finite, and sees it in the result
+        with np.errstate(all="ignore"):  # a fit may try values without finite results
             self._evaluate((inputs, theta), result)
         return result

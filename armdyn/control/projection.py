@@ -65,7 +65,6 @@ class Solution:
         states: (n, N+1) states at the nodes.
         controls: (N,) controls.
         cost: value of the cost.
-        cost_derivative: derivative of the cost along the last direction; its magnitude is below the tolerance.
         iterations: the cost after each step.
         seconds: computing time, s.
     """
@@ -73,7 +72,6 @@ class Solution:
     states: np.ndarray
     controls: np.ndarray
     cost: float
-    cost_derivative: float
     iterations: tuple[float, ...]
     seconds: float
 
@@ -143,8 +141,7 @@ class ProjectionOptimizer:
             if not np.isfinite(model.slope):
                 raise TaskFailedError("the plan left the finite numbers: check the length, the mass and the horizon")
             if -model.slope < tolerance:
-                seconds = perf_counter() - started
-                return Solution(at.states, at.controls[0], at.cost, model.slope, tuple(history), seconds)
+                return Solution(at.states, at.controls[0], at.cost, tuple(history), perf_counter() - started)
             dz, dv = (a.copy() for a in self._forward(model.A, model.B, model.gains, model.feedforward))
             size = 1.0
             while size >= MIN_STEP_LENGTH:

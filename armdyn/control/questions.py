@@ -68,14 +68,14 @@ class Question:
         return ((), self.nuisance) if self.rivals else (self.parameters,)
 
     @property
-    def asked(self) -> int:
+    def wanted_signals(self) -> int:
         """Number of wanted signals, which come first."""
         return 1 if self.rivals else len(self.wanted)
 
     @property
     def size(self) -> int:
         """Number of all signals."""
-        return self.asked + len(self.nuisance)
+        return self.wanted_signals + len(self.nuisance)
 
     @property
     def tag(self) -> str:
@@ -108,20 +108,20 @@ class Question:
 
     def criterion_function(self) -> ca.Function:
         """A function ``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
-        k, asked = self.size, self.asked
+        k, wanted = self.size, self.wanted_signals
         if not self.logarithmic:
             return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
         G = ca.SX.sym("G", k, k)
         S = ca.SX(G)
-        for last in reversed(range(asked, k)):  # eliminate the nuisance signals one after the other
+        for last in reversed(range(wanted, k)):  # eliminate the nuisance signals one after the other
             S = S[:last, :last] - S[:last, last] @ S[last, :last] / S[last, last]
         if self.criterion is Criterion.DETERMINANT:
             cost = 0
-            for last in reversed(range(asked)):  # the determinant is the product of the pivots
+            for last in reversed(range(wanted)):  # the determinant is the product of the pivots
                 cost -= ca.log(S[last, last])
                 S = S[:last, :last] - S[:last, last] @ S[last, :last] / S[last, last]
         else:
-            d = ca.DM(np.diag(np.ones(asked)) if self.criterion is Criterion.INVERSE else np.array(self.direction))
+            d = ca.DM(np.diag(np.ones(wanted)) if self.criterion is Criterion.INVERSE else np.array(self.direction))
             cost = ca.log(ca.trace(d.T @ ca.solve(S, ca.SX(d))))
         return ca.Function("criterion", [G], [cost, ca.densify(ca.reshape(ca.gradient(cost, ca.vec(G)), k, k))])
 

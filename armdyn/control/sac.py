@@ -133,7 +133,6 @@ class SacAction:
         end: end of the needle, s from now.
         schedule: (steps,) acceleration held over each integration step of the horizon, m/s^2.
         cost: cost of the horizon with the action.
-        free_cost: cost of the horizon without the action.
         seconds: computing time, s.
     """
 
@@ -142,7 +141,6 @@ class SacAction:
     end: float
     schedule: np.ndarray
     cost: float
-    free_cost: float
     seconds: float
 
 
@@ -204,18 +202,9 @@ class SequentialActionControl:
             schedule = self._within_speed(needle(size, start, end, c.steps, c.dt), state.v)
             tried = float(self._cost(schedule, *fixed)[0][0, 0])
             if tried < free_cost:
-                return SacAction(size, start, end, schedule, tried, free_cost, perf_counter() - started)
+                return SacAction(size, start, end, schedule, tried, perf_counter() - started)
             duration /= 2
-        return SacAction(
-            0.0, 0.0, 0.0, self._within_speed(free, state.v), free_cost, free_cost, perf_counter() - started
-        )
-
-    def gradient(
-        self, schedule: np.ndarray, state: SacState, model: PendulumModel, rival: PendulumModel | None = None
-    ) -> tuple[float, np.ndarray]:
-        """Cost of a schedule (steps,) of accelerations, and its exact gradient (steps,)."""
-        cost, gradient = self._gradient(schedule, *self._fixed(state, model, rival))
-        return float(cost[0, 0]), gradient.ravel().copy()
+        return SacAction(0.0, 0.0, 0.0, self._within_speed(free, state.v), free_cost, perf_counter() - started)
 
     def _fixed(self, state: SacState, model: PendulumModel, rival: PendulumModel | None) -> tuple[object, ...]:
         """Arguments of the compiled functions after the schedule."""

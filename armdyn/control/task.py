@@ -124,7 +124,6 @@ class SwingPlan:
         v: (N+1,) velocity of the gripper over the interval that ends at the node, m/s.
         a: (N+1,) acceleration of the gripper, m/s^2; the last one is repeated.
         angle: (N+1,) swing angle, rad.
-        rate: (N+1,) swing rate, rad/s.
         tension: (N,) tension at each node but the last, N.
         load: (N+1, 2) x and z of the load, m; z is relative to the gripper's line.
         solution: result of the optimiser.
@@ -135,7 +134,6 @@ class SwingPlan:
     v: np.ndarray
     a: np.ndarray
     angle: np.ndarray
-    rate: np.ndarray
     tension: np.ndarray
     load: np.ndarray
     solution: Solution
@@ -204,7 +202,7 @@ class TaskPlanner:
         load, _ = self._load(s, time[None], step, parameter_columns)
         x, v, a = _ahead_of(s[0], s[1], u, lag, self.dt)
         return SwingPlan(
-            time=time - start.time, x=x, v=v, a=a, angle=s[2].copy(), rate=s[3].copy(),
+            time=time - start.time, x=x, v=v, a=a, angle=s[2].copy(),
             tension=np.asarray(tension).ravel(), load=np.asarray(load)[[0, 2]].T.copy(), solution=solution,
         )  # fmt: skip
 

@@ -1,8 +1,7 @@
-"""Effects of drives that do what they are told, see `[drives]` of a model file; one value a joint.
+"""Effects of servos (`[drives]` of a model file), with parameters of their own for every joint.
 
-What a drive *is*, the gain of its kind, supply, limit, delay and rate, stands in its table. Here is what it does to
-what its law asks of its motor, R, on the way to the torque that it gives, tau, and what its motor adds while it is on.
-Sizes are written for an effort limit of 50 N m, see `joint`.
+Gain, supply, limit, delay and rate of a kind of drives are in its table. The effects here act between the torque R by
+the drive's law and its actual torque tau. Sizes are written for an effort limit of 50 N m; see `joint`.
 """
 
 import casadi as ca

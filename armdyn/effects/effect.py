@@ -11,8 +11,8 @@ from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity, RecordedColumn, asked_for
 
 Reach = Literal["every", "turning", "coupled", "last", "base"]
-"""Joints that an effect on joints can act on: every one, those that turn, those whose neighbour towards the base is of
-the same kind, or the last one only; or the base that carries them all, of which there is one (a `Base`, no `Joint`)."""
+"""Joints on which an effect can act: every joint, those that turn, those with a neighbour of the same kind towards the
+base, or the last one; or the base itself, which is a `Base` and no `Joint`."""
 Physics = TypeVar("Physics")
 
 
@@ -22,16 +22,15 @@ class Effect:
 
     Attributes:
         name: the catalogue's name.
-        acts_on: the stage that it changes; the physics of a model says which it has.
+        acts_on: name of the stage that it changes.
         quantities: its parameters by short name.
-        columns: further recorded quantities that it reads, by the argument of its function.
-        summary: one sentence.
-        source: where the equation comes from.
-        function: ``(stage, **parameters, **columns) -> stage``, pure.
-        reach: joints that it can act on; for an effect on joints only.
-        joints: joints that it does act on, in the order of the arm; all within its reach where empty.
-        needs: channels of which a recording must have one to show it, whatever its parameters need; any will do where
-            empty.
+        columns: further recorded quantities that it reads, by argument of its function.
+        summary: one sentence about it.
+        source: source of the equation.
+        function: a pure function ``(stage, **parameters, **columns) -> stage``.
+        reach: joints on which it can act.
+        joints: joints on which it acts, in the order of the arm; empty for all within its reach.
+        needs: channels of which a recording must contain one to show it; empty for any.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Effect:
         return not self.asked_for(channels)
 
     def asked_for(self, channels: Collection[str]) -> tuple[str, ...]:
-        """Channels of which one is missing in `channels` to show the effect; empty where they can show it."""
+        """Channels of which one must be recorded besides `channels` to show the effect; empty if they can show it."""
         lacking = [asked_for(channels, (column.name,)) for column in self.columns.values()]
         lacking.append(asked_for(channels, self.needs))
         own = [asked_for(channels, q.needs, q.beside) for q in self.quantities.values()]
@@ -91,9 +90,9 @@ class Effect:
         """Apply the effect to a stage, and return the changed stage.
 
         Args:
-            stage: symbolic physics of the stage `acts_on`.
+            stage: the stage `acts_on`.
             parameters: expressions by full name, ``"<effect>.<quantity>"``.
-            recorded: expressions of further recorded quantities; one that is not among them has its usual value.
+            recorded: expressions of further recorded quantities; missing ones have their usual values.
 
         Raises:
             InputError: the effect's function fails, or does not return a stage.
@@ -141,8 +140,7 @@ def effect(
         return load.with_force(-coefficient * load.velocity)
     ```
 
-    An argument that defaults to ``column("extra.temperature", "K", usual=293.15)`` is what a recording holds beside its
-    channels.
+    An argument that defaults to ``column("extra.temperature", "K", usual=293.15)`` is a further recorded quantity.
 
     Raises:
         InputError: an argument declares neither a quantity nor a column.

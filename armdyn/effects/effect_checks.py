@@ -1,13 +1,13 @@
-"""Checks of a user's effect when it is read: a mistake that would end a fit later is reported in one sentence.
+"""Check a user's effect when it is read, so that a mistake is reported in one sentence and not by a failed fit.
 
-It is checked as declared (name, units, sizes), then applied to every stage of the catalogue's physics, at rest and in
-motion, at its null and at its typical values.
+Its declaration is checked (name, units, sizes), then it is applied to its stage of the catalogue's physics, at rest and
+in motion, at its null and at its typical values.
 """
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,8 @@ from armdyn.recording.units import si_unit, to_base_units
 from armdyn.user_code import place_of
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
-
-
 LARGEST_VALUE = 1e100
-"""Of what a quantity may be, bounds that are infinite apart: numbers beyond overflow in the equations."""
+"""Largest finite value or bound of a quantity: larger numbers overflow in the equations."""
 
 
 def check_declared(effects: Sequence[Effect], path: Path) -> None:
@@ -65,7 +63,9 @@ def check_applied(item: Effect, path: Path) -> None:
     stage = TRIAL_STAGES.get("base" if (item.acts_on, item.reach) == ("joint", "base") else item.acts_on)
     if stage is None:
         return
-    given, inputs = stage.make()
+    build, *points = stage
+    inputs = ca.SX.sym("w", len(points[0]))
+    given = build(*ca.vertsplit(inputs))
     theta = ca.SX.sym("theta", len(item.quantities))
     try:
         arguments = dict(zip(item.quantities, ca.vertsplit(theta), strict=True))
@@ -91,7 +91,7 @@ def check_applied(item: Effect, path: Path) -> None:
         raise _fault(item, path, "it makes something of another shape, or of symbols of its own: mend it") from error
     null = [q.null for q in item.quantities.values()]
     typical = [float(np.clip(q.null + q.typical, q.lower, q.upper)) for q in item.quantities.values()]
-    for where, point in stage.points.items():
+    for where, point in zip((AT_REST, MOVING), points, strict=True):
         for at, values in (("null", null), ("typical", typical)):
             found = [np.asarray(x.full()) for x in evaluate(point, values, np.zeros(remembered.numel()))]
             change, value, by_theta, by_inputs = found
@@ -163,28 +163,7 @@ def _is_number(value: object) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """A stage of the catalogue's physics, and the points at which effects are tried.
-
-    Attributes:
-        make: makes the stage, with the symbols (n,) that it depends on.
-        points: (n,) values of the symbols, by the points' names.
-    """
-
-    make: Callable[[], tuple[Any, Expression]]
-    points: dict[str, list[float]]
-
-
 AT_REST, MOVING = "at rest", "in motion"
-
-
-def _stage(build: Callable[..., Any], rest: Sequence[float], moving: Sequence[float]) -> _Stage:
-    def make() -> tuple[Any, Expression]:
-        symbols = ca.SX.sym("w", len(rest))
-        return build(*ca.vertsplit(symbols)), symbols
-
-    return _Stage(make, {AT_REST: list(rest), MOVING: list(moving)})
 
 
 def _joint(*w: Expression) -> Joint:
@@ -194,31 +173,31 @@ def _joint(*w: Expression) -> Joint:
     return Joint(time, q, v, a, direction, load, inner, link, on=on, told=Told(*told))
 
 
-JOINT = [0.0] * 15, [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
-"""At rest and in motion."""
-TRIAL_STAGES = {
-    "gripper": _stage(
+_AT_REST = [0.0] * 15
+_IN_MOTION = [0.7, 0.4, -0.8, 0.5, -1.0, 3.0, 0.2, 0.3, -0.6, 1.0, 3.2, -0.5, 1.3, -0.7, -0.1]
+TRIAL_STAGES: Mapping[str, tuple[Callable[..., Any], list[float], list[float]]] = {
+    "gripper": (
         lambda t, x, v, z, phi: Gripper(t, x, v, z, phi, ca.vertcat(x, 0, z)),
         [0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.1, -0.3, 0.02, 0.2],
     ),
-    "string": _stage(String, [0.0, 0.0, 0.0, 0.08, 0.37, 9.81], [0.7, 0.2, -0.9, 0.08, 0.37, 9.8]),
-    "load": _stage(
+    "string": (String, [0.0, 0.0, 0.0, 0.08, 0.37, 9.81], [0.7, 0.2, -0.9, 0.08, 0.37, 9.8]),
+    "load": (
         lambda t, m, x, y, z, u, v, w, phi, rate: Load(t, m, ca.vertcat(x, y, z), ca.vertcat(u, v, w), phi, rate),
         [0.0, 0.08, 0.0, 0.0, -0.37, 0.0, 0.0, 0.0, 0.0, 0.0],
         [0.7, 0.08, 0.03, 0.0, -0.36, -0.2, 0.0, 0.03, 0.2, -0.9],
     ),
-    "tension": _stage(Tension, [0.785, 0.0, 0.0, 0.08, 0.37, 0.0, 9.81], [0.82, 0.2, -0.9, 0.08, 0.37, 0.4, 9.8]),
-    "sensor": _stage(
+    "tension": (Tension, [0.785, 0.0, 0.0, 0.08, 0.37, 0.0, 9.81], [0.82, 0.2, -0.9, 0.08, 0.37, 0.4, 9.8]),
+    "sensor": (
         lambda t, tension, phi, rate: Sensor(t, tension, phi, tension, phi, rate),
         [0.0, 0.785, 0.0, 0.0],
         [0.7, 0.82, 0.2, -0.9],
     ),
-    "joint": _stage(_joint, *JOINT),
-    "drive": _stage(_joint, *JOINT),
-    "base": _stage(lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
+    "joint": (_joint, _AT_REST, _IN_MOTION),
+    "drive": (_joint, _AT_REST, _IN_MOTION),
+    "base": (lambda x, y, z: Base(ca.vertcat(x, y, z)), [0.0, 0.0, -9.81], [0.3, -0.2, -9.8]),
 }
-"""Stages of pendulum and arm, with values such as a small load on a string and a slow joint have."""
+"""By stage of the catalogue's physics: a function of numbers that makes it, and the numbers at rest and in motion."""
 
 
 def _expressions(stage: Any) -> list[Expression]:

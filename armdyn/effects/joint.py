@@ -12,7 +12,7 @@ from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 
 TURN = 2 * np.pi
-"""rad; a full turn either way, so that no mounting lies on the edge."""
+"""A full turn, rad: no mounting is at the bounds."""
 
 
 @effect(
@@ -192,7 +192,7 @@ def payload(
 
 
 def _extent(stretch: Expression) -> Expression:
-    """1 + s to first order, positive for every s; its square grows like 4 s, so that a fit needs few steps."""
+    """1 + s to first order, positive for every s; its square grows like 4 s, so a fit needs few steps."""
     return ca.sqrt(2 * stretch + ca.sqrt(1 + 4 * stretch**2))
 
 

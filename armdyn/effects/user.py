@@ -54,7 +54,7 @@ def available(model: "Model", own: Sequence[Effect] = (), path: str | Path | Non
         InputError: an effect of the file acts on a stage that no model has.
     """
     _check_stages(own, (*STAGES, *model.stages), path)
-    if path is not None and model.base in ("pendulum", "arm"):  # another base may define a load differently
+    if path is not None and model.has_catalogue_stages:
         for item in own:
             if item.acts_on in model.stages:
                 check_applied(item, Path(path))

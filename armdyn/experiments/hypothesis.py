@@ -13,11 +13,11 @@ from armdyn.experiments.series import Basis
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
-from armdyn.physics.recorded import halfway, slope
 from armdyn.physics.simulate import Rollout, System
 from armdyn.readout import Interpolated, lagged
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
+from armdyn.smoothing.even import halfway, slope
 
 T = TypeVar("T")
 CHANNELS = ("load_force", "swing_angle")

@@ -17,7 +17,8 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import COARSE_STEP, STEP, can_roll_out, closed, resolution, rolled, windows
+from armdyn.arm.rollout import COARSE_STEP, STEP, can_roll_out, closed, encoder_step, rolled, windows
+from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
 from armdyn.run import Run
@@ -46,6 +47,8 @@ ROBUST_ERROR_RATIO, OPEN_LOOP_ERROR_RATIO = 0.5, 20.0
 """Errors beyond so many times the median count with their size, not their square: after a hit, or where friction turns
 another way, a whole recording diverges; the short windows of an open loop do not. Errors up to an encoder's step are
 its rounding, and count with their square: counted with their size they bend torque offsets by eleven deviations."""
+MIN_MOTION_CORRELATION = 0.05
+"""Autocorrelation of the errors from which on it counts in their correlation time."""
 
 LINK_EFFECTS = ("payload", "link_inertia")
 """Effects that act on a joint and load every joint before it."""
@@ -195,7 +198,7 @@ class _Descent:
         curves = [measured_motion(w.run, joints).joints for w in self._windows]
         noise = [[j.choice.noise for j in each] + [j.speed_noise for j in each] for each in curves]
         self._known = np.maximum(START_STD_FACTOR * np.array(noise), 1e-9)
-        steps = [[resolution(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
+        steps = [[encoder_step(w.run.channels[f"q.{j}"].value) for j in joints] for w in self._windows]
         self._step = np.maximum(np.max(steps, axis=0), 1e-9)
 
     def _errors(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
@@ -225,7 +228,7 @@ class _Descent:
         mean, spread = np.array([u.prior for u in self._unknowns]).T
         for _ in range(MAX_WINDOW_STEPS if self._longest == STEP else MAX_COARSE_STEPS):
             size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
-            independent = max(len(errors) / max(float(np.sum(_correlation(errors / size))), 1.0), 1.0)
+            independent = max(len(errors) / _correlation_time(errors / size), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent
             cost = _Cost(size, mean, weight, held)
             now = before = cost.of(errors, values, starts)
@@ -334,11 +337,8 @@ def _apart(unknowns: Sequence[_Unknown]) -> list[list[int]]:
     return [members for _, members in groups]
 
 
-def _correlation(errors: np.ndarray) -> np.ndarray:
-    """Autocorrelation of the errors' mean over joints, in both directions, up to where it vanishes."""
-    e = errors - errors.mean(axis=0)
-    size = max(len(e) // 4, 1)
-    found = [float(np.sum(e[k:] * e[: len(e) - k])) for k in range(0, size, max(1, size // 400))]
-    share = np.array(found) / max(found[0], 1e-30)
-    end = int(np.argmax(share < 0.05)) or len(share)
-    return np.append(1.0, 2.0 * share[1:end] * max(1, size // 400))
+def _correlation_time(errors: np.ndarray) -> float:
+    """Correlation time, in samples, of (n, nj) errors, from the autocorrelation of all joints together."""
+    lags = max(len(errors) // 4, 1)
+    centred = errors - errors.mean(axis=0)
+    return correlation_time(list(centred.T), lags, MIN_MOTION_CORRELATION, max(1, lags // 400))

@@ -1,110 +1,20 @@
-"""Estimate the noise of a channel, test whether a residual is white, and whiten one that is not."""
+"""Test whether a residual is white, and whiten one that is not."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
 
 from armdyn.identify.problem import Block, by_channel
-from armdyn.recording.channels import Channel
-from armdyn.recording.differences import normalised_differences, quiet_std
+from armdyn.linear.correlation import correlation_time, lagged_products
 
 WHITENESS_LAGS = 20
 """Lags of the whiteness test."""
-DIFFERENCE_ORDERS = tuple(range(3, 9))
-"""Orders of the differences from which the noise is estimated."""
-MAX_SIGNAL_RATIO = 0.9
-"""Ratio of the noise estimates of two successive orders below which the lower order contains the signal. For noise with
-a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
-it is 0.3."""
 MAX_AUTOREGRESSION_ORDER = 4
 """Highest order of the autoregression that whitens coloured noise."""
-MIN_NOISE_SHARE = 0.1
-"""Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
 MAX_CORRELATION_LAGS = 50
 """Largest number of lags that count in the variance of a mean."""
-
-
-NO_JUMPS = np.zeros(0)
-
-
-def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMPS) -> float:
-    """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
-
-    The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
-    weights the variance of the result is that of the noise. A fast signal at a low rate is no parabola over four
-    samples: as long as the next order gives a clearly smaller value, the difference contains the signal. For coloured
-    noise the result is too small.
-
-    Args:
-        time: (n,) time stamps, s.
-        value: (n,) samples.
-        jumps: (j,) times, s, ascending, at which the signal itself may jump: differences across them are left out,
-            unless all are.
-
-    Returns:
-        The standard deviation, in the unit of `value`; 0 where there are fewer than eight samples without a gap.
-    """
-    lowest, *higher = (_difference_std(time, value, order, jumps) for order in DIFFERENCE_ORDERS)
-    for std in higher:
-        if std is None or lowest is None or std > MAX_SIGNAL_RATIO * lowest:
-            break
-        lowest = std
-    return lowest or 0.0
-
-
-def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.ndarray) -> float | None:
-    """Root mean square of the normalised differences of one order; None where there are fewer than five."""
-    if len(value) < max(8, order + 5):
-        return None
-    differences = normalised_differences(time, value, order)
-    whole, before = np.isfinite(differences), np.searchsorted(jumps, time, side="right")
-    smooth = whole & (before[order:] == before[: len(before) - order])
-    whole = differences[smooth if smooth.sum() >= 5 else whole]
-    return float(np.sqrt(np.mean(whole**2))) if len(whole) >= 5 else None
-
-
-def quiet_noise(channel: Channel, noise: float) -> float:
-    """Smallest white noise that a channel can have, from its third differences; a few glitches do not change it.
-
-    Args:
-        channel: its samples.
-        noise: noise as stated or estimated otherwise; an upper limit of the result.
-    """
-    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise)
-
-
-def lagged_products(residuals: Iterable[np.ndarray], lags: int) -> np.ndarray:
-    """(lags + 1,) sums of the products of samples that are 0, 1, ... apart, over stretches (n,)."""
-    products = np.zeros(lags + 1)
-    for residual in residuals:
-        for k in range(min(lags + 1, len(residual))):
-            products[k] += float(residual[k:] @ residual[: len(residual) - k])
-    return products
-
-
-def correlation_time(residuals: Sequence[np.ndarray], most_lags: int | None = None) -> float:
-    """1 + twice the sum of the autocorrelations up to the first that is not positive, in samples; at least 1.
-
-    The mean of N samples with that correlation time is as uncertain as the mean of N over it independent samples
-    (Bayley & Hammersley, J. R. Stat. Soc. Suppl. 8, 1946).
-
-    Args:
-        residuals: stretches (n,) of the residual.
-        most_lags: largest number of lags that count; None means all.
-    """
-    power = sum(float(residual @ residual) for residual in residuals)
-    if power == 0.0:
-        return 1.0
-    longest = max(len(residual) for residual in residuals) - 1
-    total = 1.0
-    for lag in range(1, longest if most_lags is None else min(most_lags, longest)):
-        products = sum(float(r[lag:] @ r[:-lag]) for r in residuals if len(r) > lag)
-        if products <= 0.0:
-            break
-        total += 2.0 * products / power
-    return total
 
 
 def ljung_box(residual: np.ndarray, lags: int = WHITENESS_LAGS) -> float:

@@ -7,9 +7,9 @@ from itertools import chain
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.noise import white_noise_std
 from armdyn.model import Model
 from armdyn.recording.gaps import cut_at_gaps
+from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 

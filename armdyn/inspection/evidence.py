@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.identify.noise import correlation_time
+from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import log_det, solve_bounded
 
 LACK_SIZES = (0.1, 0.3, 1.0, 3.0)

@@ -11,11 +11,10 @@ from math import comb
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from armdyn.identify.noise import DIFFERENCE_ORDERS
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
-from armdyn.recording.differences import normalised_differences, quiet_std
+from armdyn.recording.noise import DIFFERENCE_ORDERS, normalised_differences, quiet_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 

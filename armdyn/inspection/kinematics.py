@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.identify.noise import white_noise_std
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount, listed
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
+from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 
 RATE_MOMENTS = 400

@@ -8,8 +8,8 @@ from armdyn.inspection.check import Check, Kind, Severity, amount
 from armdyn.inspection.correction import Correction, Reading
 from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
-from armdyn.recording.differences import MAX_DIFFERENCE_SPAN, normalised_differences, quiet_std
 from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
+from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, normalised_differences, quiet_std
 from armdyn.recording.spikes import ALLOWED_FAULTS, at_the_end, spikes_of
 from armdyn.recording.tracks import second_track
 from armdyn.run import Run

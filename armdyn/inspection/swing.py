@@ -32,7 +32,8 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
 from armdyn.pendulum.start import swing_shown
 from armdyn.run import Run
-from armdyn.smoothing import SPLINE_ORDERS, Curve, best_smoothing, smoothed
+from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smoothed
+from armdyn.smoothing.spline import Curve
 
 SWING_MOMENTS = 240
 """Number of moments at which a recording is evaluated."""

@@ -59,12 +59,10 @@ class Dynamics(System):
     Attributes:
         tension: ``(s, w, theta) -> ()`` tension before the sensor, N.
         rate: ``(s, w, theta) -> ()`` swing rate phi', rad/s.
-        energy: ``(s, w, theta) -> ()`` kinetic and potential energy, J.
     """
 
     tension: ca.Function
     rate: ca.Function
-    energy: ca.Function
 
 
 def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
@@ -203,7 +201,6 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
         dry=friction,
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
-        energy=function("energy", on_string(kinetic + potential)),
         sensors={name: Sensor(theta, lag=lag, delay=delay) for name, lag, delay in timing},
     )
 

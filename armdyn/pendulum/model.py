@@ -18,7 +18,7 @@ from armdyn.pendulum.composition import PENDULUM_STAGES, Composition
 from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
-from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, seen_from_rest, swing_shown
+from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, start_values, swing_shown
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import Path
 from armdyn.physics.simulated import (
@@ -71,7 +71,7 @@ class PendulumModel(SimulatedModel):
         speed = np.interp(times, path.time, path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
-    def shown_against(
+    def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
         """Quantities on which a missing acceleration may depend; the load is the tension of a point mass."""
@@ -90,8 +90,8 @@ class PendulumModel(SimulatedModel):
         name = swing_shown(run)
         return np.inf if name is None or "gripper_x" in run.channels else end_of_motion(run.channels[name], swing)
 
-    def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
-        """The length, nearly, from the period of a free swing; see `SimulatedModel.shown_by`."""
+    def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
+        """The length, nearly, from the period of a free swing; see `SimulatedModel.direct_estimates`."""
         if "gripper_x" in run.channels or swing_shown(run) is None:
             return {}
         return {"length": float(theta[self.names.index("gravity")]) * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
@@ -108,7 +108,7 @@ class PendulumModel(SimulatedModel):
         """Start angle and rate, where an angle was measured; see `Model.guess_start`."""
         if "swing_angle" not in run.channels:
             return {}
-        return seen_from_rest(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
+        return start_values(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start values to try: orbits in the phase plane, near the measured angle where there is one."""
@@ -117,7 +117,7 @@ class PendulumModel(SimulatedModel):
         if "swing_angle" in run.channels:
             angle, rate = measured_start(run.channels["swing_angle"])
             plane = np.array([(angle, rate + change) for change in rates_near(pace)])
-        return seen_from_rest(run, float(theta[self.names.index("length")]), plane)
+        return start_values(run, float(theta[self.names.index("length")]), plane)
 
     def start_window(self, theta: np.ndarray) -> float:
         """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""

@@ -7,21 +7,18 @@ import numpy as np
 
 from armdyn.kept import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
-from armdyn.physics.recorded import (
-    MAX_GRID_STEP,
-    MIN_GRID_STEP,
+from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, Path, elapsed, smoothed_input
+from armdyn.readout import lagged
+from armdyn.run import Channel, Run
+from armdyn.smoothing.even import (
     WHITTAKER_ORDER,
-    Path,
     best_strength,
     differentiated,
     grid_size,
     halfway,
     penalised,
     slope,
-    smoothed_motion,
-)
-from armdyn.readout import lagged
-from armdyn.run import Channel, Run
+)  # fmt: skip
 
 STRENGTH_INTERVAL_SAMPLES, STRENGTH_WINDOW_SAMPLES = 100, 300
 """Number of samples after which the smoothing strength of a growing path is chosen again, and of the last samples
@@ -192,31 +189,22 @@ def run_path(run: Run) -> GripperPath:
 
 @cached_with_first_argument
 def _recorded_path(run: Run) -> GripperPath:
-    ends = [
-        (c.time[0], c.time[-1]) for name, c in run.channels.items() if name in PENDULUM_OUTPUTS or name == "gripper_x"
-    ]
-    start, end = float(min(e[0] for e in ends)), max(e[1] for e in ends)
-    if "gripper_x" not in run.channels:
-        interval = min(float(np.median(np.diff(run.channels[n].time))) for n in PENDULUM_OUTPUTS if n in run.channels)
-        elapsed = 0.0 if run.began is None else start - run.began
-        return fixed_path(start, end, float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), elapsed, run.extra)
-    x = run.channels["gripper_x"]
-    start, dt = float(x.time[0]), float(np.clip(np.median(np.diff(x.time)), MIN_GRID_STEP, MAX_GRID_STEP))
-    elapsed = 0.0 if run.began is None else start - run.began
-    grid = start + dt * np.arange(grid_size(start, x.time[-1], dt))
-    height = None
-    if "gripper_z" in run.channels:
-        z = run.channels["gripper_z"]
-        level = np.interp(grid, z.time, z.value)
-        height = _smoothed(run, "gripper_z", grid, level - level[0], dt)
+    x = run.channels.get("gripper_x")
+    timed = [x] if x is not None else [c for name, c in run.channels.items() if name in PENDULUM_OUTPUTS]
+    start, end = float(min(c.time[0] for c in timed)), float(max(c.time[-1] for c in timed))
+    interval = min(float(np.median(np.diff(c.time))) for c in timed)
+    dt, since = float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), elapsed(run, start)
+    if x is None:
+        return fixed_path(start, end, dt, since, run.extra)
+    grid = start + dt * np.arange(grid_size(start, end, dt))
     given = [run.channels[n] for n in ("gripper_x", "gripper_v", "gripper_a") if n in run.channels]
     if len(given) == 3:
         motion = np.array([np.interp(grid, c.time, c.value) for c in given])
     else:
-        motion = _smoothed(run, "gripper_x", x.time, x.value, dt)
-    return GripperPath(start, dt, motion[0], motion[1], motion[2], height, elapsed, run.extra)
-
-
-def _smoothed(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:
-    exact, spread = run.noise.get(name) == 0.0, run.spread.get(name, 0.0)
-    return smoothed_motion(time, value, dt, exact=exact, spread=spread)
+        motion = smoothed_input(run, "gripper_x", x.time, x.value, dt)
+    height = None
+    if "gripper_z" in run.channels:
+        z = run.channels["gripper_z"]
+        level = np.interp(grid, z.time, z.value)
+        height = smoothed_input(run, "gripper_z", grid, level - level[0], dt)
+    return GripperPath(start, dt, motion[0], motion[1], motion[2], height, since, run.extra)

@@ -11,8 +11,8 @@ import numpy as np
 
 from armdyn.pendulum.path import run_path
 from armdyn.recording.channels import MIN_SAMPLES, Channel
-from armdyn.recording.differences import quiet_std
-from armdyn.recording.gaps import between, in_pieces, told
+from armdyn.recording.gaps import between, in_pieces, spans_in_words
+from armdyn.recording.noise import quiet_std
 from armdyn.run import Run
 
 ORBIT_AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
@@ -36,9 +36,7 @@ CAUGHT_RANGE_RATIO = 3.5
 where dry friction stops it."""
 
 
-def seen_from_rest(
-    run: Run, length: float, plane: Iterable[tuple[float, float]] | np.ndarray
-) -> list[dict[str, float]]:
+def start_values(run: Run, length: float, plane: Iterable[tuple[float, float]] | np.ndarray) -> list[dict[str, float]]:
     """Start parameters from angle (rad) and rate phi' (rad/s), which are relative to a frame at rest."""
     speed = float(run_path(run).v[0]) / length
     return [
@@ -142,7 +140,7 @@ def pieces(run: Run) -> tuple[Run, ...]:
     ends = [*gripper.time[before], np.inf]
     parts = [between(run, start, end) for start, end in zip(starts, ends, strict=True)]
     whole = [channels for channels in parts if min(len(channel) for channel in channels.values()) >= MIN_SAMPLES]
-    gaps = told((gripper.time[i], gripper.time[i + 1]) for i in before)
+    gaps = spans_in_words((gripper.time[i], gripper.time[i + 1]) for i in before)
     said = f"gripper_x: it moved while no position was recorded, {gaps}; what follows is a run of its own"
     return in_pieces(run, whole, said)
 

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
-from armdyn.physics.recorded import Path, slope
+from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
+from armdyn.smoothing.even import slope
 
 
 class Adjoint:
@@ -51,24 +52,18 @@ class Adjoint:
             yields, the jerk is the last input.
         """
         s = self._system
-        nodes, middle = path.nodes[: s.inputs], path.middle[: s.inputs]
-        K = nodes.shape[1]
+        K = path.nodes.shape[1]
         if self._impulse:
             impulse = _slope_matrix(K).T @ weights[:, self._force] / path.dt
             if s.impulse_rings is not None:
                 impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
-        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
-        first = padded - K  # from the last node back to the first, after steps of length zero
-        inputs, state = np.zeros((3 * s.inputs, padded)), np.zeros((s.states, padded))
-        step, weight = np.zeros((1, padded)), np.zeros((weights.shape[1], padded))
-        inputs[: s.inputs, first:] = nodes[:, ::-1]
-        inputs[s.inputs : 2 * s.inputs, first + 1 :] = middle[:, ::-1]
-        inputs[2 * s.inputs :, first + 1 :] = nodes[:, :0:-1]
-        inputs[:, :first] = inputs[:, first : first + 1]
-        step[0, first + 1 :] = path.dt
-        state[:, first:], state[:, :first] = states.T[:, ::-1], states[-1][:, None]
-        weight[:, first:] = weights.T[:, ::-1]
+        inputs, step = (part[:, ::-1] for part in path.packed(s.inputs, STEPS_PER_CALL))  # from the last node back
+        padded = step.shape[1]
+        first = padded - K
+        inputs = inputs.reshape(3, -1, padded)[:, : s.inputs].reshape(-1, padded)  # without derivatives by a lag
+        state = np.hstack([np.tile(states[-1:].T, first), states.T[:, ::-1]])
+        weight = np.hstack([np.zeros((weights.shape[1], first)), weights.T[:, ::-1]])
         gradient, co = np.empty((3 * s.inputs, padded)), np.zeros((s.states, 1))
         for begin in range(0, padded, STEPS_PER_CALL):
             block = slice(begin, begin + STEPS_PER_CALL)

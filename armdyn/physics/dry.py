@@ -65,7 +65,7 @@ class DryFriction:
         """The state of a load that does not slide, with its momentum."""
         return self._with_sliding(0, s, w, theta)
 
-    def settled(
+    def corrected(
         self,
         before: Expression,
         after: Expression,
@@ -89,17 +89,17 @@ class DryFriction:
         p0, p1 = self.sliding(before, here, theta), self.sliding(after, there, theta)
         rests = self._rests(p0, before, here, theta, dt)
         turns = ca.logic_and(ca.logic_not(rests), p0 * p1 < 0)
-        left = ca.if_else(rests, dt, ca.if_else(turns, dt * p1 / ca.if_else(turns, p1 - p0, 1), 0))
+        remaining = ca.if_else(rests, dt, ca.if_else(turns, dt * p1 / ca.if_else(turns, p1 - p0, 1), 0))
         size = self.size(after, there, theta)
-        impulse = ca.if_else(rests, 1, 2) * left * size
+        impulse = ca.if_else(rests, 1, 2) * remaining * size
         stops = ca.fabs(p1) < impulse
         sticks = ca.logic_and(rests, stops)
         p = ca.if_else(stops, 0, p1 - ca.sign(p1) * impulse)
-        settled = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
-        moved = after[COORDINATE] + (p - p1) * left / (2 * self.inertia(after, there, theta))
-        settled[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
-        settled[MOMENTUM] = after[MOMENTUM]
-        return self._with_sliding(p, settled, there, theta)
+        state = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
+        moved = after[COORDINATE] + (p - p1) * remaining / (2 * self.inertia(after, there, theta))
+        state[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
+        state[MOMENTUM] = after[MOMENTUM]
+        return self._with_sliding(p, state, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
         return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.size(s, w, theta)

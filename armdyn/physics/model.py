@@ -69,6 +69,11 @@ class PhysicsModel(SimulatedModel):
         return tuple(_bare(self.physics).stages)
 
     @property
+    def has_catalogue_stages(self) -> bool:
+        """False: a stage may have the name of a catalogue's stage and another content."""
+        return False
+
+    @property
     def step(self) -> float:
         """Longest step of the integration, s; see `Model.step`."""
         return self.physics.step
@@ -261,7 +266,7 @@ class PhysicsModel(SimulatedModel):
             return None
         return np.column_stack([found[name] for name in self.physics.states])
 
-    def shown_against(
+    def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
         """Quantities on which a missing acceleration may depend: states and their rates; see `SimulatedModel`."""

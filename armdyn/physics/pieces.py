@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.physics.recorded import Path
-from armdyn.physics.shooting import shooting
+from armdyn.physics.shooting import piece_simulator, shoot
 from armdyn.physics.simulate import System, evaluated
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
@@ -154,7 +154,7 @@ class Pieces:
         if state is None:
             state = self.beginning(theta)[0]
         a = self.edges[first]
-        simulator = shooting(system, self.model.formulation, self.channels).simulator
+        simulator = piece_simulator(system, self.model.formulation, self.channels)
         return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
 
     def cut(self, theta: np.ndarray, edges: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ class Pieces:
         if len(edges) == len(self.edges):
             return states
         system, physics, path = self._given(theta)
-        simulator = shooting(system, self.model.formulation, self.channels).simulator
+        simulator = piece_simulator(system, self.model.formulation, self.channels)
         found = []
         for first, last, state in zip(edges[:-1], edges[1:], states, strict=True):
             inside = self.edges[(self.edges >= first) & (self.edges < last)] - first
@@ -237,9 +237,9 @@ class Pieces:
         wanted = np.arange(len(theta)) if wanted is None else wanted
         if not system.states:
             return self._algebra(system, path, physics, wanted)
-        engine = shooting(system, self.model.formulation, self.channels)
+        simulator = piece_simulator(system, self.model.formulation, self.channels)
         n, q, J = system.states, len(physics), len(self)
-        shot = engine.shoot(path, self.edges, physics, states)
+        shot = shoot(simulator, path, self.edges, physics, states)
         transition, ends = shot.transition, shot.ends
         signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
@@ -247,7 +247,6 @@ class Pieces:
         for k in range(PIECES_PER_SAMPLE):
             own = piece % PIECES_PER_SAMPLE == k
             signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
-        simulator = engine.simulator
         outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
         count = len(self.channels)
         signal[:, :count, 0], signal[:, :count, 1:] = outputs, slopes

@@ -1,131 +1,15 @@
-"""Motion from noisy positions and other recorded inputs, on an even grid: smoothed, with rate and acceleration.
-
-Positions are smoothed by cross-validation and differentiated without phase shift.
-"""
+"""The recorded inputs of a simulation on an even grid, with rates and accelerations."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
-from scipy.linalg import solveh_banded
+from scipy.interpolate import BPoly
 
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
-from armdyn.smoothing import MIN_SMOOTHED_SAMPLES, best_smoothing, difference_penalty, smoothed
-
-WHITTAKER_ORDER = 4
-"""Order of the penalised differences: piecewise-constant jerk costs nothing in the limit."""
-MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
-"""Smoothing that halves a motion at a tenth of the sampling rate: no gripper is faster, but an encoder's steps are."""
-STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
-"""Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
-
-
-def smoothed_motion(
-    time: np.ndarray, x: np.ndarray, dt: float, *, exact: bool = False, spread: float = 0.0
-) -> np.ndarray:
-    """(3, K) position, velocity and acceleration from noisy positions, on an even grid that starts at the first stamp.
-
-    It is penalised least squares (Whittaker 1923; Eilers, Anal. Chem. 2003): the minimum of |y - x|^2 + lambda |D^4
-    x|^2 with the strength that `best_strength` finds. Stamps that are not on the grid, such as slow or uneven ones, get
-    the spline of `armdyn.smoothing`, which needs no grid.
-
-    Args:
-        time: (n,) increasing time stamps, s.
-        x: (n,) positions.
-        dt: grid step, s.
-        exact: whether the positions have no noise.
-        spread: variance of the stamps over which each position was averaged, s^2; see `Run.spread`.
-    """
-    if len(time) < WHITTAKER_ORDER + 2:
-        raise InputError(f"a recorded motion has {len(time)} samples: {WHITTAKER_ORDER + 2} or more are needed")
-    grid = time[0] + dt * np.arange(grid_size(time[0], time[-1], dt))
-    if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
-        motion = np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
-    else:
-        smooth = x if exact else penalised(x, best_strength(x))
-        motion = np.vstack([smooth, *differentiated(smooth, dt)])
-    if spread > 0.0:  # the mean of a curved stretch lies inside the curve
-        jerk = slope(motion[2], dt)
-        motion = motion - spread / 2.0 * np.vstack([motion[2], jerk, slope(jerk, dt)])
-    return motion
-
-
-def _off_grid(
-    time: np.ndarray, x: np.ndarray, grid: np.ndarray, *, exact: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(3, K) position, velocity and acceleration at `grid`, (K,), from positions at any stamps."""
-    if exact or len(time) < MIN_SMOOTHED_SAMPLES:
-        spline = make_interp_spline(time, x, 5)
-        return spline(grid), spline(grid, 1), spline(grid, 2)
-    curve = smoothed(time, x, best_smoothing(time, x))
-    return curve(grid)[:, 0], curve(grid, 1)[:, 0], curve(grid, 2)[:, 0]
-
-
-def grid_size(start: float, end: float, dt: float) -> int:
-    """Number of nodes of a uniform grid that covers [start, end]."""
-    return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
-
-
-def halfway(motion: np.ndarray, dt: float) -> np.ndarray:
-    """(3, K-1) position, velocity and acceleration halfway between nodes (3, K), by quintic Hermite interpolation."""
-    (x0, v0, a0), (x1, v1, a1) = motion[:, :-1], motion[:, 1:]
-    return np.vstack(
-        [
-            (x0 + x1) / 2 + dt * (v0 - v1) * 5 / 32 + dt**2 * (a0 + a1) / 64,
-            15 / 8 * (x1 - x0) / dt - 7 / 16 * (v0 + v1) + dt * (a1 - a0) / 32,
-            3 / 2 * (v1 - v0) / dt - (a0 + a1) / 4,
-        ]
-    )
-
-
-def best_strength(y: np.ndarray) -> float:
-    """The smoothing strength with the least generalised cross-validation error (Craven & Wahba 1979).
-
-    The error is n |r|^2 / (n - tr H)^2. It needs no noise level: requiring a residual of the size of a stated noise
-    does not smooth at all where the statement is 30 % too low. The trace of the smoother H is that of the periodic one,
-    with eigenvalues 1/(1 + lambda (2 sin(w/2))^8).
-    """
-    n = len(y)
-    eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * WHITTAKER_ORDER)
-
-    def validation_error(strength: float) -> float:
-        residual = y - penalised(y, strength)
-        return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
-
-    best = 4 * int(np.argmin([validation_error(strength) for strength in STRENGTHS_TRIED[::4]]))
-    near = STRENGTHS_TRIED[max(0, best - 3) : best + 4]
-    return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
-
-
-def penalised(y: np.ndarray, strength: float) -> np.ndarray:
-    """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
-    bands = strength * difference_penalty(len(y), WHITTAKER_ORDER, WHITTAKER_ORDER + 1)
-    bands[0] += 1.0
-    return solveh_banded(bands, y, lower=True, check_finite=False)
-
-
-def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives of even samples, by fourth-order differences (third-order at the two ends)."""
-    padded = np.concatenate([_extrapolated(x[:5])[::-1], x, _extrapolated(x[:-6:-1])])
-    m2, m1, c, p1, p2 = (padded[i : len(padded) - 4 + i] for i in range(5))
-    return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
-
-
-def slope(x: np.ndarray, dt: float) -> np.ndarray:
-    """First derivative of even samples, or of columns of them, as `differentiated`, but also for fewer than five."""
-    return differentiated(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
-
-
-def _extrapolated(near: np.ndarray) -> np.ndarray:
-    """Two samples beyond the end, nearest first, on the quartic through the five samples `near` (nearest first)."""
-    a, b, c, d, e = near
-    first = 5 * a - 10 * b + 10 * c - 5 * d + e
-    second = 5 * first - 10 * a + 10 * b - 5 * c + d
-    return np.array([first, second])
-
+from armdyn.smoothing.even import grid_size, halfway, smoothed_motion
 
 MAX_STEP_RATIO = 1.5
 """Largest ratio of a coarse sensor's steps: where they are not all its resolution, one is twice that."""
@@ -170,6 +54,18 @@ class Path:
             at_nodes, between = self.by_lag
             nodes, middle = np.vstack([nodes, at_nodes[:count]]), np.vstack([middle, between[:count]])
         return nodes, middle, nodes[:, 1:] if self.ends is None else self.ends[:count]
+
+    def packed(self, count: int, block: int) -> tuple[np.ndarray, np.ndarray]:
+        """(3 r, N) the rows of `rows` for every step, and (1, N) lengths of the steps, s, for a multiple N of `block`.
+
+        Steps from the last node on have no length, and the inputs there.
+        """
+        nodes, middle, ends = self.rows(count)
+        size = -(-nodes.shape[1] // block) * block
+        steps = np.where(np.arange(size) < nodes.shape[1] - 1, self.dt, 0.0)[None]
+        last = nodes[:, -1:]
+        filled = [np.hstack([part, np.tile(last, size - part.shape[1])]) for part in (nodes, middle, ends)]
+        return np.vstack(filled), steps
 
     def part(self, first: int, last: int | None = None) -> "Path":
         """The part of the path from one node to another, by default to its end."""
@@ -225,19 +121,17 @@ def recorded_inputs(
     if not end > start + 4 * dt:
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))
-    since = grid - grid[0] + (0.0 if run.began is None else grid[0] - run.began)
+    since = grid - grid[0] + elapsed(run, grid[0])
     nodes, middle, ends = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2], [since[None, 1:]]
     for name, channel in driving.items():
         if name in steady:
             level = np.zeros((3, len(grid) - 1))
-            level[0] = mean_held(channel, grid)
+            level[0] = channel.mean_held(grid)
             nodes.append(np.column_stack([level, level[:, -1]]))
             middle.append(level)
             ends.append(level)
             continue
-        motion = smoothed_motion(
-            channel.time, channel.value, dt, exact=run.noise.get(name) == 0.0, spread=run.spread.get(name, 0.0)
-        )
+        motion = smoothed_input(run, name, channel.time, channel.value, dt)
         if channel.time[0] != start or motion.shape[1] != len(grid):
             own = channel.time[0] + dt * np.arange(motion.shape[1])
             curve = BPoly.from_derivatives(own, motion.T)
@@ -246,6 +140,17 @@ def recorded_inputs(
         middle.append(halfway(motion, dt))
         ends.append(motion[:, 1:])
     return Path(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, ends=np.vstack(ends))
+
+
+def smoothed_input(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:
+    """(3, K) value, rate and acceleration from (n,) samples with the noise and spread of the channel `name`."""
+    exact, spread = run.noise.get(name) == 0.0, run.spread.get(name, 0.0)
+    return smoothed_motion(time, value, dt, exact=exact, spread=spread)
+
+
+def elapsed(run: Run, start: float) -> float:
+    """Time from the beginning of a recording to `start`, s; 0 for a run that is no later piece of a recording."""
+    return 0.0 if run.began is None else start - run.began
 
 
 def moves_in_steps(channel: Channel) -> bool:
@@ -257,10 +162,3 @@ def moves_in_steps(channel: Channel) -> bool:
     there = jumps != 0.0
     sizes = np.abs(jumps[there])
     return bool(len(sizes) > 1 and not np.any(there[1:] & there[:-1]) and sizes.max() > MAX_STEP_RATIO * sizes.min())
-
-
-def mean_held(channel: Channel, grid: np.ndarray) -> np.ndarray:
-    """(K-1,) mean, between the nodes (K,), of a signal that keeps its value until the next sample."""
-    time = np.append(channel.time, max(channel.time[-1], grid[-1]) + 1.0)
-    sums = np.concatenate([[0.0], np.cumsum(channel.value * np.diff(time))])
-    return np.asarray(np.diff(np.interp(grid, time, sums)) / np.diff(grid))

@@ -35,78 +35,59 @@ class Shots(NamedTuple):
     outputs_by_theta: np.ndarray
 
 
-class Shooting:
-    """Simulates one system in pieces.
+@lru_cache(maxsize=64)
+def piece_simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
+    """Simulator of one piece from any state, with derivatives by the whole state; see `Simulator`."""
+    states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
+    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
+    return Simulator(replace(system, starts=system.states, initial=itself), name, channels)
+
+
+@lru_cache(maxsize=256)
+def _steps(simulator: Simulator, pieces: int) -> Buffered:
+    """The compiled steps of a number of pieces."""
+    return Buffered(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
+
+
+def shoot(simulator: Simulator, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
+    """Simulate each piece from its edge to the next.
 
     Args:
-        system: the equations.
-        name: identifier of the composition, for the cache of compiled code.
-        channels: the wanted outputs.
-
-    Attributes:
-        simulator: simulator of one piece from any state, with derivatives by the whole state.
+        simulator: a `piece_simulator`.
+        path: inputs of the motion.
+        edges: (J + 1,) nodes of the path at which pieces begin and end.
+        theta: (q,) parameters in the order of the system's names.
+        states: (J, n) states at the beginnings.
     """
-
-    def __init__(self, system: System, name: str, channels: tuple[str, ...]) -> None:
-        states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
-        given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
-        itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
-        free = replace(system, starts=system.states, initial=itself)
-        self._inputs = system.inputs
-        self.simulator = Simulator(free, name, channels)
-        self._together: dict[int, Buffered] = {}
-
-    def _steps(self, pieces: int) -> Buffered:
-        """The compiled steps for a number of pieces."""
-        if pieces not in self._together:
-            self._together[pieces] = Buffered(self.simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
-        return self._together[pieces]
-
-    def shoot(self, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
-        """Simulate each piece from its edge to the next.
-
-        Args:
-            path: inputs of the motion.
-            edges: (J + 1,) nodes of the path at which pieces begin and end.
-            theta: (q,) parameters in the order of the system's names.
-            states: (J, n) states at the beginnings.
-        """
-        s = self.simulator
-        J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
-        m = q + n
-        nodes, middle, last = path.rows(self._inputs)
-        ends, slopes = np.empty((J, n)), np.zeros((J, n, m))
-        outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
-        steps = np.diff(edges)
-        begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
-        for first in range(0, J, PIECES_PER_CALL):
-            these = slice(first, min(first + PIECES_PER_CALL, J))
-            size = these.stop - first
-            at, lasts, advance = edges[:-1][these], steps[these], self._steps(size)
-            shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end belongs to no other piece
-            state, sensitivity = states[these].T, np.tile(begin, size)
-            for done in range(0, int(shown.max()), STEPS_PER_BLOCK):
-                step = done + np.arange(STEPS_PER_BLOCK)
-                node = at[:, None] + step
-                here = np.minimum(node, nodes.shape[1] - 1)
-                now = np.minimum(here, middle.shape[1] - 1)
-                inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(
-                    -1, size * STEPS_PER_BLOCK
-                )
-                moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
-                state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
-                kept = step < shown[:, None]
-                target = (node - edges[0])[kept]
-                outputs[target] = y.T.reshape(size, STEPS_PER_BLOCK, c)[kept]
-                by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
-                sensitivities[target] = by.transpose(0, 2, 1)
-            ends[these] = state.T
-            slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
-        by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
-        return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
-
-
-@lru_cache(maxsize=64)
-def shooting(system: System, name: str, channels: tuple[str, ...]) -> Shooting:
-    """The shooting of a system; cached, because compiling takes long."""
-    return Shooting(system, name, channels)
+    s = simulator
+    J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
+    m = q + n
+    nodes, middle, last = path.rows(s.system.inputs)
+    ends, slopes = np.empty((J, n)), np.zeros((J, n, m))
+    outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
+    steps = np.diff(edges)
+    begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
+    for first in range(0, J, PIECES_PER_CALL):
+        these = slice(first, min(first + PIECES_PER_CALL, J))
+        size = these.stop - first
+        at, lasts, advance = edges[:-1][these], steps[these], _steps(s, size)
+        shown = lasts + (np.arange(size) == J - 1 - first)  # the last piece's end belongs to no other piece
+        state, sensitivity = states[these].T, np.tile(begin, size)
+        for done in range(0, int(shown.max()), STEPS_PER_BLOCK):
+            step = done + np.arange(STEPS_PER_BLOCK)
+            node = at[:, None] + step
+            here = np.minimum(node, nodes.shape[1] - 1)
+            now = np.minimum(here, middle.shape[1] - 1)
+            inputs = np.concatenate([nodes[:, here], middle[:, now], last[:, now]]).reshape(-1, size * STEPS_PER_BLOCK)
+            moving = np.where(step < lasts[:, None], path.dt, 0.0).reshape(1, -1)
+            state, sensitivity, _, y, dy = advance(state, sensitivity, inputs, moving, theta)
+            kept = step < shown[:, None]
+            target = (node - edges[0])[kept]
+            outputs[target] = y.T.reshape(size, STEPS_PER_BLOCK, c)[kept]
+            by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
+            sensitivities[target] = by.transpose(0, 2, 1)
+        ends[these] = state.T
+        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
+    by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
+    return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)

@@ -11,9 +11,10 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
-from armdyn.physics.recorded import Path, slope
+from armdyn.physics.recorded import Path
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
+from armdyn.smoothing.even import slope
 
 STEPS_PER_BLOCK = 16
 """Number of steps that are compiled together; pieces of a motion are short."""
@@ -94,28 +95,29 @@ class Simulator:
     """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
 
     Args:
-        dynamics: the equations.
+        system: the equations.
         name: identifier of the composition, for the cache of compiled code.
         channels: the wanted outputs; None means all. Fewer are faster.
 
     Attributes:
+        system: the equations.
         active: columns of (theta, start) on which the motion depends.
         columns: number of outputs, including the impulse.
         steps: a block of steps, ``(state, derivatives by active, inputs, steps in s, theta) -> (state, derivatives,
             states before each step, outputs, their derivatives)``.
     """
 
-    def __init__(self, dynamics: System, name: str, channels: tuple[str, ...] | None = None) -> None:
-        self.channels = dynamics.outputs if channels is None else channels
-        self.parameters = len(dynamics.names)
-        self._dynamics = dynamics
-        self.active = _active(dynamics)
-        self._impulse = dynamics.impulse_adds_to in self.channels
+    def __init__(self, system: System, name: str, channels: tuple[str, ...] | None = None) -> None:
+        self.channels = system.outputs if channels is None else channels
+        self.parameters = len(system.names)
+        self.system = system
+        self.active = _active(system)
+        self._impulse = system.impulse_adds_to in self.channels
         self.columns = len(self.channels) + self._impulse
-        rows = [dynamics.outputs.index(name) for name in self.channels] + [len(dynamics.outputs)] * self._impulse
-        steps = _repeated(_step(dynamics, self.active, rows), "steps", STEPS_PER_BLOCK)
+        rows = [system.outputs.index(name) for name in self.channels] + [len(system.outputs)] * self._impulse
+        steps = _repeated(_step(system, self.active, rows), "steps", STEPS_PER_BLOCK)
         self.steps = compile_functions(f"simulate_{name}", {"steps": steps})["steps"]
-        self._start = Buffered(_start(dynamics, self.active))
+        self._start = Buffered(_start(system, self.active))
         self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
     def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
@@ -132,21 +134,12 @@ class Simulator:
 
     def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
         """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
-        nodes, middle, ends = path.rows(self._dynamics.inputs)
-        rows, starts = len(nodes), self._dynamics.starts
-        K, m, n = nodes.shape[1], self.parameters + starts, self._dynamics.states
-        padded = -(-K // STEPS_PER_CALL) * STEPS_PER_CALL
-        inputs = np.zeros((3 * rows, padded))
-        inputs[:rows, :K] = nodes
-        inputs[rows : 2 * rows, : K - 1] = middle
-        inputs[2 * rows :, : K - 1] = ends
-        step = np.zeros((1, padded))  # zero beyond the end, where the state is constant
-        step[0, : K - 1] = path.dt
-        columns = self.columns
-        states = np.empty((padded, n))
-        outputs = np.empty((padded, columns))
+        inputs, step = path.packed(self.system.inputs, STEPS_PER_CALL)
+        starts, (width, padded) = self.system.starts, inputs.shape
+        K, m, n, columns = path.nodes.shape[1], self.parameters + starts, self.system.states, self.columns
+        states, outputs = np.empty((padded, n)), np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
-        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), nodes[:, 0], theta)
+        state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), inputs[: width // 3, 0], theta)
         for first in range(0, padded, STEPS_PER_CALL):
             block = slice(first, first + STEPS_PER_CALL)
             along = inputs[:, block], step[:, block], theta
@@ -163,11 +156,11 @@ class Simulator:
         """Outputs (K, c) and derivatives (K, c, m) of `integrated`, with the impulse's derivative in the force."""
         if not self._impulse:
             return outputs, by_theta
-        force = self.channels.index(str(self._dynamics.impulse_adds_to))
+        force = self.channels.index(str(self.system.impulse_adds_to))
         outputs, by_theta = outputs.copy(), by_theta.copy()
         impulse, impulse_by_theta = outputs[:, -1], by_theta[:, -1]
-        if self._dynamics.impulse_rings is not None:
-            impulse, impulse_by_theta = self._dynamics.impulse_rings.passed(impulse, impulse_by_theta, theta, dt)
+        if self.system.impulse_rings is not None:
+            impulse, impulse_by_theta = self.system.impulse_rings.passed(impulse, impulse_by_theta, theta, dt)
         outputs[:, force] += slope(impulse[:, None], dt)[:, 0]
         by_theta[:, force] += slope(impulse_by_theta, dt)
         return outputs[:, :-1], by_theta[:, :-1]
@@ -246,7 +239,7 @@ def advanced(
     if dry.followed:
         resting = lifted(lambda s, w, p, _: _rates_at_rest(system, dry, s, w, p), 1, 1)
         held = runge_kutta(lambda s, w: resting(s, w, theta, 0), z, inputs, dt)
-    return lifted(dry.settled, 3, 2)(z, following, held, here, there, theta, dt)
+    return lifted(dry.corrected, 3, 2)(z, following, held, here, there, theta, dt)
 
 
 def runge_kutta(
@@ -286,38 +279,38 @@ def _width(system: System) -> int:
     return system.inputs * (1 if system.input_lag is None else 2)
 
 
-def _by_theta(expression: Expression, theta: Expression, dynamics: System, *given: Expression) -> Expression:
+def _by_theta(expression: Expression, theta: Expression, system: System, *given: Expression) -> Expression:
     """Derivative with respect to theta, including the dependence through lagged inputs."""
     by_theta = ca.jacobian(expression, theta)
-    if dynamics.input_lag is None:
+    if system.input_lag is None:
         return by_theta
-    by_parameters = ca.jacobian(dynamics.input_lag(theta), theta)
+    by_parameters = ca.jacobian(system.input_lag(theta), theta)
     for moment in given:
-        inputs, by_lag = moment[: dynamics.inputs], moment[dynamics.inputs :]
+        inputs, by_lag = moment[: system.inputs], moment[system.inputs :]
         by_theta += ca.jtimes(expression, inputs, by_lag) @ by_parameters
     return by_theta
 
 
-def _active(dynamics: System) -> list[int]:
+def _active(system: System) -> list[int]:
     """Columns of (theta, start) on which the motion, and not only the readings, depends."""
-    theta, s = ca.SX.sym("theta", len(dynamics.names)), ca.SX.sym("s", dynamics.states)
-    w = ca.SX.sym("w", dynamics.inputs)
-    start = ca.vertsplit(ca.SX.sym("start", dynamics.starts)) if dynamics.starts else []
-    moving = ca.vertcat(dynamics.derivative(s, w, theta), dynamics.initial(*start, w, theta))
-    if dynamics.input_lag is not None:
-        moving = ca.vertcat(moving, dynamics.input_lag(theta))
-    if dynamics.dry is not None:
-        moving = ca.vertcat(moving, dynamics.dry.size(s, w, theta))
+    theta, s = ca.SX.sym("theta", len(system.names)), ca.SX.sym("s", system.states)
+    w = ca.SX.sym("w", system.inputs)
+    start = ca.vertsplit(ca.SX.sym("start", system.starts)) if system.starts else []
+    moving = ca.vertcat(system.derivative(s, w, theta), system.initial(*start, w, theta))
+    if system.input_lag is not None:
+        moving = ca.vertcat(moving, system.input_lag(theta))
+    if system.dry is not None:
+        moving = ca.vertcat(moving, system.dry.size(s, w, theta))
     depends = ca.which_depends(moving, theta, 1, False)
-    return [*(i for i, moves in enumerate(depends) if moves), *range(len(depends), len(depends) + dynamics.starts)]
+    return [*(i for i, moves in enumerate(depends) if moves), *range(len(depends), len(depends) + system.starts)]
 
 
-def _start(dynamics: System, active: list[int]) -> ca.Function:
+def _start(system: System, active: list[int]) -> ca.Function:
     """State at the start, and its derivatives."""
-    start = [ca.SX.sym(f"start{i}") for i in range(dynamics.starts)]
-    given = ca.SX.sym("w", _width(dynamics))
-    theta = ca.SX.sym("theta", len(dynamics.names))
-    state = dynamics.initial(*start, given[: dynamics.inputs], theta)
-    by_theta = _by_theta(state, theta, dynamics, given)
+    start = [ca.SX.sym(f"start{i}") for i in range(system.starts)]
+    given = ca.SX.sym("w", _width(system))
+    theta = ca.SX.sym("theta", len(system.names))
+    state = system.initial(*start, given[: system.inputs], theta)
+    by_theta = _by_theta(state, theta, system, given)
     sensitivity = ca.horzcat(by_theta, ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))[:, active]
     return ca.Function("start", [*start, given, theta], [ca.densify(state), ca.densify(sensitivity)])

@@ -14,7 +14,7 @@ from armdyn.physics.recorded import Path
 from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
-from armdyn.recording.differences import NORMAL_MEDIAN, quiet_std
+from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
 from armdyn.recording.spikes import clean
 from armdyn.run import Run
 
@@ -24,7 +24,6 @@ pays off in the thirty predictions of a fit."""
 START_FIT_SECONDS, MIN_START_SAMPLES = 0.1, 5
 """First part of a run, s, and its least number of samples, to which a parabola is fitted for the start value and
 rate."""
-
 LOCAL_FIT_PERIODS = 0.125
 """Half the time over which a parabola is fitted to a channel for its value and rate, in periods of the swing."""
 REST_AMPLITUDE_SHARE = 0.04
@@ -78,28 +77,19 @@ class SimulatedModel(Model):
         return ()
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """(J, starts) start values of the motion at (J,) times, from measured channels; None where it was not measured.
+        """(J, starts) start values of the motion at (J,) times, s, from measured channels; None without such channels.
 
-        Args:
-            run: the prepared run.
-            times: (J,) times, s.
-            theta: (p,) parameters in the order of `names`.
-            swing: period of the swing, s.
+        `theta` are (p,) parameters in the order of `names`, and `swing` is the period of the swing, s.
         """
         del run, theta, swing
         return None if self.start_names else np.zeros((len(times), 0))
 
-    def shown_against(
+    def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """Quantities on which a missing acceleration may depend, (J,) with a unit each.
+        """(J,) values and unit of each quantity on which the missing rate of the start value `speed` may depend.
 
-        Args:
-            run: the prepared run.
-            time: (J,) times, s.
-            motion: (J, starts) start values of the motion at these times.
-            speed: index of the start value whose missing rate of change is considered.
-            theta: (p,) parameters in the order of `names`.
+        `motion` are (J, starts) start values at (J,) times, s, and `theta` (p,) parameters in the order of `names`.
         """
         del run, time, motion, speed, theta
         return {}
@@ -110,18 +100,12 @@ class SimulatedModel(Model):
         return np.inf
 
     def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
-        """States that no channel of a run measures and that change when the parameters change, with their units.
-
-        Args:
-            run: the prepared run.
-            theta: (p,) parameters in the order of `names`.
-            direction: (p,) direction of their change.
-        """
+        """Unmeasured states, with their units, that change with the parameters (p,) `theta` along (p,) `direction`."""
         del run, theta, direction
         return ()
 
-    def shown_by(self, run: Run, theta: np.ndarray) -> dict[str, float]:
-        """Values of parameters that a run shows without a fit, as the period of a swing shows a length."""
+    def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
+        """Values of parameters that a run gives without a fit, as the period of a swing gives a length."""
         del run, theta
         return {}
 
@@ -229,12 +213,9 @@ def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: 
 
 
 def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
-    """(J, 2) value and rate of a channel at (J,) times, from local cubic polynomials.
+    """(J, 2) value and rate of a channel at (J,) times, s, from local cubic polynomials.
 
-    Args:
-        channel: the channel.
-        times: (J,) times, s.
-        reach: half the length of a local fit, s; it is longer where there are fewer than eight samples.
+    A local fit has twice the length `reach`, s, and at least eight samples.
     """
     found = np.empty((len(times), 2))
     for j, at in enumerate(times):
@@ -262,11 +243,7 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     """Time at which an oscillation has come to rest, s: its amplitude stays below a share of the largest one.
 
     The amplitude is estimated from the median of the squares in every half period, which glitches do not change, less
-    the noise: single samples of a noisy sensor remain large for ever.
-
-    Args:
-        channel: channel of the oscillation.
-        swing: period of the swing, s.
+    the noise: single samples of a noisy sensor remain large for ever. `swing` is the period, s.
     """
     left = channel.time[-1] - channel.time
     rest = np.median(channel.value[-max(8, len(channel) // 20) :])

@@ -9,8 +9,8 @@ from urdf.bounds import LARGEST_RECORDING
 def read_bytes(path: Path, largest: int = LARGEST_RECORDING) -> bytes:
     """Read the content of a file or pipe.
 
-    path: the file or pipe.
-        path: of the file.
+    Args:
+        path: the file or pipe.
         largest: largest number of bytes; a larger file is refused before more of it is read.
 
     Raises:

@@ -219,6 +219,13 @@ class Channel:
         """(n,) values at (n,) times of a signal that holds each value until the next stamp, as a command does."""
         return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
 
+    def mean_held(self, edges: np.ndarray) -> FloatArray:
+        """(n,) means between (n + 1,) increasing times of a signal that holds each value until the next stamp."""
+        time = np.append(self.time, max(self.time[-1], edges[-1]) + 1.0)
+        area = np.interp(edges, time, np.concatenate([[0.0], np.cumsum(self.value * np.diff(time))]))
+        area += self.value[0] * np.minimum(edges - time[0], 0.0)
+        return np.asarray(np.diff(area) / np.diff(edges))
+
     def averaged(self, group: int) -> "Channel":
         """Average the values and stamps of groups of successive samples; an incomplete last group is left out.
 

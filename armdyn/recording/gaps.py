@@ -66,10 +66,12 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
     whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_PIECE_SAMPLES]
     if not whole:
         return (run,)
-    return in_pieces(run, whole, f"no samples {told(spans)}: the run is cut there, each piece with its own start")
+    return in_pieces(
+        run, whole, f"no samples {spans_in_words(spans)}: the run is cut there, each piece with its own start"
+    )
 
 
-def told(spans: Iterable[tuple[float, float]]) -> str:
+def spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
     """Time spans, s, in words."""
     return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
 

@@ -50,15 +50,6 @@ class _Samples:
     value: list[float] = field(default_factory=list)
 
 
-@dataclass
-class _Content:
-    """Content of a file up to where it can be read; `problem` is the reason where reading stopped early."""
-
-    samples: dict[str, _Samples] = field(default_factory=dict)
-    sidecar: Sidecar = field(default_factory=Sidecar)
-    problem: str | None = None
-
-
 def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     """Read a recording from an MCAP file.
 
@@ -72,25 +63,25 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     """
     data = _bytes(path)
     with at(path):
-        content = _scan(data)
-    recorded = {name: samples for name, samples in content.samples.items() if samples.time}
+        samples, sidecar, problem = _scan(data)
+    recorded = {name: one for name, one in samples.items() if one.time}
     warnings: tuple[str, ...] = ()
-    if content.problem is not None:
-        if not recover:
-            raise InputError(
-                f"{path}: {content.problem}: copy it again, or recover what is there with read_run(path, recover=True)"
-            )
-        last = max((samples.time[-1] for samples in recorded.values()), default=0.0)
-        warnings = (f"{path.name} {content.problem}; recovered up to {last:.3f} s",)
-    if not recorded and content.problem is not None:
-        raise InputError(f"{path}: {content.problem}, before the first sample could be read: copy it again")
+    if problem and not recover:
+        raise InputError(
+            f"{path}: {problem}: copy it again, or recover what is there with read_run(path, recover=True)"
+        )
+    if problem and not recorded:
+        raise InputError(f"{path}: {problem}, before the first sample could be read: copy it again")
+    if problem:
+        last = max(one.time[-1] for one in recorded.values())
+        warnings = (f"{path.name} {problem}; recovered up to {last:.3f} s",)
     if not recorded:
         raise InputError(f"{path}: holds no samples of armdyn: give a recording made by 'armdyn trial', or a CSV")
     channels = {}
-    for name, samples in recorded.items():
+    for name, one in recorded.items():
         with at(f"{path}: channel '{name}'"):
-            channels[name] = _channel(name, samples)
-    return McapRecording(channels, content.sidecar, warnings)
+            channels[name] = _channel(name, one)
+    return McapRecording(channels, sidecar, warnings)
 
 
 def _bytes(path: Path) -> bytes:
@@ -102,11 +93,12 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _scan(data: bytes) -> _Content:
+def _scan(data: bytes) -> tuple[dict[str, _Samples], Sidecar, str]:
+    """Samples and sidecar of a file, as far as it can be read, and the reason why reading stopped, empty at its end."""
     from mcap.records import Channel as Topic
     from mcap.records import Message, Metadata
 
-    content, problems = _Content(), list[str]()
+    samples, sidecar, problems = dict[str, _Samples](), Sidecar(), list[str]()
     labels: dict[int, dict[str, tuple[str, str]]] = {}
     try:
         for record in sound_records(data, problems):
@@ -115,17 +107,16 @@ def _scan(data: bytes) -> _Content:
                     key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
                 }
                 for name, unit in labels[record.id].values():
-                    content.samples.setdefault(name, _Samples(unit))
+                    samples.setdefault(name, _Samples(unit))
             elif isinstance(record, Message) and labels.get(record.channel_id):
-                _take(json.loads(record.data), labels[record.channel_id], content.samples)
+                _take(json.loads(record.data), labels[record.channel_id], samples)
             elif isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
-                content.sidecar = parse_sidecar(record.metadata["toml"])
+                sidecar = parse_sidecar(record.metadata["toml"])
     except InputError:
         raise
     except Exception as error:  # the content of a record is damaged
         problems.append(f"is damaged ({type(error).__name__})")
-    content.problem = ", and ".join(dict.fromkeys(problems)) or None
-    return content
+    return samples, sidecar, ", and ".join(dict.fromkeys(problems))
 
 
 def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples: dict[str, _Samples]) -> None:

@@ -141,6 +141,13 @@ def to_base_units(unit: str) -> tuple[str, float, float]:
     return parsed.base or "1", parsed.factor, parsed.zero
 
 
+def sliding_unit(unit: str) -> str:
+    """Unit for a joint that slides, from that for a joint that turns: ``"N/m"`` from ``"N m/rad"``."""
+    if unit == "kg m^2":
+        return "kg"
+    return re.sub(r"\brad\b", "m", re.sub(r"\bN m\b", "N", unit))
+
+
 def _from_zero(unit: str) -> "_Unit":
     """A unit whose zero is that of its base units; that of a degree Celsius is not."""
     parsed = _parse(unit)

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from armdyn.recording.channels import FloatArray
-from armdyn.recording.differences import NORMAL_MEDIAN
+from armdyn.recording.noise import NORMAL_MEDIAN
 
 MIN_SIDE_RECORDINGS = 4
 """Least number of recordings before and after a step: fewer may be due to a bad afternoon."""

@@ -69,7 +69,7 @@ def functions_of(model: Model) -> tuple[list[Function], list[str]]:
 
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     from armdyn.arm.symbolic import (
-        DRIVE,
+        READING_EFFECTS,
         drive_command_function,
         inverse_dynamics_function,
         servo_torque_function,
@@ -94,7 +94,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
             {"tau": f"torques, {unit}"},
         )
     ]
-    if held & DRIVE:
+    if held & READING_EFFECTS:
         found.append(
             Function(
                 drive_command_function(kept),

@@ -36,7 +36,7 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """The model as text, and what it cannot hold."""
     arm, parts = model.arm.model, parts_of(model)
     notes = [
-        *left_over(model, HELD["mujoco"], "MuJoCo", told=model.told),
+        *left_over(model, HELD["mujoco"], "MuJoCo", told=model.servo_joints),
         "shapes: capsules stand for the links, nothing collides",
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")

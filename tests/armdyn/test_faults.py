@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armdyn.identify.noise import white_noise_std
+from armdyn.recording.noise import white_noise_std
 from armdyn.recording.spikes import at_the_end, spikes, without_saturation, without_spikes
 from armdyn.run import Channel, Run
 

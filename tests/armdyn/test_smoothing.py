@@ -3,18 +3,8 @@ import pytest
 from scipy.interpolate import BSpline
 
 from armdyn.errors import InputError
-from armdyn.smoothing import (
-    MAX_UNDISTORTED_CUTOFF,
-    SPLINE_ORDERS,
-    WHITE_RATE_SHARE,
-    Curve,
-    LowPass,
-    Rates,
-    Samples,
-    best_smoothing,
-    derivative_noise,
-    smoothed,
-)
+from armdyn.smoothing.choice import SPLINE_ORDERS, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, Curve, LowPass, Samples
 
 
 def uneven(n=1500, interval=0.01, seed=0):

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from armdyn.arm.drives import TOLD
 from armdyn.arm.model import ArmModel
-from armdyn.arm.readings import mean_held
 from armdyn.arm.rollout import Window, closed, windows
 from armdyn.run import Run
 
@@ -38,7 +36,7 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
     gains, biases, limits = (a.copy() for a in (arm.actuator_gainprm, arm.actuator_biasprm, arm.actuator_forcerange))
     offsets = biases[:, :1].copy()  # no share of the supply
     servos = [model.servo(joint) for joint in model.arm.joints]
-    told = [run.channels[f"{TOLD[s.law]}.{joint}"] for s, joint in zip(servos, model.arm.joints, strict=True)]
+    told = [run.channels[s.command(joint)] for s, joint in zip(servos, model.arm.joints, strict=True)]
     found = []
     for window in stretches(model, run):
         data = mujoco.MjData(arm)
@@ -52,7 +50,7 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
         time = window.begin + arm.opt.timestep * np.arange(count)
         # A step's force stands for half a step before and after it (leapfrog): so does what it is told.
         edges = np.append(time, time[-1] + arm.opt.timestep) - 0.5 * arm.opt.timestep
-        commands = np.column_stack([mean_held(channel, edges) for channel in told])
+        commands = np.column_stack([channel.mean_held(edges) for channel in told])
         shares = np.column_stack([s.gate(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)])
         positions = np.empty((count, len(told)))
         for k in range(count):

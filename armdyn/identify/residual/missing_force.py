@@ -153,7 +153,7 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     found = []
     for k in model.kicked:
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
-        against = model.shown_against(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
+        against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
         joint = list(model.physics.states)[k] if isinstance(model, PhysicsModel) else None
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found

@@ -23,10 +23,10 @@ from math import log, sqrt
 
 import numpy as np
 
-from armdyn.identify.noise import correlation_time
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.set_score import BELIEF_NATS, SetScore, SetScorer
 from armdyn.identify.selection.sums import Sums
+from armdyn.linear.correlation import correlation_time
 from armdyn.linear.normal_equations import NormalEquations
 from armdyn.linear.solve import log_det, solve_bounded, solve_positive
 

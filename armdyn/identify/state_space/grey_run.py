@@ -8,7 +8,6 @@ import numpy as np
 
 from armdyn.identify.fit import CHI2_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
-from armdyn.identify.noise import quiet_noise
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
     Chain,
@@ -24,6 +23,7 @@ from armdyn.identify.state_space.innovations import (
 from armdyn.physics.pieces import Pieces, pseudo_inverse
 from armdyn.physics.simulated import SimulatedModel, simulated
 from armdyn.recording.gaps import until
+from armdyn.recording.noise import quiet_noise
 
 PIECE_PERIODS = 0.5
 """Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so

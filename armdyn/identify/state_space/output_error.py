@@ -101,7 +101,7 @@ class AroundMotion:
         model = simulated(problem.model)
         shown: dict[str, list[float]] = {}
         for i, run in enumerate(problem.runs[: self.box.training]):
-            for name, value in model.shown_by(run, problem.theta(i, values)).items():
+            for name, value in model.direct_estimates(run, problem.theta(i, values)).items():
                 shown.setdefault(name, []).append(value)
         other = values.copy()
         for j in np.flatnonzero(wanted & (problem.prior_weight == 0.0)):

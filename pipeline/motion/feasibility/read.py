@@ -12,7 +12,7 @@ import urdf
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
-from armdyn.recording.differences import quiet_std
+from armdyn.recording.noise import quiet_std
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armdyn.arm.model import arm_model
-from armdyn.effects.catalogue import CATALOGUE
+from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.identify.estimator import estimate
 
 JOINT_EFFECTS = tuple(name for name, effect in CATALOGUE.items() if effect.acts_on == "joint")
@@ -14,6 +14,14 @@ RECORDINGS = Path(__file__).parents[4] / "shared" / "data"
 @pytest.fixture(scope="session")
 def baxter():
     return arm_model(robot="baxter")
+
+
+def with_effects(model, **values):
+    """The model with effects on all joints; a value is called ``effect__quantity``."""
+    for name in dict.fromkeys(quantity.partition("__")[0] for quantity in values):
+        model = model.with_effect(find(name))
+    named = {q.replace("__", "."): value for q, value in values.items()}
+    return model.with_values({f"{q}[{joint}]": value for q, value in named.items() for joint in model.joints})
 
 
 def fitted(model, runs, noise=None, **settings):

@@ -6,10 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
 from armdyn.model_file import ModelFile, model_text, read_model, write_model_file
-from armdyn.run import Channel, Run, write_run_csv
+from armdyn.run import write_run_csv
 
 from . import urdfs
 
@@ -22,29 +21,18 @@ HEAD = 'base = "arm"\nurdf = "arm.urdf"\njoints = ["along", "across"]\n'
 
 @pytest.fixture
 def arm(tmp_path):
-    (tmp_path / "arm.urdf").write_text(urdfs.chain(CROSS))
-    return arm_model(urdf=tmp_path / "arm.urdf", joints=["along", "across"])
+    return urdfs.arm(tmp_path, CROSS, joints=["along", "across"])
 
 
 def with_small(model, values=SMALL, width=0.3):
     return model.with_background(width, values, CATALOGUE.values())
 
 
-def recorded(name, phase=0.0):
+def recorded(name, seed=0):
     """Both slides on waves; forces by Newton's law with the small values, and noise."""
-    rng, t = np.random.default_rng(len(name)), np.arange(1500) / 100
-    channels = {}
-    for joint, mass, rate, offset in (("along", 4.0, 3.1, 0.0), ("across", 2.0, 4.3, -0.25)):
-        waves = [(0.3, rate, phase), (0.1, 2.3 * rate, 1.0 + phase)]
-        q = sum(a * np.sin(w * t + p) for a, w, p in waves)
-        v = sum(a * w * np.cos(w * t + p) for a, w, p in waves)
-        force = mass * sum(-a * w**2 * np.sin(w * t + p) for a, w, p in waves)
-        force += SMALL[f"{FRICTION}[{joint}]"] * v + offset
-        channels |= {
-            f"q.{joint}": Channel(t, q, "m"), f"v.{joint}": Channel(t, v, "m/s"),
-            f"tau.{joint}": Channel(t, force + 0.02 * rng.standard_normal(len(t)), "N"),
-        }  # fmt: skip
-    return Run(name, channels)
+    rub, offset = [SMALL[f"{FRICTION}[{joint}]"] for joint in ("along", "across")], [0.0, -0.25]
+    force = lambda v, a, **_: [4.0, 2.0] * a + rub * v + offset  # noqa: E731
+    return urdfs.recorded(["along", "across"], ["m", "m"], force, 1500, seed, name, 0.02)
 
 
 def forces(model, run):
@@ -147,8 +135,8 @@ def test_a_background_that_cannot_be_read_is_one_line(refused, arm, tmp_path, en
 def place(arm, tmp_path, armdyn):
     """A folder with a model that has a background, and runs that show nothing else."""
     write_model_file(tmp_path / "m.toml", ModelFile(with_small(arm), {"joints": ["along", "across"]}))
-    for name, phase in (("a.csv", 0.0), ("b.csv", 0.7)):
-        write_run_csv(recorded(name, phase), tmp_path / name)
+    for seed, name in enumerate(("a.csv", "b.csv")):
+        write_run_csv(recorded(name, seed), tmp_path / name)
     return armdyn
 
 

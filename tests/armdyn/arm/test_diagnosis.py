@@ -10,7 +10,9 @@ from armdyn.identify.repair import repair
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 
-JOINT = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+from .conftest import JOINT_EFFECTS
+
+JOINT = tuple(CATALOGUE[name] for name in JOINT_EFFECTS)
 
 
 def study_of(hidden, seed, **settings):

@@ -20,12 +20,11 @@ from pipeline.exports.functions import c_text, functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
-from .conftest import total_rmse
+from .conftest import total_rmse, with_effects
 from .test_drives import JOINTS, commanded
 
 mujoco = pytest.importorskip("mujoco")
 GAIN, DELAY, STEP, FINE, EFFORT = 25.0, 0.02, 0.02, 5e-4, 6.0
-FRICTION = {"joint_viscous_friction.coefficient": 0.6, "joint_coulomb_friction.torque": 0.2}
 DRIVE = [effect.name for effect in CATALOGUE.values() if effect.acts_on == "drive"]
 Law = Callable[..., np.ndarray]
 """``(R, v, v_cmd, total, share of voltage, on) -> tau``, (2,) each."""
@@ -49,10 +48,7 @@ def arm(tmp_path_factory) -> ArmModel:
 
 
 def with_friction(model: ArmModel) -> ArmModel:
-    for name, value in FRICTION.items():
-        model = model.with_effect(find(name.partition(".")[0]))
-        model = model.with_values({f"{name}[{joint}]": value for joint in JOINTS})
-    return model
+    return with_effects(model, joint_viscous_friction__coefficient=0.6, joint_coulomb_friction__torque=0.2)
 
 
 def driven(model: ArmModel, **entries: str) -> ArmModel:

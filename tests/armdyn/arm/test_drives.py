@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hidden_effects.servo_arm import generate
 
-from armdyn.arm.drive_scale import settled
-from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.readings import mean_held
-from armdyn.arm.rollout import resolution, rolled, windows
+from armdyn.arm.drive_scale import identified_drives
+from armdyn.arm.model import ArmModel
+from armdyn.arm.rollout import encoder_step, rolled, windows
 from armdyn.checked_study import CheckedStudy, absent_in_motion
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
@@ -23,6 +22,7 @@ from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.mujoco_file import mujoco_text
 
 from . import urdfs
+from .conftest import with_effects
 
 mujoco = pytest.importorskip("mujoco")
 JOINTS = ("swing", "elbow")
@@ -35,9 +35,7 @@ def joined(**entries):
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory) -> ArmModel:
-    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    file.write_text(urdfs.chain(urdfs.DOUBLE))
-    return arm_model(file)
+    return urdfs.arm(tmp_path_factory.mktemp("arm"), urdfs.DOUBLE)
 
 
 def commanded(seed: int, seconds: float = 25.0) -> tuple[np.ndarray, np.ndarray]:
@@ -70,16 +68,8 @@ def simulated(text: str, seed: int, delay: float) -> Run:
 
 
 def true_model(arm: ArmModel) -> ArmModel:
-    model = arm.with_drives(joined(gain=f"{GAIN} N m/rad"))
-    values = {
-        "joint_viscous_friction.coefficient": DAMPING,
-        "joint_coulomb_friction.torque": FRICTION,
-        "rotor_inertia.inertia": ARMATURE,
-    }
-    for name, value in values.items():
-        model = model.with_effect(find(name.partition(".")[0]))
-        model = model.with_values({f"{name}[{joint}]": value for joint in JOINTS})
-    return model
+    frictions = {"joint_viscous_friction__coefficient": DAMPING, "joint_coulomb_friction__torque": FRICTION}
+    return with_effects(arm.with_drives(joined(gain=f"{GAIN} N m/rad")), **frictions, rotor_inertia__inertia=ARMATURE)
 
 
 @pytest.fixture(scope="module")
@@ -137,8 +127,7 @@ def test_the_exported_python_function_holds_the_servos_law(arm):
 
 def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(tmp_path, runs):
     upright = [(name, kind, "0 0 1", place) for name, kind, _, place in urdfs.DOUBLE]  # no gravity about these axes
-    (tmp_path / "flat.urdf").write_text(urdfs.chain(upright))
-    flat = arm_model(tmp_path / "flat.urdf").with_drives(joined())
+    flat = urdfs.arm(tmp_path, upright).with_drives(joined())
     study = CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
     found = study.add([find("joint_viscous_friction")])
     servo = found.model.drives["servo"]
@@ -162,7 +151,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
     carrying = true_model(arm).with_effect(find("payload"))
     carrying = carrying.with_values({"payload.mass[elbow]": 0.5, "payload.x[elbow]": 0.2})
     loaded = [simulated(mujoco_text(carrying)[0], seed, DELAY) for seed in (1, 2)]
-    servo = settled(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
+    servo = identified_drives(arm.with_drives(joined()).drives, arm.arm, loaded)["servo"]
     assert GAIN - servo.gain.value > 10.0 * servo.unloaded
     assert abs(GAIN - servo.gain.value) < 2.0 * servo.gain.std
     assert servo.determined
@@ -171,7 +160,7 @@ def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm)
 @pytest.mark.parametrize("seed", [5, 7, 13, 19])
 def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_something_is_carried(seed):
     made = generate(seed)
-    for name, servo in settled(made.known.drives, made.known.arm, made.runs[:-1]).items():
+    for name, servo in identified_drives(made.known.drives, made.known.arm, made.runs[:-1]).items():
         true = made.truth.drives[name].gain.value
         assert abs(servo.gain.value - true) < 2.5 * servo.gain.std
         assert servo.gain.std < (0.08 if servo.determined else 0.6) * true
@@ -181,7 +170,7 @@ def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_some
 def test_a_command_holds_until_the_next_stamp():
     told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
     assert told.held(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
-    assert mean_held(told, np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+    assert told.mean_held(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize(
@@ -202,10 +191,10 @@ def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, 
 def test_the_step_of_an_encoder_shows_also_where_its_values_were_rounded_in_degrees():
     step, time = 2.0 * np.pi / 4096, np.linspace(0.0, 20.0, 2001)
     q = np.round(np.sin(time) / step) * step
-    assert resolution(q) == pytest.approx(step)
-    assert resolution(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
-    assert resolution(np.sin(time)) == 0.0
-    assert resolution(np.zeros(100)) == 0.0
+    assert encoder_step(q) == pytest.approx(step)
+    assert encoder_step(np.deg2rad(np.rad2deg(q).round(4))) == pytest.approx(step, rel=2e-3)
+    assert encoder_step(np.sin(time)) == 0.0
+    assert encoder_step(np.zeros(100)) == 0.0
 
 
 @pytest.mark.parametrize(("value", "std", "absent"), [(0.0017, 0.0008, True), (0.12, 0.003, False), (0.0, None, True)])

@@ -14,8 +14,6 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 
 JOINT = "panda_joint4"
-
-
 HIDDEN = {
     "joint_viscous_friction": Hidden("joint_viscous_friction", JOINT, viscous=2.0),
     "joint_coulomb_friction": Hidden("joint_coulomb_friction", JOINT, coulomb=2.0),

@@ -17,9 +17,7 @@ NAMES = [name for name, _ in QUANTITIES]
 
 @pytest.fixture
 def pendulum(tmp_path):
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdfs.chain(urdfs.PENDULUM))
-    return arm_model(path).with_effect(find("link_inertia"))
+    return urdfs.arm(tmp_path, urdfs.PENDULUM).with_effect(find("link_inertia"))
 
 
 def changes(model, theta, std=0.1, alone=0.1):

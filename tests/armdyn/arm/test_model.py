@@ -6,51 +6,20 @@ import pytest
 from hidden_effects.arm import JOINTS, OUTSIDE, generate, motion
 from scipy.ndimage import gaussian_filter1d
 
-from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import WITHIN
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from armdyn.run import Channel, Run
+from armdyn.run import Channel
 
 from . import urdfs
 from .conftest import chi2_per_sample, fitted, residuals
 
 
-def load(tmp_path, chain, **settings):
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdfs.chain(chain))
-    return arm_model(urdf=path, **settings)
-
-
-def recorded(joints, units, torque, n=1000, seed=0, name="a.csv"):
-    """A run of joints on smooth random paths; `torque(q=, v=, a=)` gives (n, nj)."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(n) / 100
-    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
-    c = 0.3 * rng.standard_normal((len(joints), 3))
-    q, v, a = (
-        c @ (s * wave(np.outer(w, t)))
-        for s, wave in (
-            (np.ones((3, 1)), np.sin),
-            (w[:, None], np.cos),
-            (-(w[:, None] ** 2), np.sin),
-        )
-    )
-    tau = torque(q=q.T, v=v.T, a=a.T)
-    channels = {f"q.{j}": Channel(t, q[i], u) for i, (j, u) in enumerate(zip(joints, units, strict=True))}
-    force = {"m": "N", "rad": "N m"}
-    channels |= {
-        f"tau.{j}": Channel(t, tau[:, i] + 1e-3 * rng.standard_normal(n), force[u])
-        for i, (j, u) in enumerate(zip(joints, units, strict=True))
-    }
-    return Run(name, channels)
-
-
 def test_a_sliding_joint_has_units_of_its_own(tmp_path):
-    model = load(tmp_path, urdfs.SLIDE)
+    model = urdfs.arm(tmp_path, urdfs.SLIDE)
     for name in ("joint_viscous_friction", "rotor_inertia", "joint_coulomb_friction", "joint_stribeck_friction"):
         model = model.with_effect(find(name))
     units = {name: p.unit for name, p in model.parameters.items()}
@@ -64,8 +33,8 @@ def test_a_sliding_joint_has_units_of_its_own(tmp_path):
 
 
 def test_a_slide_is_identified(tmp_path):
-    run = recorded(["slide"], ["m"], lambda v, a, **_: 5.0 * a + 30.0 * v + 4.0 * np.sign(v) - 1.0)
-    model = load(tmp_path, urdfs.SLIDE)
+    run = urdfs.recorded(["slide"], ["m"], lambda v, a, **_: 5.0 * a + 30.0 * v + 4.0 * np.sign(v) - 1.0)
+    model = urdfs.arm(tmp_path, urdfs.SLIDE)
     for name in ("rotor_inertia", "joint_viscous_friction", "joint_coulomb_friction", "torque_offset"):
         model = model.with_effect(find(name))
     found, _ = fitted(model, [model.prepared(run)])
@@ -81,17 +50,17 @@ def test_sliding_and_continuous_joints_go_together(tmp_path):
         turn = (m * r**2 + 0.02) * a[:, 1] - m * r * np.cos(q[:, 1]) * (a[:, 0] + g)
         return np.column_stack([lift, turn])
 
-    model = load(tmp_path, urdfs.MIXED)
-    run = recorded(["lift", "turn"], ["m", "rad"], torque)
+    model = urdfs.arm(tmp_path, urdfs.MIXED)
+    run = urdfs.recorded(["lift", "turn"], ["m", "rad"], torque)
     inside = slice(50, -50)
     for name, residual in residuals(model, run).items():
         assert np.abs(residual[inside]).max() < 6e-3, name
 
 
 def test_locked_joints_stay_at_zero(tmp_path):
-    elbow = load(tmp_path, urdfs.DOUBLE, joints=["elbow"])
+    elbow = urdfs.arm(tmp_path, urdfs.DOUBLE, joints=["elbow"])
     assert elbow.joints == ("elbow",)
-    run = recorded(["elbow"], ["rad"], lambda q, a, **_: 0.04 * a - 2.0 * 9.81 * 0.1 * np.cos(q))
+    run = urdfs.recorded(["elbow"], ["rad"], lambda q, a, **_: 0.04 * a - 2.0 * 9.81 * 0.1 * np.cos(q))
     assert np.abs(residuals(elbow, run)["tau.elbow"][50:-50]).max() < 6e-3
 
 
@@ -191,46 +160,39 @@ def without(run, *names):
     return replace(run, channels={name: c for name, c in run.channels.items() if name not in names})
 
 
-def constant(c):
-    return replace(c, value=np.ones(len(c)))
+def with_torque(change):
+    """A run with a changed torque of the first joint: a function of times and values."""
 
+    def changed(run):
+        c = run.channels["tau.right_s0"]
+        return replace(run, channels={**run.channels, "tau.right_s0": Channel(*change(c.time, c.value), c.unit)})
 
-def constant_but_at_the_ends(c):
-    return replace(c, value=np.where(np.arange(len(c)) < 3, c.value, 1.0))
-
-
-def short(c):
-    return replace(c, time=c.time[:12], value=c.value[:12])
-
-
-def later(c):
-    return replace(c, time=c.time + 100.0)
+    return changed
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (None, "holds no 'q.right_e0'"),
-        (constant, "'tau.right_s0' is 1 N m throughout"),
-        (short, "'tau.right_s0' has . samples while the joints' positions were recorded"),
-        (constant_but_at_the_ends, "'tau.right_s0' is 1 N m throughout"),
-        (later, "seed 0.*'tau.right_s0', from 100 .* were not recorded together"),
+        (lambda run: without(run, "q.right_e0"), "holds no 'q.right_e0'"),
+        (lambda run: without(run, *(f"tau.{j}" for j in JOINTS)), "holds no torque of right_s0"),
+        (with_torque(lambda t, tau: (t, np.ones(len(tau)))), "'tau.right_s0' is 1 N m throughout"),
+        (with_torque(lambda t, tau: (t[:12], tau[:12])), "has . samples while the joints' positions were recorded"),
+        (
+            with_torque(lambda t, tau: (t, np.where(np.arange(len(t)) < 3, tau, 1.0))),  # but at an end
+            "'tau.right_s0' is 1 N m throughout",
+        ),
+        (with_torque(lambda t, tau: (t + 100.0, tau)), "seed 0.*'tau.right_s0', from 100 .* not recorded together"),
     ],
 )
 def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
-    run = generate(None, 1.0, 0, duration=2.0)
-    torque = run.channels["tau.right_s0"]
-    changed = replace(run, channels={**run.channels, "tau.right_s0": change(torque)}) if change else None
     with pytest.raises(InputError, match=message):
-        baxter.prepared(changed or without(run, "q.right_e0"))
-    with pytest.raises(InputError, match="holds no torque of right_s0"):
-        baxter.prepared(without(run, *(f"tau.{j}" for j in JOINTS)))
+        baxter.prepared(change(generate(None, 1.0, 0, duration=2.0)))
 
 
 def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
-    run = recorded(["slide"], ["rad"], lambda a, **_: a)
+    run = urdfs.recorded(["slide"], ["rad"], lambda a, **_: a)
     with pytest.raises(InputError, match="is in rad, but the joint slides"):
-        load(tmp_path, urdfs.SLIDE).prepared(run)
+        urdfs.arm(tmp_path, urdfs.SLIDE).prepared(run)
 
 
 def test_a_missing_torque_channel_leaves_the_others(baxter):

@@ -1,10 +1,9 @@
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
 
-import urdf
-from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import (
     described_parameters,
     gravity_regressor,
@@ -22,14 +21,13 @@ from . import urdfs
 
 def random_motion(n, seed=0):
     rng = np.random.default_rng(seed)
-    q, v, a = CENTRE + 0.7 * rng.standard_normal((n, 7)), rng.standard_normal((n, 7)), 3 * rng.standard_normal((n, 7))
-    return Motion(np.arange(n), q, v, a, np.sign(v))
+    return CENTRE + 0.7 * rng.standard_normal((n, 7)), rng.standard_normal((n, 7)), 3 * rng.standard_normal((n, 7))
 
 
 def test_torques_are_those_of_mujoco(baxter):
     motion = random_motion(200)
-    ours = inverse_dynamics(baxter.arm.model, motion.q, motion.v, motion.a)
-    theirs = rigid_torque(motion.q, motion.v, motion.a)
+    ours = inverse_dynamics(baxter.arm.model, *motion)
+    theirs = rigid_torque(*motion)
     assert baxter.joints == JOINTS
     assert np.abs(ours - theirs).max() < 1e-10 * np.abs(theirs).max()
 
@@ -37,18 +35,16 @@ def test_torques_are_those_of_mujoco(baxter):
 def test_torques_are_linear_in_the_inertial_parameters(baxter):
     motion = random_motion(50)
     model = baxter.arm.model
-    regressor = torque_regressor(model, motion)
+    regressor = torque_regressor(model, *motion)
     torque = np.einsum("njlk,lk->nj", regressor, described_parameters(model))
-    assert torque == pytest.approx(inverse_dynamics(model, motion.q, motion.v, motion.a), abs=1e-10)
+    assert torque == pytest.approx(inverse_dynamics(model, *motion), abs=1e-10)
 
 
 @pytest.mark.parametrize("chain", [None, "MIXED", "SLIDE", "DOUBLE"])
 def test_torques_are_linear_in_gravity(baxter, tmp_path, chain):
     model = baxter.arm.model
     if chain is not None:
-        path = tmp_path / "arm.urdf"
-        path.write_text(urdfs.chain(getattr(urdfs, chain)))
-        model = urdf.load(str(path), meshes=False).model
+        model = urdfs.arm(tmp_path, getattr(urdfs, chain)).arm.model
     q = np.random.default_rng(0).uniform(-2, 2, (20, model.nv))
     gravity = np.array([3.0, -5.0, 7.0])
     weights = described_parameters(model)[:, :4]
@@ -65,8 +61,8 @@ def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
     model = baxter.with_effect(find("base_tilt")).with_values({"base_tilt.roll": 0.7, "base_tilt.pitch": -1.1})
     other = baxter.arm.model.copy()
     other.gravity.linear = model.gravity()
-    theirs = rigid_torque(motion.q, motion.v, motion.a, tilt=(0.7, -1.1))
-    assert inverse_dynamics(other, motion.q, motion.v, motion.a) == pytest.approx(theirs, abs=1e-9)
+    theirs = rigid_torque(*motion, tilt=(0.7, -1.1))
+    assert inverse_dynamics(other, *motion) == pytest.approx(theirs, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -78,11 +74,9 @@ def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
     ],
 )
 def test_base_parameters_are_as_many_as_by_hand(tmp_path, joints, count):
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdfs.chain(joints))
-    model, rng = urdf.load(path).model, np.random.default_rng(0)
+    model, rng = urdfs.arm(tmp_path, joints).arm.model, np.random.default_rng(0)
     q, v, a = rng.standard_normal((3, 50, model.nv))
-    regressor = torque_regressor(model, Motion(np.arange(50.0), q, v, a, np.sign(v)))
+    regressor = torque_regressor(model, q, v, a)
     assert np.linalg.matrix_rank(regressor.reshape(-1, 10 * model.nv), tol=1e-9 * np.abs(regressor).max()) == count
 
 
@@ -91,7 +85,7 @@ def test_pseudo_inertia_gives_back_the_inertial_parameters():
     inertia = pin.Inertia.Random()
     parameters = np.asarray(inertia.toDynamicParameters())
     J = pseudo_inertia(parameters)
-    assert np.asarray(inertial_parameters(_constant(J))).ravel() == pytest.approx(parameters)
+    assert np.asarray(inertial_parameters(ca.DM(J))).ravel() == pytest.approx(parameters)
     assert is_physical(parameters)
     U = shape(parameters, float(inertia.mass))
     assert np.allclose(np.triu(U), U)
@@ -106,9 +100,3 @@ def test_a_link_without_extent_or_mass_can_be_deformed(parameters):
 
 def test_a_negative_mass_is_not_physical():
     assert not is_physical(np.array([-1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]))
-
-
-def _constant(matrix):
-    import casadi as ca
-
-    return ca.DM(matrix)

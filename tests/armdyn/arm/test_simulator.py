@@ -1,26 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.simulator import Drives, simulate
-from armdyn.effects.catalogue import find
 
 from . import urdfs
-
-
-def with_effects(model: ArmModel, **values: float) -> ArmModel:
-    for name in dict.fromkeys(quantity.partition("__")[0] for quantity in values):
-        model = model.with_effect(find(name))
-    return model.with_values(
-        {f"{q.replace('__', '.')}[{joint}]": value for q, value in values.items() for joint in model.joints}
-    )
+from .conftest import with_effects
 
 
 def drives(count: int, joints: int, **given: np.ndarray | float) -> Drives:
-    shapes = {"gain": joints, "damping": joints}
-    usual = {"given": 0.0, "q_cmd": 0.0, "v_cmd": 0.0, "limit": np.inf, "on": 0.0, "gain": 0.0, "damping": 0.0}
-    return Drives(**{k: np.broadcast_to(v, shapes.get(k, (count, joints))) for k, v in {**usual, **given}.items()})
+    off = Drives.off(count, joints)
+    return replace(off, **{k: np.broadcast_to(v, getattr(off, k).shape) for k, v in given.items()})
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +23,8 @@ def ur5() -> ArmModel:
 
 @pytest.fixture(scope="module")
 def sled(tmp_path_factory) -> ArmModel:
-    file = tmp_path_factory.mktemp("sled") / "sled.urdf"
-    file.write_text(urdfs.chain(urdfs.SLIDE))
-    return with_effects(arm_model(file), joint_coulomb_friction__torque=3.0)
+    sled = urdfs.arm(tmp_path_factory.mktemp("sled"), urdfs.SLIDE)
+    return with_effects(sled, joint_coulomb_friction__torque=3.0)
 
 
 def by_runge_kutta(model: pin.Model, v: np.ndarray, step: float, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,9 @@
-"""Small arms as URDF text."""
+"""Small arms as URDF text, and as models."""
+
+import numpy as np
+
+from armdyn.arm.model import arm_model
+from armdyn.run import Channel, Run
 
 
 def chain(joints):
@@ -15,6 +20,27 @@ def chain(joints):
         )
         parent = f"{name}_link"
     return "\n".join([*parts, "</robot>"])
+
+
+def arm(folder, described, **settings):
+    """The model of a `chain` whose URDF is in a folder."""
+    (folder / "arm.urdf").write_text(chain(described))
+    return arm_model(folder / "arm.urdf", **settings)
+
+
+def recorded(joints, units, torque, n=1000, seed=0, name="a.csv", noise=1e-3):
+    """A run of joints on smooth random paths; `torque(q=, v=, a=)` gives (n, nj)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / 100
+    w = 2 * np.pi * np.array([0.2, 0.5, 0.9])
+    c = 0.3 * rng.standard_normal((len(joints), 3))
+    wave = np.outer(w, t)
+    q, v, a = c @ np.sin(wave), c * w @ np.cos(wave), -c * w**2 @ np.sin(wave)
+    tau, channels = torque(q=q.T, v=v.T, a=a.T), {}
+    for i, (joint, unit) in enumerate(zip(joints, units, strict=True)):
+        force = Channel(t, tau[:, i] + noise * rng.standard_normal(n), {"m": "N", "rad": "N m"}[unit])
+        channels |= {f"q.{joint}": Channel(t, q[i], unit), f"tau.{joint}": force}
+    return Run(name, channels)
 
 
 SLIDE = [("slide", "prismatic", "1 0 0", "0 0 0")]

@@ -14,7 +14,6 @@ from armdyn.identify.noise import (
     autoregression,
     likeliest_autoregression,
     ljung_box,
-    white_noise_std,
     whitened,
 )
 from armdyn.identify.repair import repair
@@ -23,6 +22,7 @@ from armdyn.identify.sentence import Verdict
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
+from armdyn.recording.noise import white_noise_std
 from armdyn.recording.units import Known
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))

@@ -9,23 +9,15 @@ from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
-from armdyn.physics.recorded import differentiated, smoothed_motion
 from armdyn.readout import Interpolated, Sensor, lagged
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
+from armdyn.smoothing.even import differentiated, smoothed_motion
 
 DT = 0.01
-
-
 TIME = np.arange(0.0, 10.0, DT)
-
-
 X = 0.05 * np.sin(2 * np.pi * 0.6 * TIME) + 0.02 * np.sin(2 * np.pi * 1.3 * TIME)
-
-
 V = 0.05 * 3.7699111843 * np.cos(2 * np.pi * 0.6 * TIME) + 0.02 * 8.1681408993 * np.cos(2 * np.pi * 1.3 * TIME)
-
-
 A = -0.05 * 3.7699111843**2 * np.sin(2 * np.pi * 0.6 * TIME) - 0.02 * 8.1681408993**2 * np.sin(2 * np.pi * 1.3 * TIME)
 
 
@@ -112,8 +104,6 @@ def test_a_growing_run_goes_to_another_process_with_its_path():
 
 
 GRID = np.arange(0.0, 4.0, DT)
-
-
 SIGNAL = np.sin(6 * GRID) + 0.3 * np.cos(11 * GRID)
 
 

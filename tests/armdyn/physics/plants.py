@@ -6,7 +6,6 @@ import numpy as np
 STEP = 5e-4
 EVERY = 20
 """Steps between samples: 100 Hz."""
-
 DOUBLE = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -9.81" integrator="RK4"/>
@@ -23,7 +22,6 @@ DOUBLE = """
   </worldbody>
 </mujoco>
 """
-
 CRANE = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -9.81"/>

@@ -14,13 +14,10 @@ from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.vibration import IGNORED_FREQUENCY, Vibration
+from armdyn.smoothing.even import smoothed_motion
 
 DT = 0.01
-
-
 TIME = DT * np.arange(400)
-
-
 SIGNAL = np.sin(7.0 * TIME) + np.where(TIME > 1.0, 0.5, 0.0) * np.sin(30.0 * (TIME - 1.0))
 
 
@@ -74,10 +71,6 @@ def test_weights_taken_back_through_it_give_the_same_sum():
 
 def test_a_load_bounces_on_an_elastic_string_as_a_spring_pendulum_does():
     """The whole spring pendulum, integrated by scipy in Cartesian coordinates, against the model's load cell."""
-    from armdyn.effects.catalogue import CATALOGUE
-    from armdyn.pendulum.model import pendulum_model
-    from armdyn.physics.recorded import smoothed_motion
-
     mass, length, compliance, damping, g = 0.08, 0.368, 5e-3, 0.05, 9.81
     time = 0.005 * np.arange(1200)
 
@@ -117,14 +110,8 @@ def oil(string, k=quantity("N m s/(rad K)", typical=1e-5), warm=column("extra.te
 
 
 EFFECTS = {**CATALOGUE, "oil": oil}
-
-
 SERIES = motion_series(3.0)
-
-
 BASIS = SERIES.at(np.linspace(0.0, 3.0, 151))
-
-
 COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
 
 

@@ -47,7 +47,7 @@ def node(monkeypatch):
 
 def planned(name):
     n = np.zeros(2)
-    return _Planned(SwingPlan(n, n, n, n, n, n, tension=n, load=np.zeros((2, 2)), solution=None), name)
+    return _Planned(SwingPlan(n, n, n, n, n, tension=n, load=np.zeros((2, 2)), solution=None), name)
 
 
 def until(case, time):
