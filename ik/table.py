@@ -15,7 +15,7 @@ from ik.pathfile import path_of
 from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze, read_only
 
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
 
@@ -87,13 +87,12 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("tool_offset", *NODES):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "tool_offset", *NODES)
         object.__setattr__(self, "joint_margin", float(self.margin.min()))
-        speed = read_only(self._speed(self.dq_ds))
-        object.__setattr__(self, "speed_limit", speed)
-        acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, speed)
-        object.__setattr__(self, "acceleration_limit", read_only(acceleration))
+        object.__setattr__(self, "speed_limit", self._speed(self.dq_ds))
+        acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit)
+        object.__setattr__(self, "acceleration_limit", acceleration)
+        freeze(self, "speed_limit", "acceleration_limit")
 
     def posture(self, s: ArrayLike) -> Posture:
         """Postures between nodes by quintic Hermite interpolation, which meets q, q' and q'' at every node.

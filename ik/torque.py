@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 
 class JointTorque:
@@ -71,8 +71,7 @@ class PathTorque:
     springs: Array
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            object.__setattr__(self, item.name, read_only(getattr(self, item.name)))
+        freeze(self, *(item.name for item in fields(self)))
 
     @classmethod
     def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":

@@ -240,7 +240,6 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
         springs=(*settings.springs, *dynamics.springs),
         joint_dynamics=dynamics.joints,
         collision_exclusions=settings.collision.exclude,
-        limits_source=" ".join(settings.limits.source.split()),
         defects=(*notes, *defects),
         notes=tuple(notes),
         warnings=tuple(_warnings(model, judged)),

@@ -31,6 +31,12 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
+def freeze(instance: object, *names: str) -> None:
+    """Replace arrays of a frozen dataclass by read-only copies."""
+    for name in names:
+        object.__setattr__(instance, name, read_only(getattr(instance, name)))
+
+
 def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation matrix (3, 3) from roll, pitch and yaw [rad], rounded so that right angles are exact."""
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
@@ -64,8 +70,7 @@ class Limits:
     effort: Array
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "lower", "upper", *LARGEST_LIMITS)
         for name, largest in LARGEST_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
@@ -110,8 +115,7 @@ class Line:
     core_speed: float
 
     def __post_init__(self) -> None:
-        for name in ("origin", "direction", "rotation"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "origin", "direction", "rotation")
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
         if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
@@ -218,7 +222,7 @@ class Dynamics:
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", read_only(self.gravity))
+        freeze(self, "gravity")
 
 
 IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
@@ -256,7 +260,6 @@ class Robot:
         springs: known extra joint torques.
         joint_dynamics: additional dynamics by joint, from a description (MJCF) in which they have a meaning.
         collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
-        limits_source: where acceleration and jerk limits come from.
         defects: a sentence per choice that was made, and per defect that was found with what was done about it.
         notes: those of them that whoever makes a model must know, such as what an MJCF does not say.
         warnings: sentences on torques that differ from the file's, or that no body can have; every command shows them.
@@ -278,7 +281,6 @@ class Robot:
     springs: tuple[Spring, ...]
     joint_dynamics: Mapping[str, JointDynamics]
     collision_exclusions: tuple[tuple[str, str], ...]
-    limits_source: str
     defects: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -286,8 +288,7 @@ class Robot:
     given_line: Line | None
 
     def __post_init__(self) -> None:
-        for name in ("tool_offset", "home"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "tool_offset", "home")
 
     @property
     def limits(self) -> Limits:

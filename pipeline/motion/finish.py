@@ -1,7 +1,5 @@
 """Fast moves of the gripper from a moving state to rest, among them the finish over the box."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -16,13 +14,10 @@ from urdf.robot import Array
 
 FINISH_ACCELERATION = 8.0
 """Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
-
 FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
-
 MIN_SPEED_SHARE = 0.02
 """Share of the highest speed below which the search for a slower move ends [1]."""
-
 MEETING_SPACING = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
 

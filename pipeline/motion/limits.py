@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.motion.trajectory import LineState
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -20,13 +20,10 @@ if TYPE_CHECKING:
 
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
-
 SPEEDS = np.linspace(-1.0, 1.0, 17)
 """Of the largest speed, at which torques are asked; they are parabolas of it, and pass the limit by 3e-4 in between."""
-
 HEADROOM = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
-
 LIMIT_ROUNDING = 1e-10
 """What a planned motion may exceed a limit by [SI units]."""
 
@@ -60,8 +57,7 @@ class LineLimits:
     strongest: float = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("s", "speed", "acceleration"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "s", "speed", "acceleration")
         for values, least, largest in (
             (self.s, "s_min", "s_max"),
             (self.speed, "slowest", "fastest"),

@@ -1,7 +1,5 @@
 """Motions along the line planned by Ruckig, checks of their limits, and states from which the tool can stop."""
 
-from __future__ import annotations
-
 import math
 
 import ruckig

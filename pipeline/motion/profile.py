@@ -17,10 +17,8 @@ from urdf.robot import Array
 
 SAMPLING = 2.5e-3
 """Spacing at which a motion is compared with limits that depend on the place [s]."""
-
 MISSED = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""
-
 MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 

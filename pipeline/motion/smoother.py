@@ -1,7 +1,5 @@
 """Online smoothing: the tool follows any reference within its limits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -14,10 +12,8 @@ from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
-
 PURSUIT = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
-
 ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 

@@ -27,12 +27,10 @@ class Node(Protocol):
     @property
     def name(self) -> str:
         """Name of the node for tables and messages."""
-        ...
 
     @property
     def period(self) -> float:
         """Time between steps [s]."""
-        ...
 
     def step(self, now: float) -> None:
         """Run the node's task once.
@@ -40,7 +38,6 @@ class Node(Protocol):
         Args:
             now: time at which this step was due [s].
         """
-        ...
 
 
 @dataclass

@@ -28,7 +28,6 @@ NEAR_WALL = 0.05
 """A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
 END_MARGIN = 0.01
 """Distance that plans keep from the ends of the line [m]."""
-
 LEAD = 2.0
 """So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
 TRIES = 3

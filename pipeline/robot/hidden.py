@@ -154,9 +154,8 @@ def magnet(value: float, along: float) -> float:
 
 
 @hidden_effect(Stage.PIVOT, "N m s/rad", 1e-3, upper=0.5)
-def pivot_viscous_friction(value: float, rate: float, reversal: float) -> float:
+def pivot_viscous_friction(value: float, _rate: float, _reversal: float) -> float:
     """A torque at the string's upper end, proportional to the swing rate."""
-    del rate, reversal
     return value
 
 
@@ -169,51 +168,44 @@ def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
 
 
 @hidden_effect(Stage.JOINTS, "N m", 1.0, upper=20.0)
-def joint_stribeck_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
+def joint_stribeck_friction(value: float, share: Vector, velocity: Vector, _gravity: Vector) -> Vector:
     """More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2)."""
-    del gravity
     return np.asarray(value * share * np.exp(-((velocity / STRIBECK_SPEED) ** 2)))
 
 
 @hidden_effect(Stage.JOINTS, "N m", 1.0, upper=20.0)
-def joint_asymmetric_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
+def joint_asymmetric_friction(value: float, share: Vector, velocity: Vector, _gravity: Vector) -> Vector:
     """More dry friction in every joint while it turns positively."""
-    del gravity
     return np.asarray(value * share * (velocity > 0.0))
 
 
 @hidden_effect(Stage.JOINTS, "1", 0.05, upper=1.0)
-def joint_load_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
+def joint_load_friction(value: float, _share: Vector, _velocity: Vector, gravity: Vector) -> Vector:
     """Dry friction in every joint proportional to the gravity torque that it carries."""
-    del share, velocity
     return np.asarray(value * np.abs(gravity))
 
 
 @hidden_effect(Stage.FORCE, "N", 0.02, lower=_BOTH)
-def sensor_bias(value: float, force: float, time: float) -> float:
+def sensor_bias(value: float, _force: float, _time: float) -> float:
     """A constant added to the force (on top of the drawn bias)."""
-    del force, time
     return value
 
 
 @hidden_effect(Stage.FORCE, "1", 0.03, lower=-0.9)
-def sensor_gain(value: float, force: float, time: float) -> float:
+def sensor_gain(value: float, force: float, _time: float) -> float:
     """Relative error of the force's scale."""
-    del time
     return value * force
 
 
 @hidden_effect(Stage.FORCE, "N/s", 1e-3, lower=_BOTH)
-def sensor_drift(value: float, force: float, time: float) -> float:
+def sensor_drift(value: float, _force: float, time: float) -> float:
     """The force's zero moves at a constant rate."""
-    del force
     return value * time
 
 
 @hidden_effect(Stage.FORCE, "1/N", 0.02, lower=_BOTH)
-def sensor_nonlinearity(value: float, force: float, time: float) -> float:
+def sensor_nonlinearity(value: float, force: float, _time: float) -> float:
     """The reading curves: this times the force squared is added."""
-    del time
     return value * force**2
 
 

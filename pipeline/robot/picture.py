@@ -115,10 +115,8 @@ Pixels = npt.NDArray[np.uint8]
 
 SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
-
 TRAIL_EVERY = 4
 """Entries of the history between two dots of the load's trail."""
-
 TRAIL = (0.004, (0.8, 0.1, 0.1, 0.35))
 """Radius [m] and colour of the dots where the load has been."""
 

@@ -102,7 +102,6 @@ def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
 
 TIME_STEP = 1e-3
 """Step of the physics [s]."""
-
 RIGID_ARMATURE = 1e6
 """Rotor inertia of a joint that shall not move [kg m^2]."""
 

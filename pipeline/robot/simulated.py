@@ -19,10 +19,8 @@ from pipeline.robot.truth import History, swing_angle
 
 IN_BOX_FOR = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
-
 HISTORY_EVERY = 10
 """Steps between two entries of the history."""
-
 DIVERGED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 

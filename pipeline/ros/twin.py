@@ -209,8 +209,3 @@ class Twin(Closing):
                 self._inbox.append(lambda now: act(message, now))
 
         return put
-
-    def between_steps(self, act: Callable[[], None]) -> None:
-        """Have a function called between two steps of the plant; any thread may request this."""
-        with self._lock:
-            self._inbox.append(lambda _now: act())

@@ -25,7 +25,7 @@ with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_off
     def obey():
         for word in sys.stdin:
             act = {"press": twin.controller.press, "unplug": twin.port.close}[word.strip()]
-            twin.between_steps(act)
+            twin._later(lambda _message, _now, act=act: act())({}, 0.0)  # between two steps of the plant
         ended.set()
 
     threading.Thread(target=obey, daemon=True).start()

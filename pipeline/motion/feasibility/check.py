@@ -1,7 +1,5 @@
 """The feasibility of a whole motion, along the line or of the joints, before it is run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distances between arm, load, string and obstacles over a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,19 +18,14 @@ from urdf.robot import Array
 
 CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
 """Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
-
 TABLE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
-
 SHARE = 0.25
 """Share of the distance by which the arm may move before the next look, so that no contact is missed."""
-
 STEP = 5e-3
 """Move after which the next look is taken where two parts already touch [m]."""
-
 TIE = 1e-9
 """Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
-
 HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 

@@ -1,7 +1,5 @@
 """Trajectories from files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from urdf.robot import Array
 
 ORDER = 6
 """Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
-
 EVEN = 0.01
 """Unevenness of the sampling up to which the differences can be used [1]."""
 

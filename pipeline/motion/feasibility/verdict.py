@@ -18,10 +18,8 @@ SCHEMA = "armdyn.check/1"
 
 TOLERANCE = 1e-6
 """Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
-
 SMALL = 1e-3
 """Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
-
 APART = 0.05
 """Time for which a limit must be kept between two violations, to count them as two [s]."""
 
