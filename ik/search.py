@@ -76,12 +76,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
 
     Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
     reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
-    of the best one.
-
-    Args:
-        robot: the arm; its home posture is one of the starts.
-        demand: requirements on the line; by default those of `Demand`.
-        progress: called with a text on the progress.
+    of the best one. The robot's home posture is one of the starts. `progress` is called with a text on the progress.
 
     Raises:
         UnreachableError: no line of this length and direction can be followed.

@@ -95,12 +95,9 @@ class PathTorque:
         return PathTorque(*((1 - share) * term[node] + share * term[node + 1] for term in terms))
 
     def torque(self, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
-        """Torque of the motors, (k, n) [N m].
+        """Torque of the motors, (k, n) [N m], at speeds v [m/s] and accelerations a [m/s^2], scalars or (k,).
 
-        Args:
-            v: speed, a scalar or (k,) [m/s].
-            a: acceleration, a scalar or (k,) [m/s^2].
-            springs: whether the robot's springs help.
+        With `springs`, those of the robot help.
         """
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity

@@ -16,16 +16,11 @@ OPENING = {"revolute": math.pi, "prismatic": 0.1}
 
 
 def gripper_joints(root: ET.Element) -> frozenset[str]:
-    """Names of joints of grippers and hands, with all joints behind them.
+    """Names of joints of grippers and hands in a URDF, with all joints behind them.
 
     They move little of the arm's mass, and either there are several on one palm, or one copies another, or it is a lone
-    jaw: the last joint, which opens less than half a turn and is lighter than what carries it.
-
-    Args:
-        root: the URDF, one tree.
-
-    Returns:
-        Names of the joints; empty where all joints would be a gripper's, as in the description of a hand alone.
+    jaw: the last joint, which opens less than half a turn and is lighter than what carries it. Empty where all joints
+    would be a gripper's, as in the description of a hand alone.
     """
     tree = _Tree(root)
     copies = [joint for joint in tree.joints.values() if joint.find("mimic") is not None]
@@ -41,12 +36,7 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
 
 
 class _Tree:
-    """Masses along the joints of a URDF.
-
-    Attributes:
-        joints: joints by name.
-        moving: names of the joints that move.
-    """
+    """Masses along the joints of a URDF: all joints by name, and the names of those that move."""
 
     def __init__(self, root: ET.Element) -> None:
         self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}

@@ -81,14 +81,7 @@ class Limits:
             raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
-        """Distance of each joint to its nearer position limit, negative beyond it.
-
-        Args:
-            q: postures (..., n) [rad or m].
-
-        Returns:
-            (..., n) [rad or m].
-        """
+        """Distance of each joint to its nearer position limit at postures (..., n), negative beyond it: (..., n)."""
         return np.minimum(q - self.lower, self.upper - q)
 
 
@@ -320,11 +313,7 @@ class Robot:
         return int(self.model.getFrameId(self.tool_frame))
 
     def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
-        """Torque [N m] that the motors add for springs at postures q (..., n), of the same shape.
-
-        Args:
-            q: joint positions [rad].
-            springs: springs to include; by default all that are known.
+        """Torque [N m] that the motors add for springs, all that are known by default, at postures q (..., n) [rad].
 
         Raises:
             UrdfError: a spring is on a joint that the arm does not have.
@@ -338,11 +327,9 @@ class Robot:
         return torque
 
     def tool_pose(self, q: Array, data: pin.Data | None = None) -> pin.SE3:
-        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,).
+        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,) [rad or m].
 
-        Args:
-            q: the posture [rad or m].
-            data: Pinocchio data of the model, which frequent callers may reuse; created if not given.
+        Frequent callers may reuse `data`, Pinocchio's data of the model.
         """
         data = data or self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))

@@ -40,11 +40,7 @@ def join_problems(problems: Sequence[str]) -> str:
 
 
 def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
-    """Text and content of a TOML file.
-
-    Args:
-        path: path of the file.
-        finite: whether `nan` and `inf` are refused everywhere.
+    """Text and content of a TOML file; with `finite`, `nan` and `inf` are refused everywhere.
 
     Raises:
         FileNotFoundError: the file is missing.
@@ -128,10 +124,6 @@ def hint(name: str, valid: Sequence[str]) -> str:
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     """Refuse an unknown key of a table.
-
-    Args:
-        table: table with keys.
-        known: known keys.
 
     Raises:
         TableFileError: a key is unknown; the message names it and the most similar known one.

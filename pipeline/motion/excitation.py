@@ -29,12 +29,7 @@ REMEMBERED = 5000
 
 
 class FreePostures:
-    """The set of postures that the feasibility check allows, for the search of a motion.
-
-    Args:
-        robot: the arm.
-        clearance: required distance between the arm's links [m].
-    """
+    """The postures that the feasibility check allows with a required distance between links [m], for a search."""
 
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
         self.robot, self.clearance = robot, clearance

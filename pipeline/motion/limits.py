@@ -68,12 +68,10 @@ class LineLimits:
 
     @classmethod
     def from_table(cls, table: PathTable, torque: JointTorque | None = None) -> LineLimits:
-        """Limits along the path of a table.
+        """Limits along the path of a table, which contains the limits due to the joints.
 
-        Args:
-            table: IK table of the path, which contains the limits due to the joints.
-            torque: torque of the arm with its load; then the accelerations also respect the motors' limits at every
-                allowed speed. Where the motors cannot hold the arm, the check of a motion reports it.
+        With the torque of the arm and its load, accelerations also respect the motors' limits at every allowed speed.
+        Where the motors cannot hold the arm, the check of a motion reports it.
         """
         acceleration = table.acceleration_limit
         if torque is not None:

@@ -26,10 +26,7 @@ MAX_PROFILE_SAMPLES = 4000
 class JerkProfile:
     """A motion in phases of constant jerk; after the last phase the acceleration stays constant.
 
-    Args:
-        state: state at the start of the motion.
-        durations: durations of the phases [s]; phases of no duration are dropped.
-        jerks: jerks of the phases [m/s^3].
+    It begins at a state; phases of no duration [s] are dropped.
 
     Attributes:
         start: time at which each phase begins, then the duration [s].

@@ -80,16 +80,13 @@ class LineSmoother:
         self._joining: JerkProfile | None = None
 
     def update(self, reference: LineState | Sequence[LineState]) -> LineState:
-        """Advance by one cycle towards the reference.
+        """Advance by one cycle towards the reference; returns the state at the end of the cycle.
 
         Args:
             reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
                 it. A single state is continued with a fading acceleration. If the first state is not finite the tool
                 is brought to rest; a state that is not finite ends the sequence. States beyond the limits are moved
                 back to them.
-
-        Returns:
-            State at the end of the cycle.
         """
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
@@ -103,11 +100,7 @@ class LineSmoother:
         return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
-        """Advance by one cycle while braking to rest.
-
-        Returns:
-            State at the end of the cycle.
-        """
+        """Advance by one cycle while braking to rest; returns the state at the end of the cycle."""
         self._joining = None
         self._motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
         self._stop_age += self._dt

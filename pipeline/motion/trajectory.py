@@ -71,8 +71,7 @@ class LineTrajectory:
     def then(self, other: LineTrajectory) -> LineTrajectory:
         """This motion followed by another one, whose time counts from the end of this one.
 
-        Args:
-            other: second motion; its first sample is left out if it is at time 0, where it equals this motion's last.
+        Its first sample is left out if it is at time 0, where it equals this motion's last.
         """
         first = 1 if other.time[0] <= 0.0 else 0
         pairs = (self.time, self.time[-1] + other.time), (self.s, other.s), (self.v, other.v), (self.a, other.a)

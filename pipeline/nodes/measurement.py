@@ -71,10 +71,9 @@ class _Series:
 
 
 class _SmoothedPath:
-    """The gripper's path from a start time, smoothed piece by piece.
+    """The gripper's path from a start time [s], smoothed piece by piece.
 
     Attributes:
-        start: begin of the path [s].
         count: number of samples of the path.
         along, height: position, velocity and acceleration of the samples, (3, count) each.
     """

@@ -218,11 +218,9 @@ class TaskNode:
         self._request = None
 
     def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
-        """Request a motion that brings the load to rest.
+        """Request a motion that brings the load to rest, by a model with the present estimate.
 
-        Args:
-            model: model with the present estimate.
-            state: gives the state of gripper and load at an instant [s], now or later while the arm stands.
+        `state` gives the state of gripper and load at an instant [s], now or later while the arm stands.
         """
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))

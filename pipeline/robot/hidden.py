@@ -101,12 +101,7 @@ def hidden_effect(
 ) -> Callable[[Term], Term]:
     """Register a function of the value, and of what the stage gives, under its own name; its docstring is the summary.
 
-    Args:
-        stage: where it adds its result.
-        unit: of the value.
-        typical: value where none is given.
-        lower: smallest value that makes sense.
-        upper: largest value that the 1 ms integration stays accurate for.
+    The other arguments are the fields of `HiddenEffect`.
     """
 
     def register(term: Term) -> Term:
@@ -224,9 +219,7 @@ def torque_gain(value: float, torque: Vector) -> Vector:
 def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
     """Value of every effect: typical where ``None`` was given, zero where the effect was not named.
 
-    Args:
-        hidden: name, or ``FILE.py:NAME`` of a user's effect, to value in the effect's unit, or ``None`` for the
-            typical value.
+    Names are those of `HIDDEN_EFFECTS`, or ``FILE.py:NAME`` of a user's effect; values are in the effect's unit.
 
     Returns:
         All names of `HIDDEN_EFFECTS`, and the user's that were given, with their value, read-only.

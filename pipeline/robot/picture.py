@@ -24,13 +24,7 @@ WALL_OPACITY = 0.25
 
 
 def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[int, int]) -> mujoco.MjModel:
-    """MuJoCo model with the plant's joints, string and load, for drawing only.
-
-    Args:
-        robot: the arm.
-        settings: load, string and box.
-        size: width and height of the largest picture [pixels].
-    """
+    """MuJoCo model of arm, string, load and box, for pictures of at most width and height `size` [pixels]."""
     root = arm_only(robot, keep=("visual",))
     assets = _converted_meshes(root, robot)
     options = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")

@@ -117,9 +117,6 @@ def build_scene(
         hidden: value of every effect.
         mass: true mass of the load [kg].
         link_scale: factor on mass and inertia of the link behind each joint (n,).
-
-    Returns:
-        The compiled model, at MuJoCo's own zero posture.
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
     line = robot.line

@@ -96,10 +96,7 @@ def record_run(
 
 
 class _Heard:
-    """Joint states collected in the bridge's thread; any thread may read them.
-
-    Args:
-        topic: topic of the joint states.
+    """Joint states of a topic collected in the bridge's thread; any thread may read them.
 
     Attributes:
         latest: time of reception of the newest message, on our clock [s].

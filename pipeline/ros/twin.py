@@ -121,10 +121,9 @@ class Twin(Closing):
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Simulate in real time until a condition holds; without the bridge the arm holds, as the robot would.
+        """Simulate in real time until a condition holds, which is tested every few ms.
 
-        Args:
-            until: the condition; tested every few ms.
+        Without the bridge the arm holds, as the robot would.
         """
         ask_for_real_time()
         gc.collect()

@@ -102,10 +102,7 @@ class Body(NamedTuple):
 
 
 class ArmShapes:
-    """Collision shapes of the arm's links, and their distance from other bodies.
-
-    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
-    """
+    """Collision shapes of the arm's links with convex hulls in place of meshes: distances err on the safe side."""
 
     def __init__(self, robot: urdf.Robot) -> None:
         self._model, shapes = collision_shapes(robot)
@@ -179,10 +176,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: Swing, collision: bool
 ) -> list[Bounded]:
-    """Tension of the string, and distance of load and string from the arm.
-
-    Distances of the load are to every link; those of the string to all but the hand, on which it hangs.
-    """
+    """Tension of the string, and distances: of the load to every link, of the string to all but the hand."""
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]

@@ -205,10 +205,7 @@ class FeasibilityReport:
         return f"Not feasible: the {self.violations[0].broken}{more}."
 
     def require_feasible(self, motion: str) -> None:
-        """Refuse an infeasible motion.
-
-        Args:
-            motion: what it is, such as ``"swing"``.
+        """Refuse an infeasible motion, which `motion` names, such as ``"swing"``.
 
         Raises:
             TaskFailedError: with the first violation.
