@@ -42,7 +42,7 @@ class JointTorque:
             raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
         self._robot, self._model = robot, pin.Model(robot.model)
         frame = robot.model.frames[robot.tool_frame_id]
-        lever = frame.placement.act(np.asarray(robot.tool_offset))
+        lever = frame.placement.act(robot.tool_offset)
         self._model.inertias[frame.parentJoint] += pin.Inertia(load_mass, lever, np.zeros((3, 3)))
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
 

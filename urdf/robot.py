@@ -119,9 +119,10 @@ class Line:
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
 
     @property
-    def across(self) -> Array:
-        """Horizontal unit vector at right angles to a horizontal line (3,)."""
-        return np.cross([0.0, 0.0, 1.0], self.direction)
+    def axes(self) -> Array:
+        """Unit vectors along a horizontal line, across it and up, the columns of (3, 3)."""
+        up = np.array([0.0, 0.0, 1.0])
+        return np.column_stack([self.direction, np.cross(up, self.direction), up])
 
     def coordinates(self, point: Array) -> tuple[float, float]:
         """Coordinate along the line and height above it [m], of a point (3,) [m]."""

@@ -105,7 +105,7 @@ class Scheduler:
         self._count = {node.name: 0 for node in self._nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
-        """Run until a condition holds, which is tested after every round, or for the longest time [s]; whether it holds.
+        """Run until a condition holds, which is tested after every round, at most so long [s]; whether it holds.
 
         Raises:
             ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.

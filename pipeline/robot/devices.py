@@ -82,7 +82,7 @@ class Servo:
     def __init__(
         self, robot: urdf.Robot, settings: ServoSettings, reference: Reference, rest_torque: Vector, encoder_lead: float
     ) -> None:
-        self._model, self._data, self._limit = robot.model, robot.model.createData(), np.asarray(robot.limits.effort)
+        self._model, self._data, self._limit = robot.model, robot.model.createData(), robot.limits.effort
         self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
         self._lead, self._reference = encoder_lead, reference
         self._gain = _share_per_step(settings.filter_time)

@@ -69,15 +69,9 @@ def _converted_meshes(root: ET.Element, robot: urdf.Robot) -> dict[str, bytes]:
                     f"robot '{robot.name}': mesh '{uri}' is missing; install its package to draw the robot"
                 )
             names[uri] = f"{len(names)}_{file.stem}.stl"
-            assets[names[uri]] = _as_stl(file)
+            assets[names[uri]] = trimesh.load(file, force="mesh", process=False).export(file_type="stl")
         mesh.set("filename", names[uri])
     return assets
-
-
-def _as_stl(file: Path) -> bytes:
-    shape = trimesh.load(file, force="mesh", process=False)
-    stl: bytes = shape.export(file_type="stl")
-    return stl
 
 
 def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> None:

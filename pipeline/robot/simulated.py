@@ -174,8 +174,6 @@ class SimulatedRobot:
 
     def _load_is_inside(self) -> bool:
         box, line = self.settings.box, self._plant.line
-        above = float(self._plant.load[2] - line.origin[2])
-        if box is None or above > -box.rim:
+        if box is None or self._plant.load[2] - line.origin[2] > -box.rim:
             return False
-        offset = self._plant.load - line.origin
-        return box.contains(float(offset @ line.direction), float(offset @ line.across), above)
+        return box.contains(*map(float, (self._plant.load - line.origin) @ line.axes))

@@ -13,7 +13,7 @@ from armdyn.errors import InputError
 from pipeline.box import Box
 from pipeline.motion.feasibility.verdict import Bounded
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
-from urdf.collision import collision_shapes
+from urdf.collision import collision_shapes, hull, link_of_shape
 from urdf.robot import Array
 
 CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
@@ -49,18 +49,12 @@ class Obstacle:
 
 def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
     """An open box on a table, under the line: four walls, the floor and the table top."""
-    along, up = np.asarray(line.direction, dtype=float), np.array([0.0, 0.0, 1.0])
-    axes = np.column_stack([along, np.cross(up, along), up])
-    middle = np.asarray(line.origin) + box.middle * along - box.rim * up
-    top = np.array([0.0, 0.0, -box.height - box.wall - TABLE[2] / 2.0])
+    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE[2] / 2.0])
     blocks = [
-        ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.offset, 2.0 * plate.half)
-        for plate in box.plates()
+        ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.centre, 2.0 * plate.half)
+        for plate in box.plates(line)
     ]
-    return tuple(
-        Obstacle(name, middle + axes @ offset, size, axes)
-        for name, offset, size in [*blocks, ("table", top, np.array(TABLE))]
-    )
+    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE))])
 
 
 @dataclass(frozen=True)
@@ -109,9 +103,9 @@ class ArmShapes:
         self._data = self._model.createData()
         tool = robot.model.frames[robot.tool_frame_id]
         self.tool_joint = int(tool.parentJoint)
-        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
+        self._tool_point = tool.placement.act(robot.tool_offset)
         self._parts = [
-            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
+            (link_of_shape(shape), int(shape.parentJoint), shape.placement.copy(), hull(shape.geometry)[0])
             for shape in shapes.geometryObjects
             if shape.parentJoint > 0
         ]
@@ -137,14 +131,6 @@ class ArmShapes:
         return best
 
 
-def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
-    if not isinstance(shape, coal.BVHModelBase):
-        return shape
-    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
-    shape.buildConvexHull(True, "Qt")
-    return shape.convex
-
-
 def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
     """Distance of the arm from itself and the rest of the robot, and from what stands around it."""
     itself = urdf.CollisionModel(robot)
@@ -160,8 +146,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
     if obstacles:
         arm = ArmShapes(robot)
         blocks = [
-            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
-            for o in obstacles
+            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, o.centre)) for o in obstacles
         ]
 
         def to_obstacles(k: int) -> tuple[float, str]:
@@ -180,8 +165,7 @@ def swing_series(
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
-    arm, along, up = ArmShapes(robot), np.asarray(line.direction), np.array([0.0, 0.0, 1.0])
-    aside = np.cross(along, up)
+    arm, along, aside, up = ArmShapes(robot), line.direction, -line.axes[:, 1], line.axes[:, 2]
     angle = np.interp(motion.time, swing.time, swing.angle)
     load, string = coal.Sphere(swing.radius), coal.Capsule(1e-3, swing.length)
 
