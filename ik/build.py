@@ -16,7 +16,7 @@ from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
 from ik.tablefile import TABLE_FORMAT
-from ik.torque import PathTorque
+from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 
 TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
@@ -70,7 +70,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
         "d2q_ds2": bending,
         "jacobian": jacobian,
         "limits": robot.limits,
-        "torque": PathTorque.of(robot, q, rate, bending),
+        "torque": JointTorque(robot, springs=True).along(q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 

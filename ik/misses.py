@@ -19,8 +19,7 @@ class Miss:
     Attributes:
         s: its path coordinate [m].
         position: of the tool point, (3,) [m].
-        distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
-        angle: how far the tool stays turned away [rad]; 0 for a collision.
+        distance, angle: how far off the tool stays within the joint limits [m, rad]; 0 for a collision.
         why: the reason, as the end of a sentence: beyond reach, or the joint or the links that forbid it.
     """
 

@@ -51,6 +51,18 @@ class JointTorque:
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
 
+    def along(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+        """The terms at postures and their first and second derivatives by a path coordinate, (k, n) each."""
+        model, still = self._model, np.zeros_like(q)
+        gravity = inverse_dynamics(model, q, still, still)
+        return PathTorque(
+            inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
+            centrifugal=inverse_dynamics(model, q, dq_ds, d2q_ds2) - gravity,
+            damping=np.asarray(model.damping) * dq_ds,
+            gravity=gravity,
+            springs=self._robot.spring_torque(q, self._springs),
+        )
+
 
 @dataclass(frozen=True)
 class PathTorque:
@@ -72,19 +84,6 @@ class PathTorque:
 
     def __post_init__(self) -> None:
         freeze(self, *(item.name for item in fields(self)))
-
-    @classmethod
-    def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
-        """The terms at postures and their first and second derivatives by the path coordinate, (k, n) each."""
-        model, still = robot.model, np.zeros_like(q)
-        gravity = inverse_dynamics(model, q, still, still)
-        return cls(
-            inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
-            centrifugal=inverse_dynamics(model, q, dq_ds, d2q_ds2) - gravity,
-            damping=np.asarray(model.damping) * dq_ds,
-            gravity=gravity,
-            springs=robot.spring_torque(q),
-        )
 
     def at(self, s: Array, at: ArrayLike) -> "PathTorque":
         """The terms at path coordinates `at` [m], a scalar or (m,), linear between evenly spaced nodes s, (k,) [m]."""

@@ -82,13 +82,9 @@ Box = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Judged:
-    """Judgement of the inertia of a link that has a defect.
+    """Judgement of the inertia of a link that has a defect, in a sentence; whether a body can have the inertia.
 
-    Attributes:
-        link: name of the link.
-        sentence: the defect, and what was done about it.
-        moments: moments of inertia (3,) [kg m^2] from the shapes that replace it; None where it was not changed.
-        possible: whether a body can have the present inertia.
+    Moments of inertia (3,) [kg m^2] from the shapes replace it where they are given.
     """
 
     link: str

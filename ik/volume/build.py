@@ -18,14 +18,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class VolumeReport:
-    """Result of building a volume.
-
-    Attributes:
-        table: the volume.
-        solved: number of targets solved in this call.
-        resumed: number of targets that were solved already.
-        seconds: duration of this call [s], the skeleton included.
-    """
+    """A volume, the numbers of targets that this call solved and that were solved already, and its duration [s]."""
 
     table: VolumeTable
     solved: int

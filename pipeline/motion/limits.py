@@ -147,12 +147,9 @@ class LineLimits:
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
-    found = np.full(len(table.s), np.inf)
+    along, found = torque.along(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
     for share in SPEEDS:
-        speed = share * table.speed_limit[:, None]
-        rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
-        even = torque(table.q, rate, bend)
-        each = torque(table.q, rate, bend + table.dq_ds) - even
-        most = np.min((table.limits.effort - np.abs(even)) / np.maximum(np.abs(each), 1e-12), axis=1)
+        low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
+        most = np.minimum(high, -low)
         found = np.where(most > 0.0, np.minimum(found, most), found)
     return found

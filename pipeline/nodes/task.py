@@ -95,15 +95,10 @@ class TaskSettings:
 
 @dataclass(frozen=True)
 class _Task:
-    """A planning task; it can be copied to another process.
+    """A planning task, which can be copied to another process.
 
-    Attributes:
-        cost: cost that the motion minimises.
-        values: values of the model's parameters.
-        start: initial state of gripper and load.
-        here: last commanded state on the line.
-        at: joint positions (n,) [rad].
-        finish: whether it is the swing, which the finish over the box follows.
+    The motion minimises `cost` from `start` of gripper and load, with these values of the model; the arm is
+    at the last commanded state `here` and at joint positions `at` (n,) [rad]. The finish over the box follows a swing.
     """
 
     cost: TaskCost

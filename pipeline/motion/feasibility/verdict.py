@@ -123,15 +123,8 @@ class Bounded:
 class Margin:
     """Where a motion comes closest to one limit, or is furthest beyond it.
 
-    Attributes:
-        limit: what is limited, such as ``"velocity"``.
-        joint: which joint or part.
-        time: when [s].
-        value: the value then, in `unit`.
-        bound: the limit then, in `unit`.
-        unit: SI unit; ``"1"`` for a pure number.
-        margin: distance from the limit, negative beyond it, in `unit`.
-        used: share of the limit that is used: 1 at the limit, more beyond it [1].
+    Value, bound and margin (negative beyond the bound) are in the SI `unit`, ``"1"`` for a pure number; time is in s.
+    `used` is the share of the limit that is used: 1 at the limit, more beyond it.
     """
 
     limit: str
