@@ -21,17 +21,13 @@ from pipeline.motion.feasibility import (
 )
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
-DT = 0.01
+from .lines import DT, sine
+
 PLAIN = CheckSettings(collision=False)
 
 
-def line_sine(
-    amplitude: float, frequency: float, centre: float = 0.0, dt: float = DT, last: float = 2.0
-) -> LineTrajectory:
-    w, t = 2 * np.pi * frequency, np.arange(0.0, last, dt)
-    return LineTrajectory(
-        t, centre + amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t)
-    )
+def line_sine(amplitude: float, frequency: float, centre: float = 0.0) -> LineTrajectory:
+    return sine(amplitude, frequency, 200, centre)
 
 
 def joint_sines(robot: urdf.Robot, amplitude: np.ndarray, frequency: np.ndarray, dt: float = DT) -> JointTrajectory:
