@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.gripper import gripper_joints
+from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
 from urdf.validate import MOVING_JOINT_TYPES, link_of
@@ -42,7 +43,8 @@ def infer(
     chains = _chains(root)
     said: list[str] = []
     if joints is None:
-        grippers = gripper_joints(root)
+        with told(f"{path}: Pinocchio cannot read it", "correct it"):
+            grippers = gripper_joints(root)
         counted = [[name for name in chain if name in moving and name not in grippers] for chain, _ in chains]
         longest = max(counted, key=len)
         joints = tuple(longest)
