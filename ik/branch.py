@@ -60,13 +60,7 @@ class Branch:
         return self.basis(s, derivative) @ self.coefficients.T
 
     def solve(self, chain: Chain, path: Path, s: Array, guess: Array) -> tuple[Array, Array]:
-        """Newton's method on the square system, for all coordinates at once.
-
-        Args:
-            chain: the arm.
-            path: where the tool should be.
-            s: path coordinates, (k,) [m].
-            guess: postures to start from, (k, n).
+        """Newton's method on the square system, for all coordinates (k,) [m] at once, from guessed postures (k, n).
 
         Returns:
             Postures, (k, n) [rad or m], and the largest residual of each system's equations, (k,) [m or rad].
@@ -92,13 +86,7 @@ class Branch:
         return np.concatenate((jacobian, rows)).transpose(2, 0, 1)
 
     def derivatives(self, chain: Chain, path: Path, s: Array, q: Array) -> tuple[Array, Array, Array]:
-        """Exact derivatives along the branch.
-
-        Args:
-            chain: the arm.
-            path: where the tool is.
-            s: path coordinates, (k,) [m].
-            q: postures on the branch, (k, n).
+        """Exact derivatives along the branch at coordinates (k,) [m] and postures on the branch, (k, n).
 
         Returns:
             q' and q'', (k, n) each [rad/m, rad/m^2], and the Jacobians, (k, 6, n).
@@ -150,15 +138,8 @@ def refine(chain: Chain, limits: Limits, path: Path, branch: Branch, s: Array, q
 
         \int \max_j |q_j'| / v_j  ds + CURVATURE/2 \int |q'' / v|^2 ds + penalties,
 
-    where each round linearises the branch in h, within a trust region.
-
-    Args:
-        chain: the arm.
-        limits: of its joints.
-        path: where the tool is, its core, and the speed required there.
-        branch: where to start.
-        s: evenly spaced coordinates, (k,) [m].
-        q: postures near the branch, (k, n).
+    where each round linearises the branch in h, within a trust region. It starts from a branch and postures near it,
+    (k, n), at evenly spaced coordinates (k,) [m].
 
     Returns:
         The branch and its postures at s, (k, n).

@@ -16,7 +16,7 @@ from ik.path import Path
 from ik.plan import Planner
 from ik.table import LineTable, PathTable
 from ik.tablefile import TABLE_FORMAT
-from ik.torque import PathTorque
+from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 
 TABLE_SPACING = 0.0005  # m between nodes: fourth-order differences of the nodes then agree with q' to 1e-9
@@ -25,12 +25,7 @@ Progress = Callable[[str], None]
 
 
 def build_line_table(robot: Robot, line: Line | None = None, progress: Progress | None = None) -> LineTable:
-    """Plan the branch along a line and solve it at every node.
-
-    Args:
-        robot: the arm.
-        line: where the tool point moves; the robot's own line if not given.
-        progress: called with a text on the progress.
+    """Plan the branch along a line, the robot's own if none is given, and solve it at every node.
 
     Raises:
         UnreachableError: a target on the line cannot be reached; the message says which, how far off and why.
@@ -41,11 +36,6 @@ def build_line_table(robot: Robot, line: Line | None = None, progress: Progress 
 
 def build_path_table(robot: Robot, path: Path, progress: Progress | None = None) -> PathTable:
     """Plan the branch along any smooth path in SE(3) and solve it at every node.
-
-    Args:
-        robot: the arm.
-        path: where the tool moves.
-        progress: called with a text on the progress.
 
     Raises:
         UnreachableError: a target on the path cannot be reached; the message says which, how far off and why.
@@ -80,7 +70,7 @@ def _content(robot: Robot, path: Path, progress: Progress | None) -> dict[str, A
         "d2q_ds2": bending,
         "jacobian": jacobian,
         "limits": robot.limits,
-        "torque": PathTorque.of(robot, q, rate, bending),
+        "torque": JointTorque(robot, springs=True).along(q, rate, bending),
         "fingerprint": robot.fingerprint,
     }
 
@@ -107,9 +97,7 @@ def default_path(robot: Robot) -> File:
 def default_table(robot: Robot, progress: Progress | None = None) -> LineTable:
     """The table of a robot's own line; it is built once, cached, and built again when the robot or the code changed.
 
-    Args:
-        robot: the arm.
-        progress: called with a text on the progress.
+    `progress` is called with a text on the progress.
     """
     path = default_path(robot)
     try:

@@ -96,11 +96,7 @@ class Chain:
         return len(self.prismatic)
 
     def motion(self, q: Array) -> ToolMotion:
-        """Forward kinematics.
-
-        Args:
-            q: postures, (b, n) [rad or m].
-        """
+        """Forward kinematics at postures (b, n) [rad or m]."""
         angles = np.ascontiguousarray(q.T)
         sines, cosines = np.sin(angles), np.cos(angles)
         batch = angles.shape[1]
@@ -128,11 +124,7 @@ class Chain:
         return np.concatenate((linear, angular), axis=1).transpose(1, 0, 2)
 
     def velocity_product(self, motion: ToolMotion, rate: Array) -> Array:
-        r"""The part of the tool's acceleration that comes from moving, $\dot J \dot q$.
-
-        Args:
-            motion: pose and joint axes of the arm.
-            rate: joint rates, (b, n).
+        r"""The tool's acceleration at joint rates (b, n) without joint accelerations, $\dot J \dot q$.
 
         Returns:
             Linear rows first, (6, b), in the units of rate squared.
@@ -165,14 +157,9 @@ def shortened(step: Array, longest: float) -> Array:
 
 
 def rotation_error(target: Array, current: Array) -> Array:
-    """Rotation vector in base axes that takes the current orientations to the targets.
+    """Rotation vectors (3, b) [rad] in base axes, from orientations (3, 3, b) to targets, (3, 3, b) or (3, 3, 1).
 
-    Args:
-        target: (3, 3, b) or (3, 3, 1).
-        current: (3, 3, b).
-
-    Returns:
-        (3, b) [rad]; exact below half a turn, of the right direction up to it.
+    Exact below half a turn, of the right direction up to it.
     """
     r = np.einsum("ikb,jkb->ijb", np.broadcast_to(target, current.shape), current)
     sine_axis = 0.5 * np.stack((r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]))

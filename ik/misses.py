@@ -19,8 +19,7 @@ class Miss:
     Attributes:
         s: its path coordinate [m].
         position: of the tool point, (3,) [m].
-        distance: how far off the tool point stays within the joint limits [m]; 0 for a collision.
-        angle: how far the tool stays turned away [rad]; 0 for a collision.
+        distance, angle: how far off the tool stays within the joint limits [m, rad]; 0 for a collision.
         why: the reason, as the end of a sentence: beyond reach, or the joint or the links that forbid it.
     """
 
@@ -39,17 +38,7 @@ class Miss:
 
 
 def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) -> tuple[Miss, ...]:
-    """Find the best posture for each target along a path, and the reason where it is missed.
-
-    Args:
-        robot: the arm.
-        path: where the tool should be.
-        s: path coordinates, (k,) [m].
-        collisions: collision model of the arm.
-
-    Returns:
-        The targets that cannot be held, in the order of s.
-    """
+    """The targets at path coordinates (k,) [m] that the arm cannot hold, in this order, each with the reason."""
     turned, placed = path.pose(s)
     rotation, position = turned.transpose(2, 0, 1), placed.T
     solver = Solver(robot)

@@ -18,15 +18,10 @@ MAX_SELF_MOTION = 3.2  # rad of self-motion to either side: about half a turn of
 
 
 class Planner:
-    """Plans the branch on which a path can be travelled fastest.
+    """Plans the branch on which a path can be travelled fastest; without `collisions` the arm may touch anything.
 
     The home posture is carried along the path; where the arm has one spare joint, dynamic programming over its
     self-motion finds the global course; a polynomial takes it over and is refined.
-
-    Args:
-        robot: the arm and its home posture.
-        path: where the tool should be.
-        collisions: collision model of the arm; None leaves collisions out.
 
     Attributes:
         s: coordinates of the plan, (k,) [m].
@@ -118,14 +113,10 @@ class Planner:
         return np.concatenate((left[:0:-1], right)), np.concatenate((left_good[:0:-1], right_good))
 
     def _course(self, postures: Array, valid: Array) -> Array:
-        """The quickest way through sampled postures by dynamic programming, (k, n): no local optimum.
+        """The quickest way, (k, n), through candidate postures (m, c, n) at the coarse nodes that are `valid`, (m, c).
 
-        The cost of a step is the time that the slowest joint needs for it, plus what missing speed on the core and
-        missing margin cost.
-
-        Args:
-            postures: candidates at every coarse node, (m, c, n).
-            valid: which of them may be used, (m, c).
+        Dynamic programming: no local optimum. The cost of a step is the time that the slowest joint needs for it, plus
+        what missing speed on the core and missing margin cost.
         """
         limits, s = self.robot.limits, self.s[::COARSE_STRIDE]
         margin = limits.margin(postures).min(axis=2)

@@ -14,7 +14,7 @@ from ik.errors import UnreachableError
 from ik.path import MAX_PATH_LENGTH
 from ik.plan import Planner
 from ik.solver import Solver
-from ik.torque import PathTorque
+from ik.torque import JointTorque
 from urdf import CollisionModel, Line, Robot
 from urdf.robot import Array
 
@@ -76,12 +76,7 @@ def search_line(robot: Robot, demand: Demand | None = None, progress: Callable[[
 
     Only lines in front of the base, to the right of somebody who looks along the direction, are looked at. First the
     reachable targets of a grid, then plans of the most promising rows of it, then smaller and smaller moves
-    of the best one.
-
-    Args:
-        robot: the arm; its home posture is one of the starts.
-        demand: requirements on the line; by default those of `Demand`.
-        progress: called with a text on the progress.
+    of the best one. The robot's home posture is one of the starts. `progress` is called with a text on the progress.
 
     Raises:
         UnreachableError: no line of this length and direction can be followed.
@@ -124,6 +119,7 @@ class _Search:
     def __init__(self, robot: Robot, demand: Demand) -> None:
         self.robot, self.demand = robot, demand
         self.chain, self.solver, self.collisions = Chain.of(robot), Solver(robot), CollisionModel(robot)
+        self.torque = JointTorque(robot, springs=True)
         self.direction = np.array(demand.direction) / np.linalg.norm(demand.direction)
         up = np.array([0.0, 0.0, 1.0]) if abs(self.direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
         across = np.cross(self.direction, up) / np.linalg.norm(np.cross(self.direction, up))
@@ -190,7 +186,7 @@ class _Search:
             return None
         s, limits = planner.s, self.robot.limits
         rate, bending, _ = branch.derivatives(self.chain, line, s, q)
-        without, helped = PathTorque.of(self.robot, q, rate, bending).shares_at_rest(limits.effort)
+        without, helped = self.torque.along(q, rate, bending).shares_at_rest(limits.effort)
         torque = float(without.max()), float(helped.max())
         if max(torque) > 1.0:
             return None

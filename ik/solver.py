@@ -109,9 +109,7 @@ class Answers:
 class Solver:
     """Solves targets from the nearest of many random postures, and from the next nearest where that fails.
 
-    Args:
-        robot: the arm.
-        limited: whether joints must stay within their limits.
+    Unless `limited`, joints may leave their limits.
     """
 
     def __init__(self, robot: Robot, limited: bool = True) -> None:
@@ -169,11 +167,7 @@ class Solver:
         )
 
     def postures(self, rotation: Array, position: Array) -> Array:
-        """Different postures that hold the tool at one target.
-
-        Args:
-            rotation: orientation of the tool, (3, 3).
-            position: position of the tool point, (3,) [m].
+        """Different postures that hold the tool at one target: an orientation (3, 3) and a position (3,) [m].
 
         Returns:
             Postures that reach the target, (m, n) with m from 0 to `POSTURES_TRIED`, from the nearest start on.

@@ -15,7 +15,7 @@ from ik.pathfile import path_of
 from ik.tablefile import REBUILD, check_motion, check_robot, check_shapes, read_arrays, reading, write_arrays
 from ik.torque import PathTorque
 from urdf import Limits, Line, Robot, UrdfError
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze, read_only
 
 LOOKUP_SLACK = 1e-9  # m beyond the ends that rounding may ask for
 
@@ -87,19 +87,17 @@ class PathTable:
     acceleration_limit: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("tool_offset", *NODES):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "tool_offset", *NODES)
         object.__setattr__(self, "joint_margin", float(self.margin.min()))
-        speed = read_only(self._speed(self.dq_ds))
-        object.__setattr__(self, "speed_limit", speed)
-        acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, speed)
-        object.__setattr__(self, "acceleration_limit", read_only(acceleration))
+        object.__setattr__(self, "speed_limit", self._speed(self.dq_ds))
+        acceleration = self._acceleration(self.dq_ds, self.d2q_ds2, self.speed_limit)
+        object.__setattr__(self, "acceleration_limit", acceleration)
+        freeze(self, "speed_limit", "acceleration_limit")
 
     def posture(self, s: ArrayLike) -> Posture:
-        """Postures between nodes by quintic Hermite interpolation, which meets q, q' and q'' at every node.
+        """Postures at path coordinates [m], a scalar or (k,), between nodes by quintic Hermite interpolation.
 
-        Args:
-            s: path coordinates [m], a scalar or (k,).
+        It meets q, q' and q'' at every node.
 
         Raises:
             InputError: a coordinate is not on the table.
@@ -128,10 +126,7 @@ class PathTable:
     def joint_motion(self, s: ArrayLike, v: ArrayLike, a: ArrayLike) -> JointMotion:
         """Joint positions, velocities q' v and accelerations q' a + q'' v^2 for a motion on the path.
 
-        Args:
-            s: path coordinate [m], a scalar or (k,).
-            v: its velocity [m/s], of the same shape.
-            a: its acceleration [m/s^2], of the same shape.
+        Coordinate s [m], velocity v [m/s] and acceleration a [m/s^2] are scalars or (k,).
         """
         posture = self.posture(s)
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
@@ -142,23 +137,18 @@ class PathTable:
         return self._speed(self.posture(s).dq_ds)
 
     def acceleration_limit_at(self, s: ArrayLike, v: ArrayLike | None = None) -> Array:
-        """Largest acceleration on the path [m/s^2] that every joint can follow, of the shape of s; torques apart.
+        """Largest acceleration on the path [m/s^2] that every joint can follow, of the shape of s [m]; torques apart.
 
-        Args:
-            s: path coordinates [m].
-            v: speed there [m/s]; without it the largest speed, which leaves the least for acceleration.
+        Without a speed v [m/s], at the largest speed, which leaves the least for acceleration.
         """
         posture = self.posture(s)
         speed = self._speed(posture.dq_ds) if v is None else np.asarray(v, dtype=np.float64)
         return self._acceleration(posture.dq_ds, posture.d2q_ds2, speed)
 
     def torque_acceleration_range(self, s: ArrayLike, v: ArrayLike = 0.0, springs: bool = False) -> tuple[Array, Array]:
-        """Lowest and highest acceleration on the path [m/s^2] within the torque limits, each of the shape of s.
+        """Lowest and highest acceleration on the path [m/s^2] within the torque limits, each of the shape of s [m].
 
-        Args:
-            s: path coordinates [m].
-            v: speed there [m/s], a scalar or of the same shape.
-            springs: whether the robot's springs help.
+        The speed v [m/s] is a scalar or of the same shape; with `springs`, those of the robot help.
         """
         return self.torque.at(self.s, self._on_table(s)).acceleration_range(self.limits.effort, v, springs)
 
@@ -216,11 +206,7 @@ class PathTable:
 
     @classmethod
     def load(cls, path: str | File, robot: Robot | None = None) -> Self:
-        """Read a table.
-
-        Args:
-            path: the file.
-            robot: robot to which the table must belong; None accepts any.
+        """Read a table, which must belong to `robot` where one is given.
 
         Raises:
             InputError: there is no such file.

@@ -118,14 +118,10 @@ def check_shapes(arrays: Mapping[str, Array], shapes: Mapping[str, str], joints:
 
 
 def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
-    """Check that postures, their derivatives, the Jacobians and the path of a table agree.
+    """Check that postures, their derivatives, the Jacobians and the path of a table agree, and keep the joint limits.
 
     From one node to the next q grows by h (q' + q'_next)/2 + h^2 (q'' - q''_next)/12 + O(h^5 q^(5)), and J q' is the
-    path's direction.
-
-    Args:
-        arrays: by name, of the shapes that `check_shapes` accepts: nodes, postures, derivatives, Jacobians, limits.
-        path: the path of the tool.
+    path's direction. The arrays, by name, have the shapes that `check_shapes` accepts.
 
     Raises:
         InputError: it names the arrays that disagree.
@@ -146,11 +142,6 @@ def check_motion(arrays: Mapping[str, Array], path: Path) -> None:
 
 def check_robot(arrays: Mapping[str, Array], path: Path, robot: Robot) -> None:
     """Check that limits, tool and postures of a table are those of the robot.
-
-    Args:
-        arrays: by name, of the shapes that `check_shapes` accepts: limits, tool offset, nodes, postures.
-        path: the path of the tool.
-        robot: the robot, whose limits and tool must be those of the table.
 
     Raises:
         InputError: a limit is not the robot's, or its tool is not on the path.

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.errors import InputError
 from urdf import Robot
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 
 class JointTorque:
@@ -42,7 +42,7 @@ class JointTorque:
             raise InputError(f"load mass: {load_mass} kg is no mass; give a number of kg, 0 or more")
         self._robot, self._model = robot, pin.Model(robot.model)
         frame = robot.model.frames[robot.tool_frame_id]
-        lever = frame.placement.act(np.asarray(robot.tool_offset))
+        lever = frame.placement.act(robot.tool_offset)
         self._model.inertias[frame.parentJoint] += pin.Inertia(load_mass, lever, np.zeros((3, 3)))
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
 
@@ -50,6 +50,18 @@ class JointTorque:
         """Torques (k, n) [N m] at positions [rad], speeds [rad/s] and accelerations [rad/s^2] (k, n)."""
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
         return tau + self._robot.spring_torque(q, self._springs)
+
+    def along(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
+        """The terms at postures and their first and second derivatives by a path coordinate, (k, n) each."""
+        model, still = self._model, np.zeros_like(q)
+        gravity = inverse_dynamics(model, q, still, still)
+        return PathTorque(
+            inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
+            centrifugal=inverse_dynamics(model, q, dq_ds, d2q_ds2) - gravity,
+            damping=np.asarray(model.damping) * dq_ds,
+            gravity=gravity,
+            springs=self._robot.spring_torque(q, self._springs),
+        )
 
 
 @dataclass(frozen=True)
@@ -71,21 +83,7 @@ class PathTorque:
     springs: Array
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            object.__setattr__(self, item.name, read_only(getattr(self, item.name)))
-
-    @classmethod
-    def of(cls, robot: Robot, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
-        """The terms at postures and their first and second derivatives by the path coordinate, (k, n) each."""
-        model, still = robot.model, np.zeros_like(q)
-        gravity = inverse_dynamics(model, q, still, still)
-        return cls(
-            inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,
-            centrifugal=inverse_dynamics(model, q, dq_ds, d2q_ds2) - gravity,
-            damping=np.asarray(model.damping) * dq_ds,
-            gravity=gravity,
-            springs=robot.spring_torque(q),
-        )
+        freeze(self, *(item.name for item in fields(self)))
 
     def at(self, s: Array, at: ArrayLike) -> "PathTorque":
         """The terms at path coordinates `at` [m], a scalar or (m,), linear between evenly spaced nodes s, (k,) [m]."""
@@ -96,12 +94,9 @@ class PathTorque:
         return PathTorque(*((1 - share) * term[node] + share * term[node + 1] for term in terms))
 
     def torque(self, v: ArrayLike, a: ArrayLike, springs: bool = False) -> Array:
-        """Torque of the motors, (k, n) [N m].
+        """Torque of the motors, (k, n) [N m], at speeds v [m/s] and accelerations a [m/s^2], scalars or (k,).
 
-        Args:
-            v: speed, a scalar or (k,) [m/s].
-            a: acceleration, a scalar or (k,) [m/s^2].
-            springs: whether the robot's springs help.
+        With `springs`, those of the robot help.
         """
         speed, acceleration = np.asarray(v, dtype=np.float64)[..., None], np.asarray(a, dtype=np.float64)[..., None]
         torque = self.inertial * acceleration + self.centrifugal * speed**2 + self.damping * speed + self.gravity

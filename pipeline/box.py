@@ -2,12 +2,15 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError
+
+if TYPE_CHECKING:
+    from urdf import Line
 
 LEAST = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
 """Smallest value of what may be less than a millimetre."""
@@ -18,12 +21,12 @@ class Plate(NamedTuple):
 
     Attributes:
         name: which.
-        offset: of its centre from the middle of the rim, along the line, across it and up (3,) [m].
-        half: half of its edge lengths (3,) [m].
+        centre: in the robot's base frame (3,) [m].
+        half: half of its edge lengths, along the line, across it and up (3,) [m].
     """
 
     name: str
-    offset: npt.NDArray[np.float64]
+    centre: npt.NDArray[np.float64]
     half: npt.NDArray[np.float64]
 
 
@@ -73,11 +76,16 @@ class Box:
         inside = abs(along - self.middle) < self.width / 2 and abs(across) < self.depth / 2
         return inside and -self.rim - self.height < above < -self.rim
 
-    def plates(self) -> tuple[Plate, ...]:
-        """Four walls and the floor."""
+    def rim_middle(self, line: "Line") -> npt.NDArray[np.float64]:
+        """Middle of the rim under a line, in the robot's base frame (3,) [m]."""
+        return line.position(self.middle) - np.array([0.0, 0.0, self.rim])
+
+    def plates(self, line: "Line") -> tuple[Plate, ...]:
+        """Four walls and the floor under a line."""
         w, d, h, half = self.width / 2, self.depth / 2, self.height / 2, self.wall / 2
+        middle, axes = self.rim_middle(line), line.axes
         return tuple(
-            Plate(name, np.array(offset), np.array(size))
+            Plate(name, middle + axes @ offset, np.array(size))
             for name, offset, size in (
                 ("near", (-w, 0.0, -h), (half, d + half, h)),
                 ("far", (w, 0.0, -h), (half, d + half, h)),

@@ -107,6 +107,6 @@ def load_truth(robot: SimulatedRobot) -> LoadTruth:
         distance=float(np.linalg.norm(reach)),
         swing_angle=swing_angle(reach, line.direction),
         swing_rate=(vx * z - x * vz) / (x * x + z * z),
-        out_of_plane_angle=float(np.arctan2(reach @ line.across, np.hypot(x, z))),
+        out_of_plane_angle=float(np.arctan2(reach @ line.axes[:, 1], np.hypot(x, z))),
         tension=robot._string.tension(data),
     )

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -122,9 +123,22 @@ class CollisionModel:
 
     def _links(self, index: int) -> tuple[str, str]:
         pair = self._shapes.collisionPairs[index]
-        # Pinocchio numbers the shapes of a link: "hand_0", "hand_1".
-        first, second = (self._shapes.geometryObjects[end].name.rpartition("_")[0] for end in (pair.first, pair.second))
+        first, second = (link_of_shape(self._shapes.geometryObjects[end]) for end in (pair.first, pair.second))
         return first, second
+
+
+def link_of_shape(shape: pin.GeometryObject) -> str:
+    """Name of a shape's link; Pinocchio numbers the shapes of a link: "hand_0", "hand_1"."""
+    return str(shape.name.rpartition("_")[0])
+
+
+def hull(geometry: coal.CollisionGeometry) -> tuple[coal.CollisionGeometry, bool]:
+    """The convex hull of a mesh, another geometry itself, and whether that is the geometry."""
+    if not isinstance(geometry, coal.BVHModelBase):
+        return geometry, True
+    # `buildConvexRepresentation` would only reinterpret the triangles; this call also returns whether they are convex.
+    is_convex = geometry.buildConvexHull(True, "Qt")
+    return geometry.convex, bool(is_convex)
 
 
 def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset[int]]:
@@ -132,10 +146,8 @@ def _with_hulls(shapes: pin.GeometryModel) -> tuple[pin.GeometryModel, frozenset
     hulls = pin.GeometryModel(shapes)
     hollow = set()
     for number, shape in enumerate(hulls.geometryObjects):
-        mesh = shape.geometry
-        if hasattr(mesh, "buildConvexHull"):
-            if not mesh.buildConvexHull(True, "Qt"):  # the call also returns whether the mesh is convex itself
-                hollow.add(number)
-            shape.geometry = mesh.convex
+        shape.geometry, exact = hull(shape.geometry)
+        if not exact:
+            hollow.add(number)
     pairs = enumerate(hulls.collisionPairs)
     return hulls, frozenset(index for index, pair in pairs if {int(pair.first), int(pair.second)} & hollow)

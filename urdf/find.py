@@ -11,11 +11,7 @@ from urdf.robot import UrdfError
 
 
 def distribution_file(distribution: str, tail: str) -> Path:
-    """A data file that an installed Python package carries.
-
-    Args:
-        distribution: name of the package, such as ``"example-robot-data"``.
-        tail: last parts of the file's path.
+    """A data file that an installed Python package carries, found by the last parts of its path.
 
     Raises:
         UrdfError: the package or the file is missing.
@@ -31,13 +27,9 @@ def distribution_file(distribution: str, tail: str) -> Path:
 
 
 def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
-    """Directories that contain the packages named in a URDF as ``package://name/...``.
+    """Directories that contain the packages named in a URDF's meshes as ``package://name/...``.
 
     The directories above the URDF are tried first, nearest first, then ``$ROS_PACKAGE_PATH``.
-
-    Args:
-        urdf_path: file of the URDF.
-        uris: names of the meshes in the URDF.
     """
     names = {uri.removeprefix("package://").partition("/")[0] for uri in uris if uri.startswith("package://")}
     searched = [
@@ -84,15 +76,7 @@ def make_absolute(root: ET.Element, path: Path) -> None:
 
 
 def leave_out_shapes(root: ET.Element, missing: Iterable[str]) -> list[str]:
-    """Remove visual and collision shapes whose mesh is missing.
-
-    Args:
-        root: the URDF; changed in place.
-        missing: names of meshes as the URDF writes them.
-
-    Returns:
-        A sentence per mesh.
-    """
+    """Remove visual and collision shapes whose mesh is missing from a URDF, in place; a sentence per mesh."""
     gone = dict.fromkeys(missing)
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:

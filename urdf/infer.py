@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.gripper import gripper_joints
+from urdf.quiet import told
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
 from urdf.validate import MOVING_JOINT_TYPES, link_of
@@ -26,16 +27,10 @@ GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 def infer(
     root: ET.Element, path: Path, joints: tuple[str, ...] | None, tool: str | None
 ) -> tuple[Settings, tuple[str, ...]]:
-    """Choose an arm and its tool in a URDF.
+    """Choose an arm and its tool in a URDF, as far as its joints (from base to tool) and the tool's link are not given.
 
     The arm is the chain with most moving joints from the root, without those of a gripper; its tool is the last link
     that moves with it and carries no further joint.
-
-    Args:
-        root: the URDF, one tree.
-        path: file of the URDF.
-        joints: the arm's joints from base to tool; None to choose.
-        tool: the link that carries the tool; None to choose.
 
     Returns:
         The settings, without home and limits, and a sentence per choice.
@@ -48,7 +43,8 @@ def infer(
     chains = _chains(root)
     said: list[str] = []
     if joints is None:
-        grippers = gripper_joints(root)
+        with told(f"{path}: Pinocchio cannot read it", "correct it"):
+            grippers = gripper_joints(root)
         counted = [[name for name in chain if name in moving and name not in grippers] for chain, _ in chains]
         longest = max(counted, key=len)
         joints = tuple(longest)
@@ -89,12 +85,7 @@ def is_gripper(name: str) -> bool:
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:
-    """A home posture (n,) far from joint limits and singularities, the best of many random ones.
-
-    Args:
-        model: the arm alone.
-        tool_frame: index of the tool's frame.
-    """
+    """A home posture (n,) of an arm, far from joint limits and singularities: the best of many random ones."""
     lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
     lower, upper = np.maximum(lower, -math.pi), np.minimum(upper, math.pi)
     data, rng = model.createData(), np.random.default_rng(0)

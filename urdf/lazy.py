@@ -8,9 +8,7 @@ from typing import Any
 def lazy_names(package: str, files: Mapping[str, str]) -> Callable[[str], Any]:
     """The ``__getattr__`` of a package whose names are loaded at the first use.
 
-    Args:
-        package: name of the package.
-        files: module that defines each name; for a module that is public itself, its own name.
+    `files` has the module that defines each name; for a module that is public itself, its own name.
     """
 
     def load(name: str) -> Any:

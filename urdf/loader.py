@@ -82,14 +82,9 @@ def load(
 
 @dataclass(frozen=True)
 class _Description:
-    """A checked robot description.
+    """A checked robot description as a URDF, and what MuJoCo made of it if it is an MJCF.
 
-    Attributes:
-        path: the file.
-        root: the description as a URDF.
-        notes: sentences that a user who makes a model must know.
-        changed: further sentences, about changes.
-        mjcf: what MuJoCo made of it, if it is an MJCF.
+    A user who makes a model must know its `notes`; `changed` are further sentences, about changes.
     """
 
     path: Path
@@ -240,7 +235,6 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
         springs=(*settings.springs, *dynamics.springs),
         joint_dynamics=dynamics.joints,
         collision_exclusions=settings.collision.exclude,
-        limits_source=" ".join(settings.limits.source.split()),
         defects=(*notes, *defects),
         notes=tuple(notes),
         warnings=tuple(_warnings(model, judged)),

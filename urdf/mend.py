@@ -29,11 +29,7 @@ def add_frames(root: ET.Element, frames: Iterable[Frame]) -> None:
 
 
 def tell_apart(root: ET.Element) -> list[str]:
-    """Rename links that have the name of a joint, in place, because Pinocchio keeps both in one list.
-
-    Returns:
-        A sentence per link.
-    """
+    """Rename links with the name of a joint, in place, as Pinocchio keeps both in one list; a sentence each."""
     joints = {joint.get("name") for joint in root.findall("joint")}
     taken = joints | {link.get("name") for link in root.findall("link")}
     renamed = {}
@@ -49,16 +45,9 @@ def tell_apart(root: ET.Element) -> list[str]:
 
 
 def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
-    """Give every joint a ``<limit>``, without which urdfdom does not read it; zeros mean that a limit is not given.
+    """Give every joint a ``<limit>``, in place, as urdfdom reads no joint without one; zeros mean that it is not given.
 
-    The arm's endless joints get one turn to either side, so that each has one coordinate and a margin.
-
-    Args:
-        root: the URDF; changed in place.
-        joints: names of the arm's joints.
-
-    Returns:
-        A sentence per endless joint.
+    The arm's endless joints get one turn to either side, so that each has one coordinate and a margin: a sentence each.
     """
     sentences = []
     for joint in root.findall("joint"):
@@ -93,13 +82,9 @@ Box = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Judged:
-    """Judgement of the inertia of a link that has a defect.
+    """Judgement of the inertia of a link that has a defect, in a sentence; whether a body can have the inertia.
 
-    Attributes:
-        link: name of the link.
-        sentence: the defect, and what was done about it.
-        moments: moments of inertia (3,) [kg m^2] from the shapes that replace it; None where it was not changed.
-        possible: whether a body can have the present inertia.
+    Moments of inertia (3,) [kg m^2] from the shapes replace it where they are given.
     """
 
     link: str
@@ -109,14 +94,14 @@ class Judged:
 
 
 def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple[Path, ...] = ()) -> list[Judged]:
-    """Compare every link's inertia with its mass and its collision shapes, and mend impossible ones.
+    """Compare every link's inertia with its mass and its collision shapes, and mend impossible ones in place.
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
     0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
     too small is left alone, as it does little harm and an author may mean a point mass: it is listed.
 
     Args:
-        root: the URDF; changed in place.
+        root: the URDF.
         path: file of the URDF, to find meshes; without it meshes are not measured.
         directories: directories that contain packages.
 

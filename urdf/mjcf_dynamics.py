@@ -27,10 +27,6 @@ TIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
     """Torques on an arm's joints in addition to its rigid bodies, with all other joints fixed at 0.
 
-    Args:
-        mjcf: compiled file.
-        arm: names of the arm's joints.
-
     Raises:
         UrdfError: an element acts on the arm and cannot be in its model; the message names it.
     """
@@ -55,11 +51,6 @@ def arm_dynamics(mjcf: Mjcf, arm: Sequence[str]) -> Dynamics:
 
 def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
     """Compare an arm's torques with MuJoCo's at random states: gravity, inertia, springs and damping.
-
-    Args:
-        mjcf: the file.
-        model: the arm, its rotors and gravity included.
-        dynamics: additional torques on its joints.
 
     Raises:
         UrdfError: the torques differ.

@@ -31,6 +31,12 @@ def read_only(values: ArrayLike) -> Array:
     return array
 
 
+def freeze(instance: object, *names: str) -> None:
+    """Replace arrays of a frozen dataclass by read-only copies."""
+    for name in names:
+        object.__setattr__(instance, name, read_only(getattr(instance, name)))
+
+
 def rotation_of(roll: float, pitch: float, yaw: float) -> Array:
     """Rotation matrix (3, 3) from roll, pitch and yaw [rad], rounded so that right angles are exact."""
     return np.asarray(np.round(pin.rpy.rpyToMatrix(roll, pitch, yaw), 15) + 0.0)
@@ -64,8 +70,7 @@ class Limits:
     effort: Array
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "lower", "upper", *LARGEST_LIMITS)
         for name, largest in LARGEST_LIMITS.items():
             values = getattr(self, name)
             wrong = np.flatnonzero(~((values > 0.0) & (values <= largest)))
@@ -76,14 +81,7 @@ class Limits:
             raise UrdfError("the position limits of a joint are no range; give finite ones, the lower one first")
 
     def margin(self, q: Array) -> Array:
-        """Distance of each joint to its nearer position limit, negative beyond it.
-
-        Args:
-            q: postures (..., n) [rad or m].
-
-        Returns:
-            (..., n) [rad or m].
-        """
+        """Distance of each joint to its nearer position limit at postures (..., n), negative beyond it: (..., n)."""
         return np.minimum(q - self.lower, self.upper - q)
 
 
@@ -110,8 +108,7 @@ class Line:
     core_speed: float
 
     def __post_init__(self) -> None:
-        for name in ("origin", "direction", "rotation"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "origin", "direction", "rotation")
         if not self.s_min < self.s_max:
             raise UrdfError(f"line: range [{self.s_min}, {self.s_max}] is empty; give the smaller end first")
         if np.any(np.abs(self.direction) > 2.0) or abs(np.linalg.norm(self.direction) - 1.0) > 1e-9:
@@ -122,9 +119,10 @@ class Line:
         return self.origin + np.multiply.outer(np.asarray(s, dtype=np.float64), self.direction)
 
     @property
-    def across(self) -> Array:
-        """Horizontal unit vector at right angles to a horizontal line (3,)."""
-        return np.cross([0.0, 0.0, 1.0], self.direction)
+    def axes(self) -> Array:
+        """Unit vectors along a horizontal line, across it and up, the columns of (3, 3)."""
+        up = np.array([0.0, 0.0, 1.0])
+        return np.column_stack([self.direction, np.cross(up, self.direction), up])
 
     def coordinates(self, point: Array) -> tuple[float, float]:
         """Coordinate along the line and height above it [m], of a point (3,) [m]."""
@@ -218,7 +216,7 @@ class Dynamics:
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", read_only(self.gravity))
+        freeze(self, "gravity")
 
 
 IN_A_URDF = Dynamics(read_only((0.0, 0.0, -9.81)))
@@ -256,7 +254,6 @@ class Robot:
         springs: known extra joint torques.
         joint_dynamics: additional dynamics by joint, from a description (MJCF) in which they have a meaning.
         collision_exclusions: pairs of links that need no collision check, besides those of the SRDF.
-        limits_source: where acceleration and jerk limits come from.
         defects: a sentence per choice that was made, and per defect that was found with what was done about it.
         notes: those of them that whoever makes a model must know, such as what an MJCF does not say.
         warnings: sentences on torques that differ from the file's, or that no body can have; every command shows them.
@@ -278,7 +275,6 @@ class Robot:
     springs: tuple[Spring, ...]
     joint_dynamics: Mapping[str, JointDynamics]
     collision_exclusions: tuple[tuple[str, str], ...]
-    limits_source: str
     defects: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -286,8 +282,7 @@ class Robot:
     given_line: Line | None
 
     def __post_init__(self) -> None:
-        for name in ("tool_offset", "home"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "tool_offset", "home")
 
     @property
     def limits(self) -> Limits:
@@ -319,11 +314,7 @@ class Robot:
         return int(self.model.getFrameId(self.tool_frame))
 
     def spring_torque(self, q: Array, springs: Sequence[Spring] | None = None) -> Array:
-        """Torque [N m] that the motors add for springs at postures q (..., n), of the same shape.
-
-        Args:
-            q: joint positions [rad].
-            springs: springs to include; by default all that are known.
+        """Torque [N m] that the motors add for springs, all that are known by default, at postures q (..., n) [rad].
 
         Raises:
             UrdfError: a spring is on a joint that the arm does not have.
@@ -337,11 +328,9 @@ class Robot:
         return torque
 
     def tool_pose(self, q: Array, data: pin.Data | None = None) -> pin.SE3:
-        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,).
+        """Pose of the tool frame at the tool point, in the base frame, at one posture (n,) [rad or m].
 
-        Args:
-            q: the posture [rad or m].
-            data: Pinocchio data of the model, which frequent callers may reuse; created if not given.
+        Frequent callers may reuse `data`, Pinocchio's data of the model.
         """
         data = data or self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=np.float64))

@@ -40,11 +40,7 @@ def join_problems(problems: Sequence[str]) -> str:
 
 
 def read_table(path: Path, *, finite: bool = False) -> tuple[str, dict[str, Any]]:
-    """Text and content of a TOML file.
-
-    Args:
-        path: path of the file.
-        finite: whether `nan` and `inf` are refused everywhere.
+    """Text and content of a TOML file; with `finite`, `nan` and `inf` are refused everywhere.
 
     Raises:
         FileNotFoundError: the file is missing.
@@ -80,7 +76,7 @@ def parse_table(text: str, *, finite: bool = False) -> dict[str, Any]:
     except RecursionError as error:
         raise TableFileError(_DEEP) from error
     except ValueError as error:  # raised for a number of 5000 digits too
-        raise TableFileError(f"is not TOML: {_first_line(error)}: correct it") from error
+        raise TableFileError(f"is not TOML: {' '.join(str(error).split())[:200]}: correct it") from error
     _check_spelling(text)
     for where, value in _leaves(table, ""):
         if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
@@ -128,10 +124,6 @@ def hint(name: str, valid: Sequence[str]) -> str:
 
 def check_keys(table: Iterable[str], known: Iterable[str]) -> None:
     """Refuse an unknown key of a table.
-
-    Args:
-        table: table with keys.
-        known: known keys.
 
     Raises:
         TableFileError: a key is unknown; the message names it and the most similar known one.
@@ -255,7 +247,3 @@ def _leaves(value: Any, where: str, depth: int = 0) -> Iterator[tuple[str, Any]]
             yield from _leaves(inner, where, depth + 1)
     else:
         yield where, value
-
-
-def _first_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

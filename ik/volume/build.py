@@ -18,14 +18,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class VolumeReport:
-    """Result of building a volume.
-
-    Attributes:
-        table: the volume.
-        solved: number of targets solved in this call.
-        resumed: number of targets that were solved already.
-        seconds: duration of this call [s], the skeleton included.
-    """
+    """A volume, the numbers of targets that this call solved and that were solved already, and its duration [s]."""
 
     table: VolumeTable
     solved: int
@@ -75,8 +68,8 @@ def build_volume(
     blocks = table.missing()
     left = sum(grid.positions(block)[..., 0].size for block in blocks)
     resumed = done = grid.targets - left
-    if progress is not None:
-        progress(done, grid.targets)
+    say = progress or (lambda _done, _targets: None)
+    say(done, grid.targets)
     if scheduler is not None:
         answers = on_cluster(solver, blocks, scheduler, "volume")
     elif processes > 1:  # spawned, not forked: a forked copy of a process with threads can hang
@@ -90,6 +83,5 @@ def build_volume(
             )
         table.write(block, solved)
         done += solved.status.size
-        if progress is not None:
-            progress(done, grid.targets)
+        say(done, grid.targets)
     return VolumeReport(table, left, resumed, time.perf_counter() - started)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 BLOCK_EDGE_TARGETS = 25  # targets per edge of a block: a second of work, and a chunk of a megabyte
 MAX_GRID_COORDINATE = 100.0
@@ -46,8 +46,7 @@ class Grid:
     rotations: Array
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "rotations"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "low", "high", "rotations")
         if not (np.all(np.abs(self.low) <= MAX_GRID_COORDINATE) and np.all(np.abs(self.high) <= MAX_GRID_COORDINATE)):
             raise InputError(f"volume: a corner is farther than {MAX_GRID_COORDINATE:g} m from the robot; give metres")
         if self.low.shape != (3,) or self.high.shape != (3,) or not np.all(self.low < self.high):

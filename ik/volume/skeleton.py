@@ -24,10 +24,6 @@ def build_skeleton(robot: Robot, grid: Grid) -> Array:
     another part. Sweeps that replace each posture by the mean of its neighbours, brought back to its target, take the
     unevenness out. The next orientation starts from the postures of the one before.
 
-    Args:
-        robot: the arm and its home posture.
-        grid: the coarse targets.
-
     Returns:
         (m, x, y, z, n) [rad or m], nan where a target cannot be held.
 

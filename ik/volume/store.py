@@ -53,10 +53,10 @@ class VolumeTable:
 
     @classmethod
     def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
-        """Make an empty volume.
+        """Make an empty volume, or open the one that another process has made meanwhile.
 
         Args:
-            path: the zarr directory; where another process has made it meanwhile, its volume is opened.
+            path: the zarr directory.
             robot: the arm.
             grid: the targets.
             skeleton: postures on the coarse grid, (m, x, y, z, n).
@@ -99,12 +99,7 @@ class VolumeTable:
 
     @classmethod
     def open(cls, path: str | Path, robot: Robot | None = None, collisions: bool | None = None) -> Self:
-        """Open a volume.
-
-        Args:
-            path: the zarr directory.
-            robot: robot to which the volume must belong; None accepts any.
-            collisions: whether touching postures must be marked in it; None accepts both.
+        """Open a volume, which must belong to `robot` and mark touching postures as `collisions` says, where given.
 
         Raises:
             InputError: zarr is missing, or there is no such directory.

@@ -78,11 +78,6 @@ class Calibration:
             raise InputError("a standard deviation is negative, or the noise is zero")
 
     @property
-    def count_noise(self) -> float:
-        """Standard deviation of one sample [counts]."""
-        return self.noise / abs(self.scale)
-
-    @property
     def force_limits(self) -> FaultLimits:
         """Limits of the forces [N] beyond which this cell is faulty."""
         ends = sorted((self.force(MINIMUM_COUNTS), self.force(MAXIMUM_COUNTS)))

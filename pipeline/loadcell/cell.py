@@ -70,7 +70,7 @@ MAX_DRIFT_RATE = 0.1
 
 def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
     """Fault limits for the counts of an HX711, and with a calibration for the forces too."""
-    noise = SMALLEST_NOISE if calibration is None else calibration.count_noise
+    noise = SMALLEST_NOISE if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
         FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
         spike=SPIKE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE * noise,

@@ -59,15 +59,11 @@ class EmulatedPort(Closing):
 
 
 class EmulatedCell(Closing):
-    """A cell with an HX711 and a microcontroller that sends its samples from a thread of its own.
-
-    Args:
-        rng: source of the noise.
-        force: pull on the cell; see `hang`.
-        scale: force per count [N/count].
-        rate: samples per second.
+    """A cell with an HX711 and a microcontroller that sends noisy samples of a force from a thread of its own.
 
     Attributes:
+        scale: force per count [N/count].
+        rate: samples per second.
         offset: counts of the empty cell.
         noise: standard deviation of one sample [counts].
     """
@@ -111,13 +107,8 @@ class EmulatedCell(Closing):
 def swinging_load(mass: float, length: float, amplitude: float, gravity: float) -> Callable[[float], float]:
     r"""Pull of a load that swings freely by a small angle, as a function of time [s].
 
-    :math:`F = m g \cos\varphi + m l \dot\varphi^2` with :math:`\varphi = A \cos(\sqrt{g / l}\, t)`.
-
-    Args:
-        mass: mass m of the load [kg].
-        length: length l of the string [m].
-        amplitude: amplitude A of the swing [rad].
-        gravity: free-fall acceleration g [m/s^2].
+    :math:`F = m g \cos\varphi + m l \dot\varphi^2` with :math:`\varphi = A \cos(\sqrt{g / l}\, t)`, from mass m [kg],
+    length l of the string [m], amplitude A [rad] and free-fall acceleration g [m/s^2].
     """
     frequency = math.sqrt(gravity / length)
 

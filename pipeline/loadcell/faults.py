@@ -89,14 +89,9 @@ class FaultLimits:
 def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1e-9) -> int:
     r"""Number of identical values in a row that a working cell practically never gives.
 
-    A constant force in the middle of a step of the converter gives that step with probability
-    :math:`p = \operatorname{erf}(r / (2 \sqrt 2 \sigma))`, and n in a row with :math:`p^{n-1}`. A moving force gives
-    fewer. The default, once in 1e9 samples, is once in 116 days at 100 Hz.
-
-    Args:
-        noise: standard deviation of one sample.
-        resolution: step of the converter, same unit.
-        false_alarms: probability that is still accepted, per sample.
+    A constant force in the middle of a step r of the converter gives that step with probability
+    :math:`p = \operatorname{erf}(r / (2 \sqrt 2 \sigma))`, and n in a row with :math:`p^{n-1}`; noise and step have the
+    same unit. A moving force gives fewer. The default, once in 1e9 samples, is once in 116 days at 100 Hz.
     """
     if noise <= 0 or resolution < 0:
         return sys.maxsize  # a noiseless cell at rest repeats one value: no number is implausible

@@ -33,13 +33,9 @@ class Weight:
 
 
 def parse_weights(text: str, gravity: float) -> tuple[Weight, ...]:
-    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too.
+    """Read ``"0 g, 100 g, 200 g +/- 0.1 g"``; forces such as ``"1 N"`` are taken too. Gravity is in m/s^2.
 
     The empty cell comes first, even where it was not listed.
-
-    Args:
-        text: weights separated by commas.
-        gravity: free-fall acceleration [m/s^2].
 
     Raises:
         InputError: an entry is no mass or force, is negative, or there are fewer than two different weights.
@@ -162,15 +158,11 @@ class CalibrationFit(Calibration):
 
 
 def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
-    r"""Fit counts = offset + F / scale by weighted least squares.
+    r"""Fit counts = offset + F / scale by weighted least squares to two or more different weights.
 
     The weights are :math:`1 / (\sigma_i^2 + b^2 \sigma_{F,i}^2)` with the mean's and the known weight's standard
     deviations and :math:`b` = 1 / scale (effective variance; Orear, Am. J. Phys. 50, 912, 1982). Where the line fits
     worse than these say, the standard deviations grow by :math:`\sqrt{\chi^2 / (n - 2)}`.
-
-    Args:
-        plateaus: two or more different weights.
-        source: how they were measured.
 
     Raises:
         TaskFailedError: the counts are no calibration: too noisy, weights that cannot be told apart, or not on a line.

@@ -123,7 +123,6 @@ class Decoder:
 
 
 def _is_remark(line: bytes) -> bool:
-    """Whether a line is empty or a remark."""
     return not line or (line.startswith(b"#") and line.isascii() and line.decode("ascii").isprintable())
 
 
@@ -133,9 +132,7 @@ POLL = 0.05
 
 
 def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
-    """Open `port` for this program alone.
-
-    Its ``read`` waits for `POLL` seconds at most, and raises OSError once the port is gone.
+    """Open `port` for this program alone; its ``read`` waits for `POLL` s at most, and raises OSError once it is gone.
 
     Raises:
         InputError: the port is missing, forbidden, in use, no serial port, or does not support the baud rate.

@@ -1,7 +1,5 @@
 """Design of an arm's motion that determines chosen effects well, within all limits and free of collisions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -26,18 +24,12 @@ AMPLE_CLEARANCE = 0.1
 """m; links that are so much further apart than asked for are far from touching."""
 ASKED_MORE = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
-
 REMEMBERED = 5000
 """Postures whose distances are kept: a motion is looked at twice, and meshes take milliseconds each time."""
 
 
 class FreePostures:
-    """The set of postures that the feasibility check allows, for the search of a motion.
-
-    Args:
-        robot: the arm.
-        clearance: required distance between the arm's links [m].
-    """
+    """The postures that the feasibility check allows with a required distance between links [m], for a search."""
 
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
         self.robot, self.clearance = robot, clearance

@@ -76,9 +76,7 @@ def fit_to_arm(
 def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, FeasibleMotion | None]:
     """The plan with a motion that Baxter can make, or without one; expected results are computed again after a change.
 
-    Args:
-        plan: plan with a designed motion.
-        load_radius: m.
+    The radius of the load is in m.
     """
     moving = plan.motion
     if moving is None or moving.experiment.motion is None or moving.outlook.probability <= MIN_RIGHT_PROBABILITY:

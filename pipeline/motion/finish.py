@@ -1,7 +1,5 @@
 """Fast moves of the gripper from a moving state to rest, among them the finish over the box."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -16,13 +14,10 @@ from urdf.robot import Array
 
 FINISH_ACCELERATION = 8.0
 """Acceleration of the finish [m/s^2]: the gripper must be there before the load has swung back; at 5 it is not."""
-
 FINISH_SPEED_SHARE = 0.70
 """Share of the speed limit that the finish uses [1]."""
-
 MIN_SPEED_SHARE = 0.02
 """Share of the highest speed below which the search for a slower move ends [1]."""
-
 MEETING_SPACING = 5e-3
 """Spacing of the positions at which the speed limit may be met or left [m]."""
 
@@ -31,16 +26,10 @@ Pieces = list[tuple[float, Callable[[float], LineState]]]
 
 
 def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
-    """Bring the gripper from the end of the swing to rest over the box.
-
-    Args:
-        start: state of the moving gripper at the end of the swing.
-        s_end: position at which the gripper comes to rest [m].
-        limits: along the line.
-        dt: control cycle [s].
+    """Bring the gripper from the state at the end of the swing to rest over the box, at `s_end` [m].
 
     Returns:
-        The move from time 0, sampled every `dt`; its last sample is at rest at `s_end`.
+        The move from time 0, sampled every `dt` [s]; its last sample is at rest at `s_end`.
 
     Raises:
         InputError: if the end is not on the line.
@@ -53,20 +42,14 @@ def finish_over_box(start: LineState, s_end: float, limits: LineLimits, dt: floa
 
 
 def point_to_point(start: LineState, s_end: float, limits: LineLimits, dt: float) -> LineTrajectory:
-    """Fast move from a moving state to rest, under a speed limit that depends on the place.
+    """Fast move from a moving state to rest at `s_end` [m], under a speed limit that depends on the place.
 
     Where the fastest move at constant limits does not fit under the speed limit, three parts are joined: ruckig up to
     the limit, meeting it with its own slope; along the limit; ruckig down to rest. Where there is no such stretch, one
     ruckig move at the highest constant speed that fits.
 
-    Args:
-        start: state to start from.
-        s_end: where to come to rest [m].
-        limits: along the line.
-        dt: sampling [s].
-
     Returns:
-        The move from time 0, sampled every `dt`; its last sample is at rest at `s_end`.
+        The move from time 0, sampled every `dt` [s]; its last sample is at rest at `s_end`.
 
     Raises:
         InputError: if the end is not a position on the line.

@@ -70,12 +70,7 @@ class Refusal:
 
 
 class Gate:
-    """Judges one command alone: its form, the joints' limits, and whether the arm is near the commanded position.
-
-    Args:
-        names: names of the joints.
-        limits: limits of the joints.
-    """
+    """Judges one command alone: its form, the joints' limits, and whether the arm is near the commanded position."""
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
         self._names, self._limits = names, limits
@@ -83,11 +78,7 @@ class Gate:
     def check(self, q: Array, v: Array, a: Array, measured: Array | None = None) -> Refusal | None:
         """The first limit that a command violates; None where the command may be sent.
 
-        Args:
-            q: positions (n,) [rad].
-            v: velocities (n,) [rad/s].
-            a: accelerations (n,) [rad/s^2].
-            measured: positions of the joints now (n,) [rad]; None where they are not watched.
+        Positions, velocities, accelerations and, where they are watched, measured positions are (n,) [rad, s].
         """
         refusal = self._form(q, v, a) or self._beyond(q, v, a)
         return refusal if refusal is not None or measured is None else self._follows(q, measured)
@@ -180,7 +171,6 @@ class StreamGate(Gate):
     are the velocity, acceleration and jerk that the arm sees. Velocities and accelerations that go along as
     feed-forward are held against the same limits. A command that comes early is judged by the time since the one
     before; one that comes late is judged as if it came after one cycle, since it was made for that time.
-    Arguments as for `Gate`.
     """
 
     def __init__(self, names: tuple[str, ...], limits: urdf.Limits) -> None:
@@ -201,14 +191,9 @@ class StreamGate(Gate):
         return not self._last or (now - self._sent > STREAM_GAP_SECONDS and self.at_rest)
 
     def judge(self, q: Array, v: Array, a: Array, state: JointState | None, now: float) -> Refusal | None:
-        """Refusal of a command; None where it may be sent, and the command then counts as sent.
+        """Refusal of a command (n,) [rad, s]; None where it may be sent, and the command then counts as sent.
 
-        Args:
-            q: positions (n,) [rad].
-            v: velocities (n,) [rad/s].
-            a: accelerations (n,) [rad/s^2].
-            state: the newest reading of the joints.
-            now: present time on the clock of `state` [s].
+        It needs the newest reading of the joints and the present time on its clock [s].
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
         spacings = [*self._spacings[-2:], min(max(now - self._sent, SOONEST), PERIOD)] if self._last else [PERIOD] * 3

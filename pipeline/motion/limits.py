@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.motion.trajectory import LineState
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 if TYPE_CHECKING:
     from ik import PathTable
@@ -20,13 +20,10 @@ if TYPE_CHECKING:
 
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
-
 SPEEDS = np.linspace(-1.0, 1.0, 17)
 """Of the largest speed, at which torques are asked; they are parabolas of it, and pass the limit by 3e-4 in between."""
-
 HEADROOM = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
-
 LIMIT_ROUNDING = 1e-10
 """What a planned motion may exceed a limit by [SI units]."""
 
@@ -60,8 +57,7 @@ class LineLimits:
     strongest: float = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("s", "speed", "acceleration"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze(self, "s", "speed", "acceleration")
         for values, least, largest in (
             (self.s, "s_min", "s_max"),
             (self.speed, "slowest", "fastest"),
@@ -72,12 +68,10 @@ class LineLimits:
 
     @classmethod
     def from_table(cls, table: PathTable, torque: JointTorque | None = None) -> LineLimits:
-        """Limits along the path of a table.
+        """Limits along the path of a table, which contains the limits due to the joints.
 
-        Args:
-            table: IK table of the path, which contains the limits due to the joints.
-            torque: torque of the arm with its load; then the accelerations also respect the motors' limits at every
-                allowed speed. Where the motors cannot hold the arm, the check of a motion reports it.
+        With the torque of the arm and its load, accelerations also respect the motors' limits at every allowed speed.
+        Where the motors cannot hold the arm, the check of a motion reports it.
         """
         acceleration = table.acceleration_limit
         if torque is not None:
@@ -153,12 +147,9 @@ class LineLimits:
 
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
-    found = np.full(len(table.s), np.inf)
+    along, found = torque.along(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
     for share in SPEEDS:
-        speed = share * table.speed_limit[:, None]
-        rate, bend = table.dq_ds * speed, table.d2q_ds2 * speed**2
-        even = torque(table.q, rate, bend)
-        each = torque(table.q, rate, bend + table.dq_ds) - even
-        most = np.min((table.limits.effort - np.abs(even)) / np.maximum(np.abs(each), 1e-12), axis=1)
+        low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
+        most = np.minimum(high, -low)
         found = np.where(most > 0.0, np.minimum(found, most), found)
     return found

@@ -1,7 +1,5 @@
 """Motions along the line planned by Ruckig, checks of their limits, and states from which the tool can stop."""
 
-from __future__ import annotations
-
 import math
 
 import ruckig
@@ -18,9 +16,6 @@ class LinePlanner:
     """Ruckig on the line coordinate, with its input and output kept between calls.
 
     Source: Berscheid and Kröger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021.
-
-    Args:
-        limits: along the line.
     """
 
     def __init__(self, limits: LineLimits) -> None:
@@ -62,11 +57,7 @@ class LinePlanner:
         return self._calculate(p, start, math.inf if duration is None else duration + PUNCTUAL)
 
     def stop(self, state: LineState) -> JerkProfile | None:
-        """The motion to rest, braking with what the whole stretch ahead allows; None where it breaks a limit.
-
-        Args:
-            state: present state; if it exceeds a limit itself, the answer is None.
-        """
+        """The motion to rest, braking with what the whole stretch ahead allows; None where a limit is broken."""
         limits = self.limits
         # Bounds of the speed (the acceleration is reduced to 0 first) and of the way to rest.
         fastest = abs(state.v) + state.a**2 / (2.0 * limits.jerk)
@@ -79,11 +70,7 @@ class LinePlanner:
         return motion if motion is not None and motion.respects(limits) else None
 
     def draw_back(self, target: LineState) -> LineState:
-        """The nearest position on the line, with a share of the speed from which the tool can still stop.
-
-        Args:
-            target: any finite state.
-        """
+        """The nearest position on the line, with a share of the speed from which the tool can still stop."""
         limits = self.limits
         s = min(max(target.s, limits.s_min), limits.s_max)
         speed, acceleration = limits.lowest_speed(s, s), limits.lowest_acceleration(s, s)

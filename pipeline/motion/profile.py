@@ -17,10 +17,8 @@ from urdf.robot import Array
 
 SAMPLING = 2.5e-3
 """Spacing at which a motion is compared with limits that depend on the place [s]."""
-
 MISSED = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""
-
 MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
 
@@ -28,10 +26,7 @@ MAX_PROFILE_SAMPLES = 4000
 class JerkProfile:
     """A motion in phases of constant jerk; after the last phase the acceleration stays constant.
 
-    Args:
-        state: state at the start of the motion.
-        durations: durations of the phases [s]; phases of no duration are dropped.
-        jerks: jerks of the phases [m/s^3].
+    It begins at a state; phases of no duration [s] are dropped.
 
     Attributes:
         start: time at which each phase begins, then the duration [s].

@@ -1,7 +1,5 @@
 """Offline smoothing: the feasible motion that deviates least from a reference."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import clarabel
@@ -17,22 +15,16 @@ from urdf.robot import Array
 
 EASY = 0.95
 """Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
-
 MAX_LINEARISATIONS = 12
 """Largest number of rounds; each linearises the limits about the last solution."""
-
 SETTLED = 1e-4
 """Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
-
 TRUST = 0.05
 """Largest change of a position in one round, for which the linearised limits are still good [m]."""
-
 SPEED_WEIGHT = 0.1
 """Cost of a deviation of the speed, which the load on its string feels; that of the position is 1/m^2 [s^2/m^2]."""
-
 JERK_WEIGHT = 1e-12
 """Cost of jerk, so that idle stretches are smooth [s^6/m^2]."""
-
 NARROWING = (3, 0.4)
 """Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
 

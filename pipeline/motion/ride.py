@@ -1,7 +1,5 @@
 """Moving along the line as fast as its speed limit allows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -14,10 +12,8 @@ from urdf.robot import Array
 
 LIMIT_SPACING = 1e-3
 """Spacing of the smoothed limit [m]."""
-
 SMOOTHING_HALF_WIDTH = 10
 """Half width of the smoothing, in grid steps: a kink of the limit is rounded over 2 cm."""
-
 MAX_RIDE_STEP_SECONDS = 0.02
 """Longest time step of the integration of `RideCurve.after`; its error is some 1e-5 m [s]."""
 

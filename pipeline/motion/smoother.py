@@ -1,7 +1,5 @@
 """Online smoothing: the tool follows any reference within its limits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -14,10 +12,8 @@ from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
-
 PURSUIT = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
-
 ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
@@ -84,16 +80,13 @@ class LineSmoother:
         self._joining: JerkProfile | None = None
 
     def update(self, reference: LineState | Sequence[LineState]) -> LineState:
-        """Advance by one cycle towards the reference.
+        """Advance by one cycle towards the reference; returns the state at the end of the cycle.
 
         Args:
             reference: where the tool should be at the end of this cycle, or there and at the ends of the cycles after
                 it. A single state is continued with a fading acceleration. If the first state is not finite the tool
                 is brought to rest; a state that is not finite ends the sequence. States beyond the limits are moved
                 back to them.
-
-        Returns:
-            State at the end of the cycle.
         """
         targets = self._continue(reference) if isinstance(reference, LineState) else _until_not_finite(reference)
         if not targets:
@@ -107,11 +100,7 @@ class LineSmoother:
         return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
-        """Advance by one cycle while braking to rest.
-
-        Returns:
-            State at the end of the cycle.
-        """
+        """Advance by one cycle while braking to rest; returns the state at the end of the cycle."""
         self._joining = None
         self._motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
         self._stop_age += self._dt

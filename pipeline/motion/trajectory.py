@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armdyn.errors import InputError
-from urdf.robot import Array, read_only
+from urdf.robot import Array, freeze
 
 
 class LineState(NamedTuple):
@@ -71,8 +71,7 @@ class LineTrajectory:
     def then(self, other: LineTrajectory) -> LineTrajectory:
         """This motion followed by another one, whose time counts from the end of this one.
 
-        Args:
-            other: second motion; its first sample is left out if it is at time 0, where it equals this motion's last.
+        Its first sample is left out if it is at time 0, where it equals this motion's last.
         """
         first = 1 if other.time[0] <= 0.0 else 0
         pairs = (self.time, self.time[-1] + other.time), (self.s, other.s), (self.v, other.v), (self.a, other.a)
@@ -118,8 +117,7 @@ def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None
     Raises:
         InputError: the arrays are no motion; the error names the first bad sample, counted from 1.
     """
-    for name in ("time", *names):
-        object.__setattr__(motion, name, read_only(getattr(motion, name)))
+    freeze(motion, "time", *names)
     time: Array = motion.time
     shape = (time.size,) if columns is None else (time.size, columns)
     if time.ndim != 1 or any(getattr(motion, name).shape != shape for name in names):

@@ -18,9 +18,7 @@ BLEND_SECONDS = 0.5
 class Brake:
     """Braking motion: each joint comes to rest as fast as a share of its acceleration and jerk limits allows.
 
-    Args:
-        start: positions, velocities and accelerations (n,) from which it brakes [rad, rad/s, rad/s^2].
-        limits: limits of the joints.
+    It begins at positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2].
 
     Attributes:
         duration: time until the last joint is at rest [s].
@@ -55,12 +53,8 @@ class Brake:
 def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
     """Motion from rest to rest with the least jerk (Flash & Hogan, J. Neuroscience 5, 1985).
 
-    Args:
-        u: elapsed shares of the duration, any shape.
-        duration: duration of the whole motion [s].
-
     Returns:
-        Covered share of the distance at `u`, its rate [1/s] and its acceleration [1/s^2].
+        At elapsed shares `u` of the duration [s]: covered share of the distance, its rate [1/s], acceleration [1/s^2].
     """
     share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     speed = 30.0 * u**2 * (1.0 - u) ** 2 / duration
@@ -71,9 +65,8 @@ def minimum_jerk(u: Array, duration: float) -> tuple[Array, Array, Array]:
 class Blend:
     """Adds an offset to a stream of commands so that it begins at the arm's position; the offset fades smoothly.
 
-    Args:
-        here: present position of the arm (n,) [rad].
-        told: the first command (n,) [rad]. An offset above `MAX_START_OFFSET` is not bridged; the gate refuses it.
+    An offset above `MAX_START_OFFSET` between the present position and the first command, (n,) [rad] each, is not
+    bridged; the gate refuses it.
     """
 
     def __init__(self, here: Array, told: Array) -> None:

@@ -33,15 +33,7 @@ FIRST_UPDATE = 1.0
 
 @dataclass(frozen=True)
 class LengthEstimate:
-    """One update of the length estimate.
-
-    Attributes:
-        time: time of the update [s].
-        value: length [m].
-        std: standard deviation of the length [m].
-        outcome: how the fit ended.
-        seconds: computing time of the update [s].
-    """
+    """One update of the length estimate: time [s], length and its standard deviation [m], and computing time [s]."""
 
     time: float
     value: float

@@ -2,7 +2,7 @@
 
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite
 
 import numpy as np
@@ -45,13 +45,9 @@ def channel_units(joint_names: tuple[str, ...]) -> dict[str, str]:
 class _Series:
     """A growing time series without a copy per sample."""
 
-    time: np.ndarray
-    value: np.ndarray
+    time: np.ndarray = field(default_factory=lambda: np.empty(4096))
+    value: np.ndarray = field(default_factory=lambda: np.empty(4096))
     count: int = 0
-
-    @classmethod
-    def empty(cls) -> "_Series":
-        return cls(np.empty(4096), np.empty(4096))
 
     def append(self, time: float, value: float) -> None:
         if self.count == len(self.time):
@@ -71,10 +67,9 @@ class _Series:
 
 
 class _SmoothedPath:
-    """The gripper's path from a start time, smoothed piece by piece.
+    """The gripper's path from a start time [s], smoothed piece by piece.
 
     Attributes:
-        start: begin of the path [s].
         count: number of samples of the path.
         along, height: position, velocity and acceleration of the samples, (3, count) each.
     """
@@ -134,7 +129,7 @@ class MeasurementNode:
     ) -> None:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
         self._arm, self._data = description, description.model.createData()
-        self._gripper, self._height, self._force = _Series.empty(), _Series.empty(), _Series.empty()
+        self._gripper, self._height, self._force = _Series(), _Series(), _Series()
         self._pulled_at: float | None = None
         self._waiting: deque[tuple[str, float, float]] = deque()
         self._path: _SmoothedPath | None = None

@@ -27,20 +27,13 @@ class Node(Protocol):
     @property
     def name(self) -> str:
         """Name of the node for tables and messages."""
-        ...
 
     @property
     def period(self) -> float:
         """Time between steps [s]."""
-        ...
 
     def step(self, now: float) -> None:
-        """Run the node's task once.
-
-        Args:
-            now: time at which this step was due [s].
-        """
-        ...
+        """Run the node's task once; `now` is the time at which this step was due [s]."""
 
 
 @dataclass
@@ -112,14 +105,7 @@ class Scheduler:
         self._count = {node.name: 0 for node in self._nodes}
 
     def run(self, until: Callable[[], bool], longest: float) -> bool:
-        """Run until a condition holds, which is tested after every round.
-
-        Args:
-            until: the condition.
-            longest: give up after this time [s].
-
-        Returns:
-            Whether the condition became true.
+        """Run until a condition holds, which is tested after every round, at most so long [s]; whether it holds.
 
         Raises:
             ClockError: the loop stood still for too long, or the clock jumped; only where `patience` is given.

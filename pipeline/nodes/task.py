@@ -28,7 +28,6 @@ NEAR_WALL = 0.05
 """A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
 END_MARGIN = 0.01
 """Distance that plans keep from the ends of the line [m]."""
-
 LEAD = 2.0
 """So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
 TRIES = 3
@@ -96,15 +95,10 @@ class TaskSettings:
 
 @dataclass(frozen=True)
 class _Task:
-    """A planning task; it can be copied to another process.
+    """A planning task, which can be copied to another process.
 
-    Attributes:
-        cost: cost that the motion minimises.
-        values: values of the model's parameters.
-        start: initial state of gripper and load.
-        here: last commanded state on the line.
-        at: joint positions (n,) [rad].
-        finish: whether it is the swing, which the finish over the box follows.
+    The motion minimises `cost` from `start` of gripper and load, with these values of the model; the arm is
+    at the last commanded state `here` and at joint positions `at` (n,) [rad]. The finish over the box follows a swing.
     """
 
     cost: TaskCost
@@ -219,11 +213,9 @@ class TaskNode:
         self._request = None
 
     def settle(self, model: PendulumModel, state: Callable[[float], SwingState]) -> None:
-        """Request a motion that brings the load to rest.
+        """Request a motion that brings the load to rest, by a model with the present estimate.
 
-        Args:
-            model: model with the present estimate.
-            state: gives the state of gripper and load at an instant [s], now or later while the arm stands.
+        `state` gives the state of gripper and load at an instant [s], now or later while the arm stands.
         """
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))

@@ -82,7 +82,7 @@ class Servo:
     def __init__(
         self, robot: urdf.Robot, settings: ServoSettings, reference: Reference, rest_torque: Vector, encoder_lead: float
     ) -> None:
-        self._model, self._data, self._limit = robot.model, robot.model.createData(), np.asarray(robot.limits.effort)
+        self._model, self._data, self._limit = robot.model, robot.model.createData(), robot.limits.effort
         self._kp, self._kd = np.array(settings.stiffness), np.array(settings.damping)
         self._lead, self._reference = encoder_lead, reference
         self._gain = _share_per_step(settings.filter_time)
@@ -138,12 +138,9 @@ class SimulatedCell:
         return bool(self._hidden["vertical_sensing_axis"] or self._hidden["cross_axis_sensitivity"])
 
     def feel(self, steps: int, tension: float, swing_angle: float) -> None:
-        """Apply the string's pull to the cell at one step of the physics.
+        """Apply the string's pull to the cell at one step of the physics, of `steps` since time 0.
 
-        Args:
-            steps: number of steps since time 0.
-            tension: string tension [N].
-            swing_angle: angle of the string from the vertical, seen along the line's normal [rad].
+        The string's tension is in N, its angle from the vertical, seen along the line's normal, in rad.
         """
         vertical = self._hidden["vertical_sensing_axis"]
         along_axis = tension * (1.0 - vertical + vertical * math.cos(swing_angle))
@@ -177,15 +174,7 @@ class JointReadings:
         self._terms = terms(hidden, Stage.EFFORT)
 
     def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
-        """One reading of the joints.
-
-        Args:
-            time: [s].
-            q: true joint positions (n,) [rad].
-            v: true velocities (n,) [rad/s].
-            a: true accelerations (n,) [rad/s^2].
-            tau: torques of the motors (n,) [N m].
-        """
+        """One reading at a time [s], of true positions, velocities, accelerations and motors' torques, (n,) each."""
         settings, lag = self._settings, self._lag
         noise = self._rng.standard_normal((3, len(q)))
         # x' lag + x = reported: the encoder readings lead the arm.

@@ -1,8 +1,8 @@
 """Effects that can be hidden in the simulated robot, each registered by its name in the catalogue, with what it adds.
 
-None of it shares code with the models under test, a law of a user's file (`own_law`) apart. An effect that adds to a
-force, a friction or a reading is one function here. One that changes how the plant is built or driven is declared in
-`BUILT_IN`; `scene`, `forces`, `devices` and `simulated` ask for its value. A value is zero where its effect is absent.
+None of it shares code with the models under test, a law of a user's file (`own_law`) apart. Effects that change how
+the plant is built or driven have no function here: `scene`, `plant`, `devices` and `simulated` ask for their values,
+which are zero where an effect is absent.
 """
 
 import math
@@ -17,7 +17,6 @@ import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
 from pipeline.robot.own_law import read_own_law
-from pipeline.robot.protocol import Vector
 
 
 class Stage(Enum):
@@ -56,9 +55,28 @@ class HiddenEffect:
     term: Callable[..., Any] | None = None
 
 
-_BOTH = -math.inf
+STANDSTILL_RATE = 1e-3
+"""Swing rate within which dry friction at the pivot grows to its full value [rad/s]."""
+STRIBECK_SPEED = 0.1
+"""Joint speed over which the excess friction of standstill fades [rad/s]."""
+MAGNET_PLACE, MAGNET_DEPTH = 0.1, 0.04
+"""Of the magnet under the track: along the line, and below the load [m]."""
 
-BUILT_IN: Mapping[str, HiddenEffect] = MappingProxyType({
+
+def magnet(value: float, along: float) -> float:
+    """Force along the line [N] of a dipole of a strength [N] on a load at a line coordinate [m]."""
+    away = (along - MAGNET_PLACE) / MAGNET_DEPTH
+    return -value * away / (1.0 + away**2) ** 2.5
+
+
+def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
+    """Resistance [N m s/rad] of a torque of constant size [N m] to a swing rate [rad/s]."""
+    # A regularised sign is stable where friction cannot reverse the motion within one step.
+    standstill = max(STANDSTILL_RATE, 2.0 * value * reversal)
+    return value * math.tanh(rate / standstill) / rate if rate > 0.0 else 0.0
+
+
+HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "gripper_lag": HiddenEffect(
         "s", 0.02, "The gripper trails what the encoders report, as a first-order lag.", 0.0, 0.2),
     "path_tilt": HiddenEffect(
@@ -86,36 +104,51 @@ BUILT_IN: Mapping[str, HiddenEffect] = MappingProxyType({
         "1", 1.0, "Baxter's gravity springs on s1, as a share of the real ones: 8.2 sin q + 35.3 cos q N m.", 0.0, 2.0),
     "payload": HiddenEffect("kg", 0.5, "A mass at the gripper's frame that the arm's model does not know.", 0.0, 5.0),
     "link_inertia": HiddenEffect("1", 0.1, "Mass and inertia of every arm link are larger by this share.", -0.9, 5.0),
+    "linear_drag": HiddenEffect(
+        "N s/m", 5e-3, "Air drag proportional to the load's speed.", 0.0, 5.0, Stage.LOAD, lambda c, v: -c * v),
+    "quadratic_drag": HiddenEffect(
+        "N s^2/m^2", 3e-3, "Air drag growing with the square of the load's speed.", 0.0, 5.0,
+        Stage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
+    "magnet": HiddenEffect(
+        "N", 0.1, "A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line "
+        "of a dipole.", -1.0, 1.0, Stage.PLACE, magnet),
+    "pivot_viscous_friction": HiddenEffect(
+        "N m s/rad", 1e-3, "A torque at the string's upper end, proportional to the swing rate.", 0.0, 0.5,
+        Stage.PIVOT, lambda c, _rate, _reversal: c),
+    "pivot_coulomb_friction": HiddenEffect(
+        "N m", 1e-3, "A torque of constant size at the string's upper end, against the swing.", 0.0, 0.5,
+        Stage.PIVOT, pivot_coulomb_friction),
+    "joint_stribeck_friction": HiddenEffect(
+        "N m", 1.0, "More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2).", 0.0, 20.0,
+        Stage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),
+    "joint_asymmetric_friction": HiddenEffect(
+        "N m", 1.0, "More dry friction in every joint while it turns positively.", 0.0, 20.0,
+        Stage.JOINTS, lambda c, share, v, _gravity: c * share * (v > 0.0)),
+    "joint_load_friction": HiddenEffect(
+        "1", 0.05, "Dry friction in every joint proportional to the gravity torque that it carries.", 0.0, 1.0,
+        Stage.JOINTS, lambda c, _share, _v, gravity: c * np.abs(gravity)),
+    "sensor_bias": HiddenEffect(
+        "N", 0.02, "A constant added to the force (on top of the drawn bias).", -math.inf, math.inf,
+        Stage.FORCE, lambda c, _force, _time: c),
+    "sensor_gain": HiddenEffect(
+        "1", 0.03, "Relative error of the force's scale.", -0.9, math.inf,
+        Stage.FORCE, lambda c, force, _time: c * force),
+    "sensor_drift": HiddenEffect(
+        "N/s", 1e-3, "The force's zero moves at a constant rate.", -math.inf, math.inf,
+        Stage.FORCE, lambda c, _force, time: c * time),
+    "sensor_nonlinearity": HiddenEffect(
+        "1/N", 0.02, "The reading curves: this times the force squared is added.", -math.inf, math.inf,
+        Stage.FORCE, lambda c, force, _time: c * force**2),
+    "torque_offset": HiddenEffect(
+        "N m", 0.5, "A constant added to every measured effort.", -math.inf, math.inf,
+        Stage.EFFORT, lambda c, torque: np.full_like(torque, c)),
+    "torque_gain": HiddenEffect(
+        "1", 0.05, "Relative error of the scale of every measured effort.", -0.9, math.inf,
+        Stage.EFFORT, lambda c, torque: c * torque),
 })  # fmt: skip
-
-HIDDEN_EFFECTS: dict[str, HiddenEffect] = dict(BUILT_IN)
-"""All that there are, by name."""
+"""All that there are, by name; what adds at a stage is a function of the effect's value and the stage's inputs."""
 _OWN: dict[str, HiddenEffect] = {}
 """Laws of users' files by ``FILE.py:NAME``, as they were read last."""
-
-Term = Callable[..., Any]
-
-
-def hidden_effect(
-    stage: Stage, unit: str, typical: float, lower: float = 0.0, upper: float = math.inf
-) -> Callable[[Term], Term]:
-    """Register a function of the value, and of what the stage gives, under its own name; its docstring is the summary.
-
-    Args:
-        stage: where it adds its result.
-        unit: of the value.
-        typical: value where none is given.
-        lower: smallest value that makes sense.
-        upper: largest value that the 1 ms integration stays accurate for.
-    """
-
-    def register(term: Term) -> Term:
-        HIDDEN_EFFECTS[term.__name__] = HiddenEffect(
-            unit, typical, (term.__doc__ or "").strip(), lower, upper, stage, term
-        )
-        return term
-
-    return register
 
 
 def terms(hidden: Mapping[str, float], stage: Stage) -> tuple[Callable[..., Any], ...]:
@@ -124,117 +157,10 @@ def terms(hidden: Mapping[str, float], stage: Stage) -> tuple[Callable[..., Any]
     return tuple(partial(e.term, value) for e, value in there if e.term is not None and e.stage is stage)
 
 
-STANDSTILL_RATE = 1e-3
-"""Swing rate within which dry friction at the pivot grows to its full value [rad/s]."""
-STRIBECK_SPEED = 0.1
-"""Joint speed over which the excess friction of standstill fades [rad/s]."""
-
-
-@hidden_effect(Stage.LOAD, "N s/m", 5e-3, upper=5.0)
-def linear_drag(value: float, velocity: Vector) -> Vector:
-    """Air drag proportional to the load's speed."""
-    return -value * velocity
-
-
-@hidden_effect(Stage.LOAD, "N s^2/m^2", 3e-3, upper=5.0)
-def quadratic_drag(value: float, velocity: Vector) -> Vector:
-    """Air drag growing with the square of the load's speed."""
-    return -(value * math.sqrt(velocity @ velocity)) * velocity
-
-
-MAGNET_PLACE, MAGNET_DEPTH = 0.1, 0.04
-"""Of the magnet under the track: along the line, and below the load [m]."""
-
-
-@hidden_effect(Stage.PLACE, "N", 0.1, lower=-1.0, upper=1.0)
-def magnet(value: float, along: float) -> float:
-    """A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line of a dipole."""
-    away = (along - MAGNET_PLACE) / MAGNET_DEPTH
-    return -value * away / (1.0 + away**2) ** 2.5
-
-
-@hidden_effect(Stage.PIVOT, "N m s/rad", 1e-3, upper=0.5)
-def pivot_viscous_friction(value: float, rate: float, reversal: float) -> float:
-    """A torque at the string's upper end, proportional to the swing rate."""
-    del rate, reversal
-    return value
-
-
-@hidden_effect(Stage.PIVOT, "N m", 1e-3, upper=0.5)
-def pivot_coulomb_friction(value: float, rate: float, reversal: float) -> float:
-    """A torque of constant size at the string's upper end, against the swing."""
-    # A regularised sign is stable where friction cannot reverse the motion within one step.
-    standstill = max(STANDSTILL_RATE, 2.0 * value * reversal)
-    return value * math.tanh(rate / standstill) / rate if rate > 0.0 else 0.0
-
-
-@hidden_effect(Stage.JOINTS, "N m", 1.0, upper=20.0)
-def joint_stribeck_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
-    """More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2)."""
-    del gravity
-    return np.asarray(value * share * np.exp(-((velocity / STRIBECK_SPEED) ** 2)))
-
-
-@hidden_effect(Stage.JOINTS, "N m", 1.0, upper=20.0)
-def joint_asymmetric_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
-    """More dry friction in every joint while it turns positively."""
-    del gravity
-    return np.asarray(value * share * (velocity > 0.0))
-
-
-@hidden_effect(Stage.JOINTS, "1", 0.05, upper=1.0)
-def joint_load_friction(value: float, share: Vector, velocity: Vector, gravity: Vector) -> Vector:
-    """Dry friction in every joint proportional to the gravity torque that it carries."""
-    del share, velocity
-    return np.asarray(value * np.abs(gravity))
-
-
-@hidden_effect(Stage.FORCE, "N", 0.02, lower=_BOTH)
-def sensor_bias(value: float, force: float, time: float) -> float:
-    """A constant added to the force (on top of the drawn bias)."""
-    del force, time
-    return value
-
-
-@hidden_effect(Stage.FORCE, "1", 0.03, lower=-0.9)
-def sensor_gain(value: float, force: float, time: float) -> float:
-    """Relative error of the force's scale."""
-    del time
-    return value * force
-
-
-@hidden_effect(Stage.FORCE, "N/s", 1e-3, lower=_BOTH)
-def sensor_drift(value: float, force: float, time: float) -> float:
-    """The force's zero moves at a constant rate."""
-    del force
-    return value * time
-
-
-@hidden_effect(Stage.FORCE, "1/N", 0.02, lower=_BOTH)
-def sensor_nonlinearity(value: float, force: float, time: float) -> float:
-    """The reading curves: this times the force squared is added."""
-    del time
-    return value * force**2
-
-
-@hidden_effect(Stage.EFFORT, "N m", 0.5, lower=_BOTH)
-def torque_offset(value: float, torque: Vector) -> Vector:
-    """A constant added to every measured effort."""
-    return np.full_like(torque, value)
-
-
-@hidden_effect(Stage.EFFORT, "1", 0.05, lower=-0.9)
-def torque_gain(value: float, torque: Vector) -> Vector:
-    """Relative error of the scale of every measured effort."""
-    return value * torque
-
-
 def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
     """Value of every effect: typical where ``None`` was given, zero where the effect was not named.
 
-    Args:
-        hidden: name, or ``FILE.py:NAME`` of a user's effect, to value in the effect's unit, or ``None`` for the
-            typical value.
+    Names are those of `HIDDEN_EFFECTS`, or ``FILE.py:NAME`` of a user's effect; values are in the effect's unit.
 
     Returns:
         All names of `HIDDEN_EFFECTS`, and the user's that were given, with their value, read-only.

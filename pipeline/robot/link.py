@@ -10,15 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Spread:
-    """Percentiles of a measured quantity, in its own unit.
-
-    Attributes:
-        count: number of values.
-        median: 50 % of the values are below it.
-        p95: 95 % are below it.
-        p99: 99 % are below it.
-        worst: largest value.
-    """
+    """Median, percentiles and largest of a number of measured values, in their own unit."""
 
     count: int
     median: float

@@ -24,13 +24,7 @@ WALL_OPACITY = 0.25
 
 
 def build_picture_scene(robot: urdf.Robot, settings: PlantSettings, size: tuple[int, int]) -> mujoco.MjModel:
-    """MuJoCo model with the plant's joints, string and load, for drawing only.
-
-    Args:
-        robot: the arm.
-        settings: load, string and box.
-        size: width and height of the largest picture [pixels].
-    """
+    """MuJoCo model of arm, string, load and box, for pictures of at most width and height `size` [pixels]."""
     root = arm_only(robot, keep=("visual",))
     assets = _converted_meshes(root, robot)
     options = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
@@ -75,15 +69,9 @@ def _converted_meshes(root: ET.Element, robot: urdf.Robot) -> dict[str, bytes]:
                     f"robot '{robot.name}': mesh '{uri}' is missing; install its package to draw the robot"
                 )
             names[uri] = f"{len(names)}_{file.stem}.stl"
-            assets[names[uri]] = _as_stl(file)
+            assets[names[uri]] = trimesh.load(file, force="mesh", process=False).export(file_type="stl")
         mesh.set("filename", names[uri])
     return assets
-
-
-def _as_stl(file: Path) -> bytes:
-    shape = trimesh.load(file, force="mesh", process=False)
-    stl: bytes = shape.export(file_type="stl")
-    return stl
 
 
 def _furnish(spec: mujoco.MjSpec, line: urdf.Line, size: tuple[int, int]) -> None:
@@ -115,10 +103,8 @@ Pixels = npt.NDArray[np.uint8]
 
 SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
-
 TRAIL_EVERY = 4
 """Entries of the history between two dots of the load's trail."""
-
 TRAIL = (0.004, (0.8, 0.1, 0.1, 0.35))
 """Radius [m] and colour of the dots where the load has been."""
 

@@ -16,7 +16,6 @@ from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import build_scene, effort_share
 from pipeline.robot.settings import PlantSettings
 
-UP = np.array([0.0, 0.0, 1.0])
 STRING_DAMPING_RATIO = 0.05
 """Damping of an elastic string's own vibration, relative to critical: an ordinary value for cotton and nylon cords."""
 
@@ -172,7 +171,7 @@ class LoadForces:
     def _by_own_laws(self, pivot: Vector, load: Vector, *, taut: bool) -> Vector:
         """Forces of a user's laws, and their torques about the pivot, as forces on the load (3,) [N]."""
         plant, line = self._plant, self._plant.line
-        frame = np.array([line.direction, np.cross(UP, line.direction), UP])
+        frame = line.axes.T
         string, relative = frame @ (plant.load - plant.pivot), frame @ (load - pivot)
         length, angle = math.sqrt(string @ string), math.atan2(-string[0], -string[2])
         along = np.array([-math.cos(angle), 0.0, math.sin(angle)])  # direction of the load's motion as the angle grows
@@ -248,7 +247,7 @@ def place_at_rest(plant: Plant, string: LoadString, q: Vector) -> Vector:
     rest = string.length = _string_length(plant, string, torque, weight)
     out_of_plane = plant.hidden["out_of_plane_swing"]
     if settings.start_angle or out_of_plane:
-        across = np.cross([0.0, 0.0, 1.0], along)
+        across = plant.line.axes[:, 1]
         turn = Rotation.from_rotvec(out_of_plane * along) * Rotation.from_rotvec(settings.start_angle * across)
         turned = turn.apply(down)
         # The pull, and with it the stretch, falls with the cosine of the angle.

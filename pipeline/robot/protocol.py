@@ -49,35 +49,28 @@ class RobotInterface(Protocol):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the commanded joints, in the order of every joint vector."""
-        ...
 
     @property
     def time(self) -> float:
         """The robot's clock [s]."""
-        ...
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
         """Follow this reference from now on: position, velocity, acceleration (n,) each [rad, rad/s, rad/s^2]."""
-        ...
 
     def stop(self) -> None:
         """Come to rest within the acceleration limits and hold, until the next command.
 
         On a robot that goes on by itself a watchdog may call it from another thread while any method here is running.
         """
-        ...
 
     def advance(self, duration: float) -> None:
         """Let `duration` seconds pass: a simulated robot computes this time, a real one waits."""
-        ...
 
     def joint_state(self) -> JointState:
         """The latest reading of the joints."""
-        ...
 
     def load_cell(self) -> list[ForceSample]:
         """Readings of the load cell received since the last call, oldest first."""
-        ...
 
 
 class RealRobot(RobotInterface, Protocol):
@@ -101,7 +94,6 @@ class RealRobot(RobotInterface, Protocol):
         Raises:
             InputError: it cannot be enabled.
         """
-        ...
 
     def newest_state(self) -> JointState:
         """The newest reading as it arrived, dated on our clock.
@@ -109,13 +101,10 @@ class RealRobot(RobotInterface, Protocol):
         Raises:
             TaskFailedError: no state has arrived.
         """
-        ...
 
     def announce(self, phase: str) -> None:
         """Publish the progress for others, where the robot can do so."""
-        ...
 
     @property
     def recorder(self) -> "Callable[..., Recorder]":
         """Class of a trial's recorder: `Recorder`, or one that also publishes what it records."""
-        ...

@@ -80,16 +80,13 @@ def make_elastic(model: mujoco.MjModel, compliance: float) -> None:
 
 def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
     """Add the box: four walls and a floor, fixed in the world, aligned with the line."""
-    up = np.array([0.0, 0.0, 1.0])
-    axes = np.column_stack([line.direction, line.across, up])
-    middle = line.origin - box.rim * up + box.middle * line.direction
     quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
-    for plate in box.plates():
+    mujoco.mju_mat2Quat(quaternion, line.axes.ravel())
+    for plate in box.plates(line):
         spec.worldbody.add_geom(
             name=f"box_{plate.name}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=middle + axes @ plate.offset,
+            pos=plate.centre,
             quat=quaternion,
             size=plate.half,
             friction=[box.friction, 0.005, 0.0005],
@@ -102,7 +99,6 @@ def add_box(spec: mujoco.MjSpec, line: urdf.Line, box: Box) -> None:
 
 TIME_STEP = 1e-3
 """Step of the physics [s]."""
-
 RIGID_ARMATURE = 1e6
 """Rotor inertia of a joint that shall not move [kg m^2]."""
 
@@ -118,9 +114,6 @@ def build_scene(
         hidden: value of every effect.
         mass: true mass of the load [kg].
         link_scale: factor on mass and inertia of the link behind each joint (n,).
-
-    Returns:
-        The compiled model, at MuJoCo's own zero posture.
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
     line = robot.line
@@ -174,7 +167,7 @@ def _set_options(spec: mujoco.MjSpec, line: urdf.Line, tilt: float) -> None:
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.gravity = STANDARD_GRAVITY * (np.sin(tilt) * line.direction - np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+    spec.option.gravity = STANDARD_GRAVITY * line.axes @ (np.sin(tilt), 0.0, -np.cos(tilt))
     # MuJoCo measures its solver's progress against the mean inertia, beside which the load's is small: with the
     # default of 1e-8 the string's pull is 8 mN rms off while the joints are made rigid.
     spec.option.tolerance = 1e-12
@@ -218,6 +211,4 @@ def _tune_joints(
 
 def effort_share(robot: urdf.Robot) -> Vector:
     """Effort limit of each joint relative to the strongest joint (n,): the size of its friction and rotor."""
-    effort = np.asarray(robot.limits.effort, dtype=float)
-    share: Vector = effort / effort.max()
-    return share
+    return robot.limits.effort / robot.limits.effort.max()

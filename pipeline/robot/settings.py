@@ -1,7 +1,8 @@
 """Settings of the simulated robot (load, string, servo, sensors, box), and checks of settings and postures."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +16,11 @@ NOT_NEGATIVE = (0.0, math.inf)
 POSITIVE = (1e-3, math.inf)
 
 
-def _check(settings: object, **ranges: tuple[float, float]) -> None:
-    """Refuse a setting, or one number of several, that is not finite or outside its range; None stands for no value."""
-    for name, (lower, upper) in ranges.items():
-        value = getattr(settings, name)
-        for number in () if value is None else np.atleast_1d(value):
+def _check(settings: Any, **ranges: tuple[float, float]) -> None:
+    """Refuse a number that is not finite, or outside its range where one is given, else negative; None is no value."""
+    for name, value in vars(settings).items():
+        lower, upper = ranges.get(name, NOT_NEGATIVE)
+        for number in () if value is None or is_dataclass(value) else np.atleast_1d(value):
             if not (math.isfinite(number) and lower <= number <= upper):
                 raise InputError(
                     f"{type(settings).__name__}.{name} is {number:g}: give a finite value of at least {lower:g}"
@@ -51,8 +52,7 @@ class ServoSettings:
     extrapolate: bool = True
 
     def __post_init__(self) -> None:
-        names = ("stiffness", "damping", "armature", "friction", "filter_time", "hold_after")
-        _check(self, **dict.fromkeys(names, NOT_NEGATIVE))
+        _check(self)
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class ReadingSettings:
     effort_noise: tuple[float, ...] = (0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03)
 
     def __post_init__(self) -> None:
-        _check(self, **dict.fromkeys(("resolution", "position_noise", "velocity_noise", "effort_noise"), NOT_NEGATIVE))
+        _check(self)
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,6 @@ class CellSettings:
     latency_up_to: float = 0.02
 
     def __post_init__(self) -> None:
-        names = ("noise", "resolution", "bias_spread", "latency", "latency_up_to")
-        _check(self, **dict.fromkeys(names, NOT_NEGATIVE))
         _check(self, period=POSITIVE, full_scale=POSITIVE, bias=(-math.inf, math.inf))
 
 
@@ -136,8 +134,9 @@ class PlantSettings:
     box: Box | None = field(default_factory=Box)
 
     def __post_init__(self) -> None:
-        _check(self, length=POSITIVE, mass=POSITIVE, load_radius=POSITIVE, mass_spread=(0.0, 0.5))
-        _check(self, inertia_spread=(0.0, 0.5), start_angle=(-math.pi / 2, math.pi / 2))
+        spread, angle = (0.0, 0.5), (-math.pi / 2, math.pi / 2)
+        positive = dict.fromkeys(("length", "mass", "load_radius"), POSITIVE)
+        _check(self, **positive, mass_spread=spread, inertia_spread=spread, start_angle=angle)
         if self.length <= self.load_radius:
             raise InputError(
                 f"PlantSettings.length is {self.length:g} m: it must exceed load_radius, {self.load_radius:g} m"

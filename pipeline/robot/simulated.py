@@ -19,10 +19,8 @@ from pipeline.robot.truth import History, swing_angle
 
 IN_BOX_FOR = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
-
 HISTORY_EVERY = 10
 """Steps between two entries of the history."""
-
 DIVERGED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 
@@ -176,8 +174,6 @@ class SimulatedRobot:
 
     def _load_is_inside(self) -> bool:
         box, line = self.settings.box, self._plant.line
-        above = float(self._plant.load[2] - line.origin[2])
-        if box is None or above > -box.rim:
+        if box is None or self._plant.load[2] - line.origin[2] > -box.rim:
             return False
-        offset = self._plant.load - line.origin
-        return box.contains(float(offset @ line.direction), float(offset @ line.across), above)
+        return box.contains(*map(float, (self._plant.load - line.origin) @ line.axes))

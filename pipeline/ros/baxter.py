@@ -69,12 +69,7 @@ class AssemblyState:
 
 
 class Power:
-    """Watches whether Baxter is enabled, and enables it.
-
-    Args:
-        bridge: connected bridge.
-        name: name space of the topics, such as ``/robot``.
-    """
+    """Watches whether Baxter is enabled, and enables it; `name` is the name space of the topics, such as ``/robot``."""
 
     def __init__(self, bridge: Bridge, name: str) -> None:
         self._bridge, self._name = bridge, name

@@ -84,12 +84,9 @@ class Bridge(Closing):
         self._send({"op": "subscribe", "topic": topic, "type": kind, "queue_length": queue, "throttle_rate": rate})
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        """Announce a topic to publish. For a second the bridge repeats messages to new subscribers: wait before moving.
+        """Announce a topic to publish, whose last message is kept for later subscribers where it is a latch.
 
-        Args:
-            topic: name, such as ``/robot/limb/right/joint_command``.
-            kind: type of its messages.
-            latch: whether the last message is kept for later subscribers.
+        For a second the bridge repeats messages to new subscribers: wait before moving.
         """
         self._send({"op": "advertise", "topic": topic, "type": kind, "queue_size": 1, "latch": latch})
 
@@ -103,12 +100,7 @@ class Bridge(Closing):
         self._send({"op": "publish", "topic": topic, "msg": message})
 
     def call(self, service: str, arguments: Message | None = None, patience: float = CONNECTING) -> Message:
-        """Call a service and wait for its answer.
-
-        Args:
-            service: name, such as ``/rosapi/topics``.
-            arguments: arguments by name.
-            patience: longest time to wait [s].
+        """Call a service, such as ``/rosapi/topics``, and wait for its answer, `patience` [s] at most.
 
         Raises:
             InputError: no answer, or the service failed.

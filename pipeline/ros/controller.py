@@ -44,12 +44,7 @@ class CommandLog:
 
 
 class BaxterController:
-    """Baxter's controller: enabling, stops, and the reference that the joints follow.
-
-    Args:
-        q: present posture of the arm (n,) [rad].
-        names: names of its joints.
-        limits: limits of its joints.
+    """Baxter's controller: enabling, stops, and the reference that the joints follow, from a posture q (n,) [rad] on.
 
     Attributes:
         state: whether it is enabled or stopped.
@@ -69,12 +64,9 @@ class BaxterController:
     def reference(
         self, now: float, duration: float, measured: Callable[[], Vector]
     ) -> tuple[Vector, Vector, Vector] | None:
-        """Reference of the joints for the next `duration` seconds, (n,) each; None where it does not change.
+        """Reference of the joints for the next `duration` [s], (n,) each; None where it does not change.
 
-        Args:
-            now: present time on the commands' clock [s].
-            duration: length of the stretch of time [s].
-            measured: returns the arm's posture (n,) [rad].
+        `now` is on the commands' clock [s]; `measured` returns the arm's posture (n,) [rad].
         """
         if self._enabled_at is not None and now >= self._enabled_at:
             self.state, self._enabled_at = AssemblyState(enabled=True), None

@@ -80,7 +80,8 @@ def record_run(
                 forces += cell.read()
             if progress is not None:
                 progress(elapsed / seconds)
-        said = [*cell_notes(cell)]
+        faults = {} if cell is None else cell.status().counts
+    said = [f"load cell, {count} times: {fault.value}" for fault, count in faults.items() if count]
     columns, account, notes = heard.columns()
     said += [account.sentence, *notes]
     if account.kept < MIN_SAMPLES:
@@ -96,10 +97,7 @@ def record_run(
 
 
 class _Heard:
-    """Joint states collected in the bridge's thread; any thread may read them.
-
-    Args:
-        topic: topic of the joint states.
+    """Joint states of a topic collected in the bridge's thread; any thread may read them.
 
     Attributes:
         latest: time of reception of the newest message, on our clock [s].
@@ -165,13 +163,6 @@ class _Heard:
 def _numbers(values: object) -> list[float] | None:
     """The numbers of a message; entries that are no numbers become nan, which JSON lacks."""
     return [np.nan if value is None else float(value) for value in values] if isinstance(values, list) else None
-
-
-def cell_notes(cell: LoadCell | None) -> tuple[str, ...]:
-    """Sentences about the load cell's faults, one per kind."""
-    if cell is None:
-        return ()
-    return tuple(f"load cell, {count} times: {fault.value}" for fault, count in cell.status().counts.items() if count)
 
 
 def _run(

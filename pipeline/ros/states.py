@@ -35,12 +35,7 @@ class StampClock:
         self._offset, self._at, self._doubted = inf, 0.0, inf
 
     def local(self, stamp: float, received: float) -> float:
-        """Time of a message's stamp on our clock [s], never after its reception.
-
-        Args:
-            stamp: stamp of the message on its own clock [s].
-            received: time of reception on our clock [s].
-        """
+        """Time of a stamp [s] on our clock, never after the message's reception on our clock [s]."""
         shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
         doubted = shortest < inf and given < shortest - BURST
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
@@ -50,12 +45,10 @@ class StampClock:
 
 
 class JointStates:
-    """The latest states of an arm's joints. The bridge's thread adds messages; any thread may read.
+    """The latest states of an arm's joints, in the order of their names.
 
-    Other joints, and messages without ours (a gripper's, on the same topic), are left out.
-
-    Args:
-        names: names of the arm's joints, in the order of every joint vector.
+    The bridge's thread adds messages; any thread may read. Other joints, and messages without ours (a gripper's, on the
+    same topic), are left out.
 
     Attributes:
         unreadable: number of messages with our joints whose values are missing or not finite.
@@ -96,10 +89,7 @@ class JointStates:
             self._changed.wait_for(lambda: bool(self._states) and self._states[-1].time >= time(), patience)
 
     def first(self, topic: str) -> JointState:
-        """The newest state, waited for where there is none yet.
-
-        Args:
-            topic: name of the topic, for the error's text.
+        """The newest state, waited for where there is none yet; the topic's name is for the error.
 
         Raises:
             InputError: no state came in time.
@@ -117,8 +107,7 @@ class JointStates:
     def at(self, time: float) -> JointState | None:
         """The state at a time [s]: between two states by a cubic, beyond the newest along its velocity.
 
-        Returns:
-            None before the first state.
+        None before the first state.
         """
         with self._changed:
             states = tuple(self._states)
@@ -165,10 +154,7 @@ MAX_CAUGHT_UP_PERIODS = 3.0
 class EvenTimes:
     """Evenly spaced reading times for a loop whose cycles sometimes begin a little late or are left out.
 
-    Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods.
-
-    Args:
-        period: period of the loop [s].
+    Late cycles must not bend what is read into a path; a cycle that was left out leaves a gap of whole periods [s].
     """
 
     def __init__(self, period: float) -> None:

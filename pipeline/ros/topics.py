@@ -79,15 +79,7 @@ def read_topics(file: Path) -> RosTopics:
 
 
 def command_message(topics: RosTopics, names: Sequence[str], q: Vector, v: Vector, a: Vector) -> dict[str, Any]:
-    """Message that commands the arm to a posture.
-
-    Args:
-        topics: topics of the arm.
-        names: names of its joints.
-        q: positions (n,) [rad].
-        v: velocities (n,) [rad/s].
-        a: accelerations (n,) [rad/s^2].
-    """
+    """Message that commands the arm to positions, velocities and accelerations (n,) [rad, s]."""
     match topics.type:
         case CommandKind.JOINT_COMMAND:
             return {"mode": MODES[topics.mode], "names": list(names), "command": q.tolist()}

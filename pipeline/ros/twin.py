@@ -121,10 +121,9 @@ class Twin(Closing):
         self.bridge.close()
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Simulate in real time until a condition holds; without the bridge the arm holds, as the robot would.
+        """Simulate in real time until a condition holds, which is tested every few ms.
 
-        Args:
-            until: the condition; tested every few ms.
+        Without the bridge the arm holds, as the robot would.
         """
         ask_for_real_time()
         gc.collect()
@@ -209,8 +208,3 @@ class Twin(Closing):
                 self._inbox.append(lambda now: act(message, now))
 
         return put
-
-    def between_steps(self, act: Callable[[], None]) -> None:
-        """Have a function called between two steps of the plant; any thread may request this."""
-        with self._lock:
-            self._inbox.append(lambda _now: act())

@@ -177,13 +177,11 @@ def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
 
 def _walls(line: Line, box: Box) -> list[Mesh]:
     """Meshes of the box, in the frame of the line's origin."""
-    axes = np.column_stack([line.direction, line.across, UP])
-    middle = -box.rim * UP + box.middle * line.direction
     walls = []
-    for plate in box.plates():
+    for plate in box.plates(line):
         wall = block(
             (2.0 * plate.half).tolist(), WOOD, opacity=0.35 if plate.name in ("front", "back", "near") else 0.8
         )
-        walls.append(Mesh(wall.vertices @ axes.T + middle + axes @ plate.offset, wall.faces, wall.colour,
+        walls.append(Mesh(wall.vertices @ line.axes.T + plate.centre - line.origin, wall.faces, wall.colour,
                                 wall.opacity))  # fmt: skip
     return walls

@@ -8,24 +8,23 @@ import numpy as np
 
 import ik
 import urdf
-from pipeline.ros.topics import read_topics, settings_file
 from pipeline.ros.twin import Twin
+from ros_wire.messages import TOPICS
 
 uri, calibration, trace, seed = sys.argv[1:5]
 hidden = {name: float(value) for name, value in (word.split("=") for word in sys.argv[5:])}
 baxter = urdf.load("baxter")
 posture = ik.default_table(baxter).posture(0.0).q
-topics = read_topics(settings_file("baxter"))
 ended = threading.Event()
 
-with Twin(uri, baxter, topics, posture, hidden=hidden, seed=int(seed), stamp_offset=1234.5) as twin:
+with Twin(uri, baxter, TOPICS, posture, hidden=hidden, seed=int(seed), stamp_offset=1234.5) as twin:
     twin.calibration.save(Path(calibration))
     print(f"loadcell {twin.port.port}\nREADY", flush=True)
 
     def obey():
         for word in sys.stdin:
             act = {"press": twin.controller.press, "unplug": twin.port.close}[word.strip()]
-            twin.between_steps(act)
+            twin._later(lambda _message, _now, act=act: act())({}, 0.0)  # between two steps of the plant
         ended.set()
 
     threading.Thread(target=obey, daemon=True).start()

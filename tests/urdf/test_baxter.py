@@ -25,10 +25,9 @@ def test_limits_are_those_of_the_urdf(baxter, original) -> None:
         assert baxter.limits.effort[index] == float(limit["effort"])
 
 
-def test_acceleration_and_jerk_limits_come_with_their_source(baxter) -> None:
+def test_acceleration_and_jerk_limits_are_those_of_the_settings(baxter) -> None:
     assert baxter.limits.acceleration.tolist() == [20.0] * 4 + [40.0] * 3
     assert baxter.limits.jerk.min() >= 200.0
-    assert "engineering choice" in baxter.limits_source
 
 
 def test_the_string_is_attached_at_the_tool_point(baxter) -> None:

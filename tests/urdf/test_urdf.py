@@ -187,7 +187,6 @@ def test_the_longest_chain_is_the_arm_and_its_last_link_the_tool(toy) -> None:
     assert any("the arm was taken to be j0, j1" in defect for defect in loaded.defects)
     assert loaded.limits.acceleration == pytest.approx(10 * loaded.limits.velocity)
     assert loaded.limits.jerk == pytest.approx(50 * loaded.limits.acceleration)
-    assert "assumption" in loaded.limits_source
     # The home that is assumed is inside the limits, and the same each time.
     assert loaded.limits.margin(loaded.home).min() > 0.2
     assert urdf.load(loaded.urdf_path).home.tolist() == loaded.home.tolist()

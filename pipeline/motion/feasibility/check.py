@@ -1,7 +1,5 @@
 """The feasibility of a whole motion, along the line or of the joints, before it is run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,9 +60,6 @@ def check_line(
         settings: what the check takes into account.
         swing: of the load; None where nothing hangs.
         at: where the arm is (n,); None where nobody knows [rad].
-
-    Returns:
-        Every violation and all margins.
     """
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
@@ -100,9 +95,6 @@ def check_joints(
         settings: what the check takes into account.
         line: on which the tool must stay; None where it is free.
         at: where the arm is (n,); None where nobody knows [rad].
-
-    Returns:
-        Every violation and all margins.
 
     Raises:
         InputError: if the trajectory is of other joints.
@@ -171,10 +163,7 @@ def _joint_series(
 
 
 def _singular_values(robot: urdf.Robot, q: Array) -> Array:
-    """Smallest singular value (m,) of the tool's Jacobian at postures (m, k).
-
-    It is what the tool gets of the joints' speed in its worst direction.
-    """
+    """Smallest singular values (m,) of the tool's Jacobian at postures (m, k): its speed in its worst direction."""
     data, frame = robot.model.createData(), robot.tool_frame_id
     jacobians = [pin.computeFrameJacobian(robot.model, data, row, frame, pin.LOCAL_WORLD_ALIGNED) for row in q]
     # Of a single joint Pinocchio gives a vector.
@@ -200,7 +189,6 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
 def _start_and_collision(
     robot: urdf.Robot, fine: JointTrajectory, settings: CheckSettings, at: ArrayLike | None
 ) -> list[Bounded]:
-    """Distance of the first posture from where the arm is, and of the arm from everything that it may touch."""
     series = []
     if at is not None:
         here = np.asarray(at, dtype=float)

@@ -1,7 +1,5 @@
 """Distances between arm, load, string and obstacles over a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,24 +13,19 @@ from armdyn.errors import InputError
 from pipeline.box import Box
 from pipeline.motion.feasibility.verdict import Bounded
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
-from urdf.collision import collision_shapes
+from urdf.collision import collision_shapes, hull, link_of_shape
 from urdf.robot import Array
 
 CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
 """Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
-
 TABLE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
-
 SHARE = 0.25
 """Share of the distance by which the arm may move before the next look, so that no contact is missed."""
-
 STEP = 5e-3
 """Move after which the next look is taken where two parts already touch [m]."""
-
 TIE = 1e-9
 """Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
-
 HAND = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
@@ -56,18 +49,12 @@ class Obstacle:
 
 def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
     """An open box on a table, under the line: four walls, the floor and the table top."""
-    along, up = np.asarray(line.direction, dtype=float), np.array([0.0, 0.0, 1.0])
-    axes = np.column_stack([along, np.cross(up, along), up])
-    middle = np.asarray(line.origin) + box.middle * along - box.rim * up
-    top = np.array([0.0, 0.0, -box.height - box.wall - TABLE[2] / 2.0])
+    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE[2] / 2.0])
     blocks = [
-        ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.offset, 2.0 * plate.half)
-        for plate in box.plates()
+        ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.centre, 2.0 * plate.half)
+        for plate in box.plates(line)
     ]
-    return tuple(
-        Obstacle(name, middle + axes @ offset, size, axes)
-        for name, offset, size in [*blocks, ("table", top, np.array(TABLE))]
-    )
+    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE))])
 
 
 @dataclass(frozen=True)
@@ -109,19 +96,16 @@ class Body(NamedTuple):
 
 
 class ArmShapes:
-    """Collision shapes of the arm's links, and their distance from other bodies.
-
-    Meshes are replaced by their convex hulls, which contain them: the distances err on the safe side.
-    """
+    """Collision shapes of the arm's links with convex hulls in place of meshes: distances err on the safe side."""
 
     def __init__(self, robot: urdf.Robot) -> None:
         self._model, shapes = collision_shapes(robot)
         self._data = self._model.createData()
         tool = robot.model.frames[robot.tool_frame_id]
         self.tool_joint = int(tool.parentJoint)
-        self._tool_point = tool.placement.act(np.asarray(robot.tool_offset))
+        self._tool_point = tool.placement.act(robot.tool_offset)
         self._parts = [
-            (shape.name.rpartition("_")[0], int(shape.parentJoint), shape.placement.copy(), _hull(shape.geometry))
+            (link_of_shape(shape), int(shape.parentJoint), shape.placement.copy(), hull(shape.geometry)[0])
             for shape in shapes.geometryObjects
             if shape.parentJoint > 0
         ]
@@ -147,14 +131,6 @@ class ArmShapes:
         return best
 
 
-def _hull(shape: coal.CollisionGeometry) -> coal.CollisionGeometry:
-    if not isinstance(shape, coal.BVHModelBase):
-        return shape
-    # `buildConvexRepresentation` would only reinterpret the triangles; this one computes a hull.
-    shape.buildConvexHull(True, "Qt")
-    return shape.convex
-
-
 def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
     """Distance of the arm from itself and the rest of the robot, and from what stands around it."""
     itself = urdf.CollisionModel(robot)
@@ -170,8 +146,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
     if obstacles:
         arm = ArmShapes(robot)
         blocks = [
-            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, np.asarray(o.centre, dtype=float)))
-            for o in obstacles
+            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, o.centre)) for o in obstacles
         ]
 
         def to_obstacles(k: int) -> tuple[float, str]:
@@ -186,15 +161,11 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: Swing, collision: bool
 ) -> list[Bounded]:
-    """Tension of the string, and distance of load and string from the arm.
-
-    Distances of the load are to every link; those of the string to all but the hand, on which it hangs.
-    """
+    """Tension of the string, and distances: of the load to every link, of the string to all but the hand."""
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
-    arm, along, up = ArmShapes(robot), np.asarray(line.direction), np.array([0.0, 0.0, 1.0])
-    aside = np.cross(along, up)
+    arm, along, aside, up = ArmShapes(robot), line.direction, -line.axes[:, 1], line.axes[:, 2]
     angle = np.interp(motion.time, swing.time, swing.angle)
     load, string = coal.Sphere(swing.radius), coal.Capsule(1e-3, swing.length)
 

@@ -1,7 +1,5 @@
 """Trajectories from files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -19,22 +17,15 @@ from urdf.robot import Array
 
 ORDER = 6
 """Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
-
 EVEN = 0.01
 """Unevenness of the sampling up to which the differences can be used [1]."""
 
 
 def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Speed and acceleration by a quintic smoothing spline for the noise that the positions have.
+    """Smoothed positions, speeds and accelerations, (n, k) each, of positions (n, k) at increasing times (n,) [s].
 
-    The noise is taken from sixth differences, so that rounding is smoothed away and a clean motion is left alone.
-
-    Args:
-        time: (n,), increasing [s].
-        position: (n, k).
-
-    Returns:
-        Smoothed positions, speeds, accelerations, (n, k) each.
+    The quintic smoothing spline fits the positions' noise, which is taken from sixth differences, so that rounding is
+    smoothed away and a clean motion is left alone.
     """
 
     def column(x: Array) -> tuple[Array, Array, Array]:
@@ -82,14 +73,10 @@ FAR_BEYOND = 2.0
 
 
 def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
-    """Read a motion of the joints, or else one along the line.
+    """Read a motion of the robot's joints, or else one along the line, from a CSV file or a recording.
 
     Columns ``q.<joint>`` make a motion of the joints, ``s`` or ``gripper_x`` one along the line. Speeds and
     accelerations are taken from the file where it has them all, else derived by a smoothing spline.
-
-    Args:
-        path: a CSV file or a recording.
-        robot: whose joints these are.
 
     Raises:
         InputError: names the file, what is wrong and what to do.

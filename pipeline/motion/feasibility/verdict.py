@@ -18,10 +18,8 @@ SCHEMA = "armdyn.check/1"
 
 TOLERANCE = 1e-6
 """Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
-
 SMALL = 1e-3
 """Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
-
 APART = 0.05
 """Time for which a limit must be kept between two violations, to count them as two [s]."""
 
@@ -125,15 +123,8 @@ class Bounded:
 class Margin:
     """Where a motion comes closest to one limit, or is furthest beyond it.
 
-    Attributes:
-        limit: what is limited, such as ``"velocity"``.
-        joint: which joint or part.
-        time: when [s].
-        value: the value then, in `unit`.
-        bound: the limit then, in `unit`.
-        unit: SI unit; ``"1"`` for a pure number.
-        margin: distance from the limit, negative beyond it, in `unit`.
-        used: share of the limit that is used: 1 at the limit, more beyond it [1].
+    Value, bound and margin (negative beyond the bound) are in the SI `unit`, ``"1"`` for a pure number; time is in s.
+    `used` is the share of the limit that is used: 1 at the limit, more beyond it.
     """
 
     limit: str
@@ -207,10 +198,7 @@ class FeasibilityReport:
         return f"Not feasible: the {self.violations[0].broken}{more}."
 
     def require_feasible(self, motion: str) -> None:
-        """Refuse an infeasible motion.
-
-        Args:
-            motion: what it is, such as ``"swing"``.
+        """Refuse an infeasible motion, which `motion` names, such as ``"swing"``.
 
         Raises:
             TaskFailedError: with the first violation.

@@ -39,11 +39,7 @@ def drivers() -> dict[str, Driver]:
 
 
 def driver_at(robot: str, address: str | None = None) -> tuple[Driver, str]:
-    """The driver of ``NAME:ADDRESS``, and the address.
-
-    Args:
-        robot: name, with the address behind it where that is not given.
-        address: of the robot; what stands behind the name if not given.
+    """The driver of ``NAME:ADDRESS``, and the address, where it is not given alone.
 
     Raises:
         InputError: there is no such driver, or no address.

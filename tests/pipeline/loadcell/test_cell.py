@@ -1,7 +1,6 @@
 import contextlib
 import threading
 import time
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -13,13 +12,14 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armdyn.errors import InputError
-from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import MIN_SAMPLE_SPACING, LoadCell, ReceptionTimes
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
 from pipeline.loadcell.faults import Fault
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS
 
-CALIBRATION = Calibration(1000.0, 1.0, 1e-4, 1e-8, 4e-3, datetime(2026, 3, 2, tzinfo=UTC), "test")
+from .cells import calibration
+
+CALIBRATION = calibration()
 NEVER = 1e6  # s: silence is of no interest
 COUNTS = [2000 + 7 * (k % 11) for k in range(5000)]  # never the same twice in a row
 
@@ -248,8 +248,7 @@ def test_a_port_that_cannot_be_opened_says_why_and_what_to_do(wire, monkeypatch,
 def test_an_emulated_cell_measures_what_hangs_on_it(until):
     with EmulatedCell(np.random.default_rng(3), 0.785, rate=200.0) as source:
         noise = source.noise * source.scale
-        calibration = Calibration(source.offset, 0.0, source.scale, 0.0, noise, datetime(2026, 3, 2, tzinfo=UTC), "")
-        with LoadCell(source.port, calibration, silent_after=NEVER) as cell:
+        with LoadCell(source.port, calibration(source.offset, source.scale, noise), silent_after=NEVER) as cell:
             until(lambda: cell.status().samples >= 100)
             forces = np.array([sample.force for sample in cell.read()])
             source.close()

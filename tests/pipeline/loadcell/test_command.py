@@ -15,6 +15,8 @@ from pipeline.loadcell.cell import LoadCell
 from pipeline.loadcell.emulator import EmulatedCell, EmulatedPort
 from pipeline.loadcell.faults import Fault
 
+from .cells import calibration
+
 PATIENT = ["--silent-after", "30"]  # these tests run on busy machines
 
 
@@ -152,13 +154,8 @@ def test_monitoring_ends_with_status_1_when_the_cable_is_pulled(armdyn, source, 
 
 
 def write_calibration(folder):
-    path = folder / "c.toml"
-    path.write_text(
-        'date = 2026-03-02T10:15:00Z\nsource = "test"\n'
-        'offset = {value = 84213.0, std = 1.0, unit = "count"}\n'
-        'scale = {value = -7e-6, std = 1e-10, unit = "N/count"}\nnoise = {value = 2.8e-4, unit = "N"}\n'
-    )
-    return path
+    calibration(84213.0, -7e-6, 2.8e-4).save(folder / "c.toml")
+    return folder / "c.toml"
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,11 @@
 """Which streams of forces or counts cannot be relied on, whatever sends them."""
 
 import math
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 from armdyn.pendulum.physics import STANDARD_GRAVITY
-from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
@@ -15,6 +13,8 @@ from pipeline.robot.devices import SimulatedCell
 from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
 from pipeline.robot.settings import CellSettings
+
+from .cells import calibration
 
 NOISY = FaultLimits.of(0.005, 5e-4, -9.8, 9.8)
 
@@ -142,8 +142,7 @@ def counts_of(force, seconds, seed=0, scale=SCALE):
 
 def judged(time, counts, scale=SCALE):
     """The detector after all of it."""
-    day = datetime(2026, 3, 2, tzinfo=UTC)
-    detector = FaultDetector(count_limits(Calibration(OFFSET, 1.0, scale, 1e-10, NOISE * abs(scale), day, "test")))
+    detector = FaultDetector(count_limits(calibration(OFFSET, scale, NOISE * abs(scale))))
     for t, count in zip(time, counts, strict=True):
         detector.sample(float(t), int(count))
     return detector

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 import urdf
-from pipeline.motion import LineLimits, LineState
+from pipeline.motion import LineLimits, LineState, LineTrajectory
 from pipeline.motion.profile import JerkProfile
 
 DT = 0.01
@@ -27,6 +27,12 @@ BAXTER_SPEED = [0.70, 1.02, 1.07, 1.04, 0.88, 0.70, 0.60, 0.51, 0.42]
 def baxter_limits(jerk: float = 200.0) -> LineLimits:
     s = np.linspace(-0.3, 0.55, 171)
     return LineLimits(s, np.interp(s, BAXTER_S, BAXTER_SPEED), np.interp(s, [-0.3, 0.0, 0.55], [9.0, 14.0, 7.0]), jerk)
+
+
+def sine(amplitude: float, frequency: float, count: int, centre: float = 0.0) -> LineTrajectory:
+    w, t = 2 * np.pi * frequency, DT * np.arange(count)
+    s, v = amplitude * np.sin(w * t), amplitude * w * np.cos(w * t)
+    return LineTrajectory(t, centre + s, v, -(w**2) * s)
 
 
 def worst_excess(limits: LineLimits, states: Iterable[LineState], dt: float = DT) -> float:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import urdf
 from armdyn.errors import InputError, TaskFailedError
-from ik.torque import JointTorque, PathTorque
+from ik.torque import JointTorque
 from pipeline.box import Box
 from pipeline.motion.feasibility import (
     CheckSettings,
@@ -21,17 +21,13 @@ from pipeline.motion.feasibility import (
 )
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
-DT = 0.01
+from .lines import DT, sine
+
 PLAIN = CheckSettings(collision=False)
 
 
-def line_sine(
-    amplitude: float, frequency: float, centre: float = 0.0, dt: float = DT, last: float = 2.0
-) -> LineTrajectory:
-    w, t = 2 * np.pi * frequency, np.arange(0.0, last, dt)
-    return LineTrajectory(
-        t, centre + amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t)
-    )
+def line_sine(amplitude: float, frequency: float, centre: float = 0.0) -> LineTrajectory:
+    return sine(amplitude, frequency, 200, centre)
 
 
 def joint_sines(robot: urdf.Robot, amplitude: np.ndarray, frequency: np.ndarray, dt: float = DT) -> JointTrajectory:
@@ -189,7 +185,7 @@ def test_what_is_no_mass_is_refused(robot, mass):
 
 def test_torques_along_the_line_are_those_of_the_joints(robot, table):
     nodes = slice(0, None, 100)
-    line = PathTorque.of(robot, table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
+    line = JointTorque(robot).along(table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
     rng = np.random.default_rng(1)
     v, a = rng.normal(0.0, [[0.5], [5.0]], (2, len(line.gravity)))
     expected = JointTorque(robot, springs=False)(*table.joint_motion(table.s[nodes], v, a))

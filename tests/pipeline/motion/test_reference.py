@@ -6,7 +6,7 @@ from pipeline.motion import LineLimits, LineSmoother, LineState
 from pipeline.motion.feasibility import CheckSettings, check_line
 from pipeline.motion.reference import smooth_reference
 
-from .lines import DT, baxter_limits, is_one_motion, worst_excess
+from .lines import DT, baxter_limits, is_one_motion, sine, worst_excess
 
 LIMITS = baxter_limits()
 TIME = DT * np.arange(201)
@@ -28,12 +28,10 @@ def rms(values: np.ndarray) -> float:
 
 
 def test_a_feasible_reference_stays_as_it_is():
-    w = 2 * np.pi * 0.4
-    s, v = 0.15 * np.sin(w * TIME), 0.15 * w * np.cos(w * TIME)
-    start = LineState(0.0, float(v[0]), 0.0)
-    motion = smooth_reference(s, v, DT, LIMITS, start=start)
-    assert np.max(np.abs(motion.s - s)) < 1e-5
-    assert np.max(np.abs(motion.v - v)) < 1e-3
+    wanted = sine(0.15, 0.4, TIME.size)
+    motion = smooth_reference(wanted.s, wanted.v, DT, LIMITS, start=wanted[0])
+    assert np.max(np.abs(motion.s - wanted.s)) < 1e-5
+    assert np.max(np.abs(motion.v - wanted.v)) < 1e-3
 
 
 @pytest.mark.parametrize("name", INFEASIBLE)

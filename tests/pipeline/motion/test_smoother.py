@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 from armdyn.errors import InputError
 from pipeline.motion import LineLimits, LineSmoother, LineState, planner
 
-from .lines import DT, baxter_limits, is_one_motion, worst_excess, worst_excess_between
+from .lines import DT, baxter_limits, is_one_motion, sine, worst_excess, worst_excess_between
 
 LIMITS = baxter_limits()
-
-
-def sine(amplitude: float, frequency: float, count: int, centre: float = 0.0) -> list[LineState]:
-    w, t = 2 * math.pi * frequency, DT * np.arange(count)
-    columns = centre + amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t)
-    return [LineState(*map(float, row)) for row in zip(*columns, strict=True)]
 
 
 def followed(reference: list[LineState], smoother: LineSmoother, ahead: int = 0) -> list[LineState]:
@@ -28,13 +22,13 @@ def followed(reference: list[LineState], smoother: LineSmoother, ahead: int = 0)
 
 
 def test_a_feasible_reference_is_reproduced_exactly():
-    reference = sine(0.15, 0.5, 400)
+    reference = list(sine(0.15, 0.5, 400))
     states = followed(reference, LineSmoother(LIMITS, DT, reference[0]))
     assert np.max(np.abs(np.array(states) - np.array(reference))) < 1e-9
 
 
 def test_a_reference_is_caught_up_with_from_rest_and_after_an_infeasible_stretch():
-    reference = sine(0.15, 0.5, 300)
+    reference = list(sine(0.15, 0.5, 300))
     # A jump of 0.1 m for 0.3 s in the middle.
     broken = [LineState(r.s + 0.1 * (100 <= k < 130), r.v, r.a) for k, r in enumerate(reference)]
     for asked, start, lost, met in ((reference, LineState(0.0), 30, 60), (broken, broken[0], 140, 200)):
@@ -45,7 +39,7 @@ def test_a_reference_is_caught_up_with_from_rest_and_after_an_infeasible_stretch
 
 
 def test_known_future_is_used_to_arrive_earlier_than_without_it():
-    reference = sine(0.15, 0.5, 200)
+    reference = list(sine(0.15, 0.5, 200))
     one, many = (
         sum(abs(state.s - r.s) for state, r in zip(states, reference, strict=True))
         for states in (followed(reference, LineSmoother(LIMITS, DT, LineState(-0.05)), ahead) for ahead in (0, 50))
@@ -71,7 +65,7 @@ LOST = [
 
 @pytest.mark.parametrize("lost", [*LOST, LineState(-math.inf), []])
 def test_a_reference_that_is_none_brings_the_tool_to_rest(lost):
-    reference = sine(0.15, 0.5, 60)
+    reference = list(sine(0.15, 0.5, 60))
     smoother = LineSmoother(LIMITS, DT, reference[0])
     states = followed(reference, smoother) + [smoother.update(lost) for _ in range(60)]
     assert smoother.at_rest
@@ -79,7 +73,7 @@ def test_a_reference_that_is_none_brings_the_tool_to_rest(lost):
 
 
 def test_what_follows_a_nan_in_a_sequence_is_left_out():
-    clean = sine(0.15, 0.5, 50)
+    clean = list(sine(0.15, 0.5, 50))
     lost = [*clean[:20], LineState(math.nan), *clean[21:]]
     with_nan, without = (LineSmoother(LIMITS, DT, LineState(-0.1)) for _ in range(2))
     assert with_nan.update(lost) == without.update(clean[:20])
@@ -153,7 +147,7 @@ def references(draw: st.DrawFn) -> list[LineState]:
         count = draw(st.integers(1, 30))
         t = DT * np.arange(count)
         if kind == "sine":
-            out += sine(draw(st.floats(0.0, 0.6)), draw(st.floats(0.0, 5.0)), count, draw(plain))
+            out += list(sine(draw(st.floats(0.0, 0.6)), draw(st.floats(0.0, 5.0)), count, draw(plain)))
         elif kind == "chirp":
             amplitude, rate = draw(st.floats(0.0, 0.5)), draw(st.floats(0.0, 60.0))
             s = amplitude * np.sin(rate * t**2)

@@ -1,12 +1,14 @@
 """A rosbridge without ROS: what it does with messages, on a loopback port, and the faults that it can have."""
 
 import contextlib
+import itertools
 import json
 import socket
 import threading
 from collections import defaultdict
 
 import pytest
+from ros_wire.messages import TOPICS
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
@@ -117,6 +119,29 @@ def loopback():
     server = LoopbackBridge()
     yield server
     server.close()
+
+
+@pytest.fixture
+def speaking(loopback):
+    """Has the bridge pass on the joint states messages(0), messages(1), ..., 10 ms apart, until the test is over."""
+
+    def speak(messages):
+        for k in itertools.count():
+            if loopback.stopped.wait(0.01):
+                return
+            for message in messages(k):
+                loopback.publish(TOPICS.joint_states, message)
+
+    threads = []
+
+    def begin(messages):
+        threads.append(threading.Thread(target=speak, args=(messages,), daemon=True))
+        threads[-1].start()
+
+    yield begin
+    loopback.stopped.set()
+    for thread in threads:
+        thread.join()
 
 
 @pytest.fixture

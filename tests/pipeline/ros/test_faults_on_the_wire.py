@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ros_wire.messages import TOPICS
 from ros_wire.middleman import FAULTS as BAD_WIRES
 from ros_wire.middleman import LATE as BAD_WIRE_IS_LATE
 from ros_wire.middleman import Middleman
@@ -22,7 +23,6 @@ from armdyn.run import read_run
 from pipeline.motion.gate import PERIOD, STREAM_GAP_SECONDS
 from pipeline.robot.drivers.ros import ADVERTISE_SECONDS
 from pipeline.ros.bridge import Bridge
-from pipeline.ros.topics import read_topics, settings_file
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(missing() is not None, reason=str(missing()))]
 
@@ -31,7 +31,6 @@ STANDS = 0.3
 """Longest time from the fault to an arm that stands [s]."""
 STILL = 0.02
 """Fastest joint of an arm that stands [rad/s]: its load goes on swinging."""
-TOPICS = read_topics(settings_file("baxter"))
 PHASES = {"learning the length": (0.3, 5.5), "settling": (0.0, 3.0), "swing": (2.3, 6.5)}
 """Phases of a trial, and when the fault comes after their beginning [s]: while it learns, plans and swings."""
 TRIES = 3

@@ -1,44 +1,30 @@
 """Recording a ROS robot, checking from where it is, and what its commands refuse."""
 
-import itertools
 import json
 import signal
 import threading
-import time
 
 import numpy as np
 import pytest
+from ros_wire.messages import TOPICS, joint_states
 
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.run import read_run
 from pipeline.ros.record import record_run
 from pipeline.ros.states import where_is
-from pipeline.ros.topics import read_topics, settings_file
 
-TOPICS = read_topics(settings_file("baxter"))
+
+def state(baxter, k, late=0.0, **fields):
+    given = {"position": [0.003 * k] * 7, "velocity": [0.3] * 7, "effort": [1.0] * 7} | fields
+    return joint_states(baxter.joint_names, 100.0 + 0.01 * k - late, **given)
 
 
 @pytest.fixture
-def moving(loopback, baxter):
-    """An arm whose joint s0 turns; it speaks until the test is over."""
-
-    def speak():
-        begun = time.monotonic()
-        while not loopback.stopped.wait(0.01):
-            now = time.monotonic() - begun
-            position = [0.3 * now, *baxter.home[1:]]
-            stamp = {"secs": int(now + 1), "nsecs": int(1e9 * (now % 1.0))}
-            loopback.publish(
-                TOPICS.joint_states,
-                {"header": {"stamp": stamp}, "name": list(baxter.joint_names), "position": position,
-                 "velocity": [0.3, *[0.0] * 6], "effort": [1.0] * 7},
-            )  # fmt: skip
-
-    thread = threading.Thread(target=speak, daemon=True)
-    thread.start()
-    yield loopback
-    loopback.stopped.set()
-    thread.join()
+def moving(loopback, baxter, speaking):
+    """An arm whose joint s0 turns."""
+    still = {"velocity": [0.3, *[0.0] * 6]}
+    speaking(lambda k: [state(baxter, k, position=[0.003 * k, *baxter.home[1:]], **still)])
+    return loopback
 
 
 def test_a_recording_is_a_run(moving, baxter, tmp_path):
@@ -56,29 +42,6 @@ def test_a_recording_is_a_run(moving, baxter, tmp_path):
     assert {r["op"] for r in moving.requests} == {"subscribe"}  # nothing is published
 
 
-def speaking(loopback, messages):
-    """A bridge that passes messages on, one every 10 ms, again and again."""
-
-    def speak():
-        for k in itertools.count():
-            if loopback.stopped.wait(0.01):
-                return
-            for message in messages(k):
-                loopback.publish(TOPICS.joint_states, message)
-
-    thread = threading.Thread(target=speak, daemon=True)
-    thread.start()
-    return thread
-
-
-def state(baxter, k, late=0.0, **fields):
-    stamp = 100.0 + 0.01 * k - late
-    return {
-        "header": {"stamp": {"secs": int(stamp), "nsecs": int(1e9 * (stamp % 1.0))}}, "name": list(baxter.joint_names),
-        "position": [0.003 * k] * 7, "velocity": [0.3] * 7, "effort": [1.0] * 7, **fields,
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("messages", "says", "lacks"),
     [
@@ -93,12 +56,10 @@ def state(baxter, k, late=0.0, **fields):
         (lambda b, k: [state(b, k), {"name": list(b.joint_names), "position": "?"}], "nothing can be read", ()),
     ],
 )  # fmt: skip
-def test_every_message_is_accounted_for(loopback, baxter, tmp_path, messages, says, lacks):
+def test_every_message_is_accounted_for(loopback, baxter, speaking, tmp_path, messages, says, lacks):
     """What was not sent is missing, one bad stamp costs one sample, and what follows it is dated as before."""
-    thread = speaking(loopback, lambda k: messages(baxter, k))
+    speaking(lambda k: messages(baxter, k))
     _, said = record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 1.0)
-    loopback.stopped.set()
-    thread.join()
     assert says in " ".join(said)
     run = read_run(tmp_path / "run.csv")
     assert {name.partition(".")[0] for name in run.channels} == {"q", "v", "tau"} - set(lacks)
@@ -107,25 +68,21 @@ def test_every_message_is_accounted_for(loopback, baxter, tmp_path, messages, sa
     assert np.abs(slope(q.time) - q.value).max() < 0.003  # 0.3 rad/s: no sample is dated 10 ms wrong
 
 
-def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, tmp_path):
+def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, speaking, tmp_path):
     def halves(k):
         both = state(baxter, k)
         for part in (slice(0, 3), slice(3, 7)):
             yield {f: both[f][part] if f != "header" else both[f] for f in both}
 
-    thread = speaking(loopback, halves)
+    speaking(halves)
     record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
-    loopback.stopped.set()
-    thread.join()
     assert read_run(tmp_path / "run.csv").joints == tuple(baxter.joint_names)
 
 
-def test_a_joint_that_is_never_sent_is_named(loopback, baxter, tmp_path):
-    thread = speaking(loopback, lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
+def test_a_joint_that_is_never_sent_is_named(loopback, baxter, speaking, tmp_path):
+    speaking(lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
     with pytest.raises(InputError, match=r"no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
         record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
-    loopback.stopped.set()
-    thread.join()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from ros_wire.messages import TOPICS, joint_states
 
 import pipeline.robot.drivers.ros as ros_module
 import pipeline.ros.master as master_module
@@ -13,9 +14,8 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import PERIOD
 from pipeline.robot.drivers.ros import RosRobot
 from pipeline.robot.link import Spread
-from pipeline.ros.topics import CommandKind, RosTopics, read_topics, settings_file
+from pipeline.ros.topics import CommandKind, RosTopics
 
-TOPICS = read_topics(settings_file("baxter"))
 POSTURE = np.array([0.1, -0.5, 0.7, 1.9, -1.2, 0.6, 0.8])
 
 
@@ -42,11 +42,9 @@ class ObedientArm:
             self.q = np.array(sent[-1]["command"])
         if self.silent:
             return
-        stamp = 500.0 + self.time
-        header = {"stamp": {"secs": int(stamp), "nsecs": int(1e9 * (stamp % 1.0))}}
         zero = [0.0] * len(self.names)
-        joints = {"name": list(self.names), "position": self.q.tolist(), "velocity": zero, "effort": zero}
-        self.loopback.publish(self.topics.joint_states, {"header": header, **joints})
+        message = joint_states(self.names, 500.0 + self.time, self.q.tolist(), velocity=zero, effort=zero)
+        self.loopback.publish(self.topics.joint_states, message)
         self.loopback.publish("/robot/state", self.state)
 
 

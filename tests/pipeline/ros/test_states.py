@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from ros_wire.messages import TOPICS, joint_states
 
 from armdyn.errors import InputError
 from pipeline.ros.states import EvenTimes, JointStates, StampClock
-from pipeline.ros.topics import CommandKind, positions_in, read_topics, settings_file
+from pipeline.ros.topics import CommandKind, positions_in, read_topics
 
 BAXTER = [
     "head_nod", "head_pan", "left_e0", "left_e1", "left_s0", "left_s1", "left_w0", "left_w1", "left_w2", "right_e0",
@@ -20,31 +21,19 @@ ARM = [f"right_{j}" for j in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
 
 def message(stamp=1.0, names=BAXTER, **changes):
     values = [float(k) for k in range(len(names))]
-    secs = int(stamp)
-    return {
-        "header": {"stamp": {"secs": secs, "nsecs": round(1e9 * (stamp - secs))}},
-        "name": list(names),
-        "position": values,
-        "velocity": [10 + v for v in values],
-        "effort": [20 + v for v in values],
-        **changes,
-    }
+    given = {"position": values, "velocity": [10 + v for v in values], "effort": [20 + v for v in values]}
+    return {**joint_states(names, stamp, **given), **changes}
 
 
-@pytest.fixture
-def taken():
+def taken(*messages_and_times):
     """States of the arm after messages, each followed by the time of its reception."""
-
-    def take(*messages_and_times):
-        states = JointStates(ARM)
-        for each, now in zip(messages_and_times[::2], messages_and_times[1::2], strict=True):
-            states.take(each, now)
-        return states
-
-    return take
+    states = JointStates(ARM)
+    for each, now in zip(messages_and_times[::2], messages_and_times[1::2], strict=True):
+        states.take(each, now)
+    return states
 
 
-def test_joints_are_matched_by_name_and_a_gripper_on_the_same_topic_is_left_out(taken):
+def test_joints_are_matched_by_name_and_a_gripper_on_the_same_topic_is_left_out():
     gripper = message(1.01, names=["r_gripper_l_finger_joint"])
     states = taken(message(), 0.0, gripper, 0.01, message(1.02), 0.02)
     expected = [BAXTER.index(name) for name in ARM]
@@ -67,13 +56,13 @@ def test_joints_are_matched_by_name_and_a_gripper_on_the_same_topic_is_left_out(
         {"header": {"stamp": {"secs": math.nan, "nsecs": 0}}},
     ],
 )
-def test_a_bad_message_is_counted_and_left_out(taken, changes):
+def test_a_bad_message_is_counted_and_left_out(changes):
     states = taken(message(**changes), 0.0)
     assert states.latest is None
     assert states.unreadable == 1
 
 
-def test_a_driver_may_leave_out_velocity_and_effort_and_stamps(taken):
+def test_a_driver_may_leave_out_velocity_and_effort_and_stamps():
     states = taken(message(0.0, velocity=[], effort=[]), 7.0)
     assert np.isnan(states.latest.v).all()  # missing, not 0
     assert np.isnan(states.latest.tau).all()
@@ -85,13 +74,13 @@ def test_a_driver_may_leave_out_velocity_and_effort_and_stamps(taken):
     np.testing.assert_allclose(states.at(last.time + 0.01).q, last.q)
 
 
-def test_repeated_and_overtaken_messages_are_left_out(taken):
+def test_repeated_and_overtaken_messages_are_left_out():
     states = taken(*(x for stamp in (1.0, 1.01, 1.01, 1.0, 1.02) for x in (message(stamp), stamp)))
     assert states.latest.time == pytest.approx(1.02)
     assert len(states._states) == 3
 
 
-def test_the_stamp_of_ros_2_is_read(taken):
+def test_the_stamp_of_ros_2_is_read():
     first, second = ({"header": {"stamp": {"sec": 5, "nanosec": n}}} for n in (0, 500_000_000))
     assert taken(message(**first), 7.0, message(**second), 7.6).latest.time == pytest.approx(7.5, abs=1e-3)
 
@@ -195,11 +184,9 @@ type = "std_msgs/Float64MultiArray"
 
 
 def test_baxters_own_table():
-    topics = read_topics(settings_file("baxter"))
-    assert topics.command == "/robot/limb/right/joint_command"
-    assert (topics.type, topics.mode) == (CommandKind.JOINT_COMMAND, "raw_position")
-    assert topics.command_timeout == 0.1
-    assert topics.enabling == "/robot"
+    assert TOPICS.command == "/robot/limb/right/joint_command"
+    assert (TOPICS.type, TOPICS.mode) == (CommandKind.JOINT_COMMAND, "raw_position")
+    assert (TOPICS.command_timeout, TOPICS.enabling) == (0.1, "/robot")
 
 
 def test_another_arm_needs_three_lines(tmp_path):

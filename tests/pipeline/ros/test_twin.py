@@ -5,12 +5,12 @@ import os
 
 import numpy as np
 import pytest
+from ros_wire.messages import TOPICS
 
 from pipeline.loadcell.protocol import decode
-from pipeline.ros.topics import MODES, read_topics, settings_file
+from pipeline.ros.topics import MODES
 from pipeline.ros.twin import Twin
 
-TOPICS = read_topics(settings_file("baxter"))
 RAW, POSITION, TORQUE = MODES["raw_position"], MODES["position"], 3
 
 

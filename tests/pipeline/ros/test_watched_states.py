@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from ros_wire.messages import joint_states
 from watch_work import model, work
 
 from armdyn.errors import InputError
@@ -18,9 +19,8 @@ def speak(loopback, arm, count, effort=True):
     stamps, q, tau = work(arm, 0, 4.0)
     loopback.wait_subscribed(TOPIC)
     for stamp, position, torque in zip(stamps[:count] + 1.0, q, tau, strict=False):
-        header = {"stamp": {"secs": int(stamp), "nsecs": int(1e9 * (stamp % 1.0))}}
-        message = {"header": header, "name": [*arm.joints, "gripper"], "position": [*position, 0.0]}
-        loopback.publish(TOPIC, message | ({"effort": [*torque, 0.0]} if effort else {}))
+        efforts = {"effort": [*torque, 0.0]} if effort else {}
+        loopback.publish(TOPIC, joint_states([*arm.joints, "gripper"], stamp, [*position, 0.0], **efforts))
         time.sleep(0.002)
 
 
