@@ -110,9 +110,11 @@ class Columns:
         torque = self._torque(states).reshape(1 + 3 * nj, n, nj)
 
         def gradient(by_columns: np.ndarray, by_torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            whole = np.einsum("dnjp,njp->dn", columns, by_columns, optimize=True)
-            whole += np.einsum("dnj,nj->dn", torque, by_torque)
-            q, v, a = ((whole[1:] - whole[0]) / STATE_DIFFERENCE).reshape(3, nj, n).transpose(0, 2, 1)
+            whole = np.einsum("dnjp,njp->dn", columns[1:], by_columns, optimize=True)
+            whole -= np.einsum("njp,njp->n", columns[0], by_columns)
+            whole += np.einsum("dnj,nj->dn", torque[1:], by_torque)
+            whole -= np.einsum("nj,nj->n", torque[0], by_torque)
+            q, v, a = (whole / STATE_DIFFERENCE).reshape(3, nj, n).transpose(0, 2, 1)
             return q, v, a
 
         return columns[0], torque[0], gradient

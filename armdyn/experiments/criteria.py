@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from armdyn.linear.solve import scaled
+from armdyn.linear.solve import marginal_information, scaled
 
 Valued: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its (P, P) symmetric derivatives by the information."""
@@ -72,11 +72,10 @@ class RivalSeparation:
         F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA: after the refit, chi2 rises by d' L d for a change d along `directions`,
         in typical sizes.
         """
-        K = covariance(information[np.ix_(self.fitted, self.fitted)], prior[self.fitted])
-        onto = K @ information[np.ix_(self.fitted, self.own)]  # change of the fitted unknowns per change of the effect
-        complement = information[np.ix_(self.own, self.own)] - information[np.ix_(self.own, self.fitted)] @ onto
-        changes = np.vstack([np.eye(len(self.own)), -onto]) @ self.directions
-        return np.asarray(self.directions.T @ complement @ self.directions), changes
+        nuisance = np.isin(np.arange(len(prior)), self.fitted)
+        L, follow = marginal_information(information + np.diag(nuisance * prior**-2.0), self.own, self.fitted)
+        changes = np.vstack([np.eye(len(self.own)), follow]) @ self.directions
+        return np.asarray(self.directions.T @ L @ self.directions), changes
 
     def separation(self, information: np.ndarray, prior: np.ndarray) -> float:
         """Smallest rise of chi2 after the refit, over all changes of typical size that can be distinguished."""

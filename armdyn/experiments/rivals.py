@@ -17,6 +17,7 @@ from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.linear.correlation import correlation_time
+from armdyn.linear.solve import marginal_information
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, run_path
 from armdyn.run import Run
@@ -232,9 +233,7 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     last, unknowns = len(problem.runs) - 1, [column.parameter.name for column in problem.columns]
     shared = [i for i in problem.places(last) if lean.free[i] and unknowns[i] not in model.start_names]
     others = np.setdiff1d(np.flatnonzero(lean.free), shared)
-    nuisance = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
-    between = information[np.ix_(shared, others)]
-    kept = information[np.ix_(shared, shared)] - between @ nuisance @ between.T
+    kept, _ = marginal_information(information, np.array(shared, dtype=int), others)
     names = tuple(unknowns[i] for i in shared)
     at = zip(model.names, problem.theta(last, lean.values).tolist(), strict=True)
     values = {name: value for name, value in at if name not in model.start_names}

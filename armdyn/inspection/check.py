@@ -18,6 +18,10 @@ Kind: TypeAlias = Literal[
     "noise_misstated", "no_motion", "implausible_model", "samples_dropped", "second_publisher", "joint_left_out",
     "unusable", "wrapped", "filtered", "sign_missing", "without_gravity", "unanswered_check", "sticking",
 ]  # fmt: skip
+MODEL_PLACEHOLDER = "M.toml"
+"""Placeholder for the model file in command lines, because a check does not know the file."""
+MAX_LISTED_NAMES = 3
+"""Largest number of names in a sentence."""
 
 
 class Severity(Enum):
@@ -81,7 +85,7 @@ class Inspection:
     @property
     def wrong(self) -> tuple[Check, ...]:
         """Findings that make the recordings unusable."""
-        return tuple(check for check in self.checks if check.severity is Severity.WRONG)
+        return self.of(Severity.WRONG)
 
     @property
     def usable(self) -> bool:
@@ -91,22 +95,17 @@ class Inspection:
     @property
     def sentence(self) -> str:
         """The findings in one or two sentences, for a reader."""
-        first = (self.wrong or self.of(Severity.SUSPECT))[:1]
-        if not first:
-            many = len(self.runs)
-            return (
-                f"The recording{'s are' if many > 1 else ' is'} what {'they say they are' if many > 1 else 'it says'}."
-            )
-        more = len(self.wrong or self.of(Severity.SUSPECT)) - 1
-        (check,) = first
-        where = f"{check.run}: " if check.run else ""
-        return f"{where}{check.sentence}" + (f" ({more} more of this kind.)" if more else "")
+        worst = self.wrong or self.of(Severity.SUSPECT)
+        if not worst:
+            return f"The recording{'s are what they say they are' if len(self.runs) > 1 else ' is what it says'}."
+        where = f"{worst[0].run}: " if worst[0].run else ""
+        more = f" ({len(worst) - 1} more of this kind.)" if len(worst) > 1 else ""
+        return f"{where}{worst[0].sentence}{more}"
 
     def naming(self, model: Path) -> "Inspection":
         """The same findings, with the path of the model file in the command lines."""
-        return replace(
-            self, checks=tuple(replace(c, remedy=c.remedy.replace(MODEL_PLACEHOLDER, str(model))) for c in self.checks)
-        )
+        named = (replace(c, remedy=c.remedy.replace(MODEL_PLACEHOLDER, str(model))) for c in self.checks)
+        return replace(self, checks=tuple(named))
 
     def of(self, severity: Severity) -> tuple[Check, ...]:
         """Findings of one severity."""
@@ -121,23 +120,14 @@ class Inspection:
         return found
 
 
-MODEL_PLACEHOLDER = "M.toml"
-"""Placeholder for the model file in command lines, because a check does not know the file."""
-
-
 def listed(names: Sequence[str]) -> str:
     """Names for a sentence; of many names the first ones and the number of all."""
     return ", ".join(names) if len(names) <= MAX_LISTED_NAMES else f"{names[0]} and {len(names) - 1} more"
 
 
-MAX_LISTED_NAMES = 3
-"""Largest number of names in a sentence."""
-
-
 def by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:
     """Sort findings, the worst first; equal ones keep their order."""
-    order = list(Severity)
-    return tuple(sorted(checks, key=lambda check: order.index(check.severity)))
+    return tuple(sorted(checks, key=lambda check: list(Severity).index(check.severity)))
 
 
 def amount(value: float) -> str:

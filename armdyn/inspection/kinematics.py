@@ -44,6 +44,10 @@ RATE_FACTORS: tuple[tuple[float, Kind, str], ...] = (
 RATE_OF_POSITION = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
+Meaning = tuple[Kind, str, Reading]
+"""A mistake: its kind, the mistake in words, and how the rate is to be read."""
+
+
 @dataclass(frozen=True, eq=False)
 class Pair:
     """A rate and the slope of the position that it should belong to, at common moments.
@@ -53,14 +57,12 @@ class Pair:
         rate: name of the rate channel.
         slope: (n,) slopes of the position.
         value: (n,) values of the rate.
-        moves: whether the position changes by more than its noise.
     """
 
     position: str
     rate: str
     slope: np.ndarray
     value: np.ndarray
-    moves: bool
 
     @property
     def factor(self) -> float:
@@ -70,85 +72,61 @@ class Pair:
     @property
     def alike(self) -> float:
         """Absolute value of their correlation."""
-        return abs(_alike(self.slope, self.value))
+        return abs(_correlation(self.slope, self.value))
 
 
 def rate_checks(run: Run) -> Iterator[Check]:
     """Find mistakes in the rates of a recording."""
-    pairs, moments = paired(run)
-    told: dict[tuple[Kind, str], list[tuple[Pair, Reading]]] = {}
+    found: dict[tuple[Kind, str], dict[Pair, Reading]] = {}
+    pairs, moments = moving_pairs(run)
     for pair in pairs:
-        if not pair.moves:
+        meaning = _elsewhere(run, pair, pairs, moments) or _in_another_unit(pair)
+        if meaning is not None:
+            kind, said, reading = meaning
+            found.setdefault((kind, said), {})[pair] = reading
             continue
-        if pair.alike < CERTAIN_RATE_CORRELATION:
-            other = _elsewhere(run, pair, pairs, moments)
-            if other is not None:
-                kind, said, reading = other
-                told.setdefault((kind, said), []).append((pair, reading))
-                continue
-        meant = next(
-            (
-                meaning
-                for meaning in RATE_FACTORS
-                if RATE_RATIO_RANGE[0] < pair.factor / meaning[0] < RATE_RATIO_RANGE[1]
-            ),
-            None,
-        )
         if pair.alike < MAX_UNRELATED_CORRELATION:
-            yield Check(
-                "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
-                f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})",
-                f"leave {pair.rate} out, or find out what it is",
-            )  # fmt: skip
-        elif meant is not None and pair.alike > MIN_RATE_CORRELATION:
-            factor, kind, said = meant
-            told.setdefault((kind, said), []).append((pair, Reading(pair.rate, 1.0 / factor)))
-        elif pair.alike > MIN_RATE_CORRELATION and not RATE_RATIO_RANGE[0] < pair.factor < RATE_RATIO_RANGE[1]:
-            yield Check(
-                "rate", Severity.SUSPECT, run.name, (pair.rate, pair.position),
-                f"{pair.rate} is {amount(pair.factor)} times the derivative of {pair.position}: "
-                "a gear ratio, or stamps of the wrong rate",
-                f"divide {pair.rate} by {amount(pair.factor)}, or check the unit of 'time'",
-            )  # fmt: skip
-    for (kind, said), found in told.items():
-        names = [pair.rate for pair, _ in found]
+            said = f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})"
+            remedy = f"leave {pair.rate} out, or find out what it is"
+        elif pair.alike > MIN_RATE_CORRELATION and not _is_one(pair.factor):
+            said = f"{pair.rate} is {amount(pair.factor)} times the derivative of {pair.position}: "
+            said += "a gear ratio, or stamps of the wrong rate"
+            remedy = f"divide {pair.rate} by {amount(pair.factor)}, or check the unit of 'time'"
+        else:
+            continue
+        yield Check("rate", Severity.SUSPECT, run.name, (pair.rate, pair.position), said, remedy)
+    for (kind, said), readings in found.items():
+        names = [pair.rate for pair in readings]
         yield Check(
             kind, Severity.WRONG, run.name, tuple(names), f"{listed(names)} {said}",
             f"armdyn inspect {run.source or run.name} --fix fixed",
-            evidence=min(_nats(pair, reading) for pair, reading in found),
-            correction=Correction({pair.rate: reading for pair, reading in found}),
+            evidence=min(_nats(pair, reading) for pair, reading in readings.items()),
+            correction=Correction({pair.rate: reading for pair, reading in readings.items()}),
         )  # fmt: skip
 
 
 def consistent(run: Run) -> Run:
     """The run without rates and accelerations that contradict its positions."""
-    pairs, _ = paired(run)
-    wrong = {
-        p.rate
-        for p in pairs
-        if p.moves and not (p.alike >= MIN_RATE_CORRELATION and RATE_RATIO_RANGE[0] < p.factor < RATE_RATIO_RANGE[1])
-    }
+    pairs, _ = moving_pairs(run)
+    wrong = {p.rate for p in pairs if p.alike < MIN_RATE_CORRELATION or not _is_one(p.factor)}
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
 @cached_with_first_argument
-def paired(run: Run) -> tuple[list[Pair], np.ndarray]:
-    """Every rate with the position to which it should belong, and the (n,) moments."""
+def moving_pairs(run: Run) -> tuple[list[Pair], np.ndarray]:
+    """Every rate with the position to which it should belong, where that moves, and the (n,) moments."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(RATE_OF_POSITION.items())
     named = [(q, v) for q, v in named if q in run.channels and v in run.channels]
-    if not named:
-        return [], np.zeros(0)
     channels = [run.channels[name] for pair in named for name in pair]
-    begin, end = max(c.time[0] for c in channels), min(c.time[-1] for c in channels)
-    if not begin < end:
-        return [], np.zeros(0)
+    begin = max((float(c.time[0]) for c in channels), default=0.0)
+    end = min((float(c.time[-1]) for c in channels), default=0.0)
     moments = np.linspace(begin, end, RATE_MOMENTS)
     found = []
-    for q, v in named:
+    for q, v in named if begin < end else ():
         slope, noise = slopes(run.channels[q], moments)
-        moves = float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.moves(run.channels[q])
-        found.append(Pair(q, v, slope, averages(run.channels[v], moments), moves))
+        if float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.moves(run.channels[q]):
+            found.append(Pair(q, v, slope, averages(run.channels[v], moments)))
     return found, moments
 
 
@@ -174,9 +152,14 @@ def averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS)
     return np.asarray((total[last] - total[first]) / (last - first))
 
 
-def _alike(a: np.ndarray, b: np.ndarray) -> float:
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0.0 else 0.0
+
+
+def _is_one(ratio: float) -> bool:
+    """Whether a ratio of rate to slope is one, but for a filter or backlash."""
+    return RATE_RATIO_RANGE[0] < ratio < RATE_RATIO_RANGE[1]
 
 
 def _nats(pair: Pair, reading: Reading) -> float:
@@ -188,22 +171,33 @@ def _nats(pair: Pair, reading: Reading) -> float:
     return 0.05 * len(pair.value) * float(np.log(max(stands / max(left, 1e-300), 1.0)))
 
 
-def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> tuple[Kind, str, Reading] | None:
+def _in_another_unit(pair: Pair) -> Meaning | None:
+    """The unit or sign that a rate has; None for its own."""
+    meant = (
+        (kind, said, Reading(pair.rate, 1.0 / factor))
+        for factor, kind, said in RATE_FACTORS
+        if pair.alike > MIN_RATE_CORRELATION and _is_one(pair.factor / factor)
+    )
+    return next(meant, None)
+
+
+def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> Meaning | None:
     """Another position, or another clock, that a rate fits; None where there is none."""
+    if pair.alike >= CERTAIN_RATE_CORRELATION:
+        return None
     least = max(pair.alike + MIN_EXPLAINED_REST * (1.0 - pair.alike**2), MIN_RATE_CORRELATION)
-    owners = {p.rate: _alike(pair.slope, p.value) for p in pairs if p is not pair and p.moves}
+    others = [p for p in pairs if p is not pair]
+    owners = {p.rate: _correlation(pair.slope, p.value) for p in others}
     best = max(owners, key=lambda name: owners[name], default="")
-    others = max((abs(_alike(p.slope, pair.value)) for p in pairs if p is not pair and p.moves), default=0.0)
-    if best and owners[best] > least and others > least:
+    if best and owners[best] > least and max(abs(_correlation(p.slope, pair.value)) for p in others) > least:
         return "joints_swapped", "are exchanged: each is the rate of another joint", Reading(best)
     channel = run.channels[pair.rate]
     shifted = {
-        s: _alike(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
+        s: _correlation(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
         for s in RATE_CLOCK_SHIFTS.tolist()
     }
     late = max(shifted, key=lambda s: shifted[s])
     if shifted[late] > least and abs(late) >= MAX_RATE_DELAY:
-        word = "late" if late > 0.0 else "early"
-        said = f"stamped {abs(late):g} s too {word} against the positions"
+        said = f"stamped {abs(late):g} s too {'late' if late > 0.0 else 'early'} against the positions"
         return "clock_shift", said, Reading(pair.rate, late=float(late))
     return None

@@ -63,6 +63,24 @@ def log_det(A: np.ndarray) -> np.ndarray:
     return np.asarray(2.0 * np.sum(np.log(size), axis=-1) + np.linalg.slogdet(unit)[1])
 
 
+def marginal_information(A: np.ndarray, own: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information on some unknowns with others as nuisance, and how the others follow.
+
+    It is the Schur complement A_oo - A_on A_nn^+ A_no; directions of the others without information stay as they are.
+
+    Args:
+        A: (n, n) information on all unknowns.
+        own: (o,) indices of the unknowns.
+        others: (m,) indices of the nuisance.
+
+    Returns:
+        (o, o) information, and (m, o) change of the others per change of the unknowns.
+    """
+    between = A[np.ix_(others, own)]
+    follow = -np.linalg.pinv(A[np.ix_(others, others)], hermitian=True) @ between
+    return A[np.ix_(own, own)] + between.T @ follow, follow
+
+
 def solve_bounded(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray | float) -> BoundedSolution:
     """Minimise within bounds: one problem, or many of one size at once.
 
