@@ -62,12 +62,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="of every threshold")
     parser.add_argument("--clean", type=int, default=30, help="of each robot")
     parser.add_argument("--first", type=int, default=100, help="seed of the first ones")
+    parser.add_argument("--robots", default="pendulum,arm", help="with commas")
     given, rows = parser.parse_args(), []
     seeds = range(given.first, given.first + given.seeds)
     for robot, make, names in (
         ("pendulum", thresholds.of_pendulum, thresholds.OF_PENDULUM),
         ("arm", thresholds.of_arm, thresholds.OF_ARM),
     ):
+        if robot not in given.robots.split(","):
+            continue
         for name in names if given.seeds else ():
             rows.append([robot, name, *counted([make(name, seed) for seed in seeds])])
         if given.clean:

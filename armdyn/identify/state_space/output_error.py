@@ -27,6 +27,9 @@ OTHER_STARTS = 3
 """Number of values, taken while the kicks shrink, from which a fit with large errors is tried as well."""
 OTHER_SIZE_FACTORS = (0.2, 0.4, 0.7, 1.5, 3.0)
 """Factors on the sizes of effects from which fits with large errors are tried as well."""
+SMALLER_MOTION_FACTORS = (0.4, 0.7)
+"""Factors on the starts from which a fit without effects is tried as well: without a friction a swing that decays is
+nearest to a smaller one. Two free swings of a link leave 0.50 rad from either, 0.94 rad from the measured start."""
 WRONG_MOTION_KICK = 10.0
 """Kicks, relative to the accuracy with which one piece determines a speed, beyond which a motion that was derived from
 a force may be a wrong one."""
@@ -189,10 +192,14 @@ class AroundMotion:
         return self.box.starts(free, self._near(free))
 
     def elsewhere(self, free: np.ndarray, starts: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-        """(P,) start values in which the effects have other sizes than in `starts`, each (P,).
+        """(P,) start values in which the effects, or without effects the motion, have other sizes than in `starts`.
 
         The best size of a wrong effect over whole runs differs from its size in the linearised runs, and from run to
         run.
+
+        Args:
+            free: (P,) bool, unknowns that are fitted.
+            starts: (P,) start values, the likeliest first.
         """
         sized = free & self.box.removable
         if sized.any():
@@ -201,6 +208,9 @@ class AroundMotion:
                 np.where(sized, size * one, one) for one in (found[-1], found[0]) for size in OTHER_SIZE_FACTORS
             )
             yield from self._of_single_runs(free, found[0])
+        else:
+            first = next(iter(starts))
+            yield from (np.where(self.of_starts, size * first, first) for size in SMALLER_MOTION_FACTORS)
 
     def likeliest(self, free: np.ndarray) -> list[np.ndarray]:
         """(P,) start values for a model whose values are guesses; see `likeliest_starts`.
