@@ -1,7 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
+from worlds.baxter import CENTRE, JOINTS, rigid_torque
 
 import urdf
 from armdyn.arm.motion import Motion
