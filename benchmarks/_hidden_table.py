@@ -33,11 +33,11 @@ GOOD_HELD_OUT = 1.1
 
 
 def generator(name: str) -> Any:
-    """`tests/hidden_effects/<name>.py` as a module."""
+    """`tests/worlds/<name>.py` as a module."""
     tests = str(Path(__file__).parents[1] / "tests")
     if tests not in sys.path:
-        sys.path.insert(0, tests)  # first, as a table beside this file has the package's name
-    return importlib.import_module(f"hidden_effects.{name}")
+        sys.path.insert(0, tests)
+    return importlib.import_module(f"worlds.{name}")
 
 
 def parser(description: str | None, what: str, seeds: int) -> argparse.ArgumentParser:

@@ -1,8 +1,5 @@
 """Side-by-side timing for the benchmarks.
 
-Import it first: it has this directory searched last, because a benchmark here has the name of the package that it
-measures.
-
 The machine's speed drifts with what else runs on it, so the contenders take turns (A B A B ...) in one process run and
 are compared round by round. Ratios are what is claimed; milliseconds are printed for orientation only.
 """
@@ -26,9 +23,6 @@ from typing import Any
 import numpy as np
 
 from armdyn.threads import one_thread
-
-_here = str(Path(__file__).resolve().parent)
-sys.path[:] = [*(directory for directory in sys.path if directory != _here), _here]
 
 Contender = Callable[[], float]
 """Does the work once and returns the seconds that it took."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from hidden_effects.lab import Change, Lab
+from worlds.lab import Change, Lab
 
 from pipeline.batch.history import history, moment
 from pipeline.batch.run import run_batch

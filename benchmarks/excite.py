@@ -10,7 +10,7 @@ as large as the limits allow; the best of 100 counts. The motion of least condit
 over the same series with the cost of FloBaRoID and FIGAROH: the condition number of the regression on base parameters.
 
 `expected` is what the Fisher information says. With `--verify` the motions are recorded by a plant that shares no code
-with armdyn (`tests/hidden_effects/arm.py`: rigid bodies by MuJoCo, friction with a sharp sign), and armdyn fits the
+with armdyn (`tests/worlds/baxter.py`: rigid bodies by MuJoCo, friction with a sharp sign), and armdyn fits the
 recordings: `found` is the error against the truth over noise seeds. Torque noise is white, 0.2 % of each limit.
 Positions are exact in one row and have an encoder's 0.4 mrad in the other.
 
@@ -40,7 +40,7 @@ from armdyn.run import Channel, Run
 from pipeline.answers_motion import gains, sentence
 from pipeline.motion.excitation import Excitation, Expectation, excitation
 
-hidden_arm = generator("arm")
+hidden_arm = generator("baxter")
 
 SECONDS, RATE = 20.0, 100.0
 DETERMINE = {

@@ -3,7 +3,7 @@
     python benchmarks/next_experiment.py [--seeds N] [--first-seed N] [--processes N] [--what PAIRS] [--quick]
     python benchmarks/next_experiment.py --separations
 
-Recordings come from `tests/hidden_effects/pendulum.py`, which shares no code with armdyn: 8 s at 100 Hz, force noise
+Recordings come from `tests/worlds/pendulum.py`, which shares no code with armdyn: 8 s at 100 Hz, force noise
 5 mN, load weighed to 1 %, string measured to 3 mm; `sensor_bias` and `sensor_delay` are unknowns of every model. In
 each case one of two rivals is hidden. The first run is a random multisine; `next --rivals` designs the second one from
 it, and beside it stands a random motion of the same peak acceleration. Both are recorded, and each is diagnosed
@@ -90,11 +90,7 @@ def recorded(
             inside = np.clip(t, 0.0, motion.time[-1])
             return np.array([part(inside) for part in parts])
 
-        given, hidden_pendulum.gripper_motion = hidden_pendulum.gripper_motion, lambda _rng, _duration: moved
-        try:
-            run = hidden_pendulum.record(name, setup, rng)
-        finally:
-            hidden_pendulum.gripper_motion = given
+        run = hidden_pendulum.record(name, setup, rng, moved)
     return replace(run, known=known)
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/watch.py --seeds 3 --hours 1
 
-Robots are those of `tests/hidden_effects/imperfect_arm.py`: links, friction, cogging, flexible joints and drives are
+Robots are those of `tests/worlds/imperfect_arm.py`: links, friction, cogging, flexible joints and drives are
 off everywhere, and one joint has much friction. Each is repaired with its training runs as a user would, and watched
 with what fifteen minutes of its own sound work say. Then it works: random motions of three kinds, a minute each. What
 happens to it:
@@ -39,7 +39,7 @@ from armdyn.watch.sound import Sound, measured, samples_of
 from armdyn.watch.watch import Watch
 
 imperfect = hidden_table.generator("imperfect_arm")
-dominant = hidden_table.generator("dominant")
+hidden_drive = hidden_table.generator("drive")
 motions = hidden_table.generator("motions")
 
 JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
@@ -85,8 +85,8 @@ class Robot:
             after &= stamps < begin + CONTACT_LASTS
             outside[after], joint = self._outside(rng, world.motion.at(np.array([begin]))[0][0])
         elif what == "load":
-            lump = dominant.Lump(LOAD, tuple(rng.uniform(-0.06, 0.06, 3)))
-            with_load = world.measured((*truth, dominant.Hidden("payload", plant.joints[-1], lump=lump)))[1]
+            lump = hidden_drive.Lump(LOAD, tuple(rng.uniform(-0.06, 0.06, 3)))
+            with_load = world.measured((*truth, hidden_drive.on_link("payload", plant.joints[-1], lump)))[1]
             torque[after], joint = with_load[after], plant.joints[-1]
         elif what == "friction":
             hidden = truth[0]

@@ -18,7 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from browser import Browser
-from hidden_effects.arm import JOINTS, generate
+from worlds.baxter import JOINTS, generate
 
 from armdyn.arm.model import arm_model
 from armdyn.model_file import ModelFile, write_model_file

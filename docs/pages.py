@@ -29,7 +29,7 @@ NOT_RUN = ("pip ", "armdyn workbench ")
 
 HOBBY_ARM = """PYTHONPATH=ROOT/tests:ROOT python - <<'EOF'
 from pathlib import Path
-from hidden_effects.hobby_arm import write
+from worlds.hobby_arm import write
 write(Path("."))
 EOF"""
 UR5 = (
@@ -49,7 +49,7 @@ EOF"""
 """Two columns are exchanged and 1.2 s lost."""
 LAB = """PYTHONPATH=ROOT/tests python - <<'EOF'
 from pathlib import Path
-from hidden_effects.lab import Change, Lab
+from worlds.lab import Change, Lab
 changes = {1: Change(19, tool=0.1), 4: Change(12, dry_friction=1.25)}
 Lab(robots=6, recordings=36, changes=changes).write(Path("robots"))
 Path("lab.toml").write_text('''task = "compare"

@@ -12,7 +12,7 @@ HIDDEN = {"swing": {"quadratic_drag": 0.04}, "magnet": {"magnet": 0.03}}
 def main():
     """Write all four, by equations of their own, none of armdyn's."""
     sys.path.insert(0, str(HERE.parents[1] / "tests"))
-    from hidden_effects.pendulum import Setup, record
+    from worlds.pendulum import Setup, record
 
     for name, hidden in HIDDEN.items():
         for number in (1, 2):

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from hidden_effects.pendulum import Setup, record
+from worlds.pendulum import Setup, record
 
 import armdyn
 from armdyn.errors import InputError, UnknownNameError

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import dry_swing
-from hidden_effects import pendulum as in_space
-from hidden_effects.dry_swing import G, Pendulum, Push, swing
-from hidden_effects.imperfect_pendulum import KINDS, world
-from hidden_effects.output_error import fitted, predicted
-from hidden_effects.pendulum_sight import VISIBLE
+from worlds import dry_swing
+from worlds import pendulum as in_space
+from worlds.dry_swing import G, Pendulum, Push, swing
+from worlds.imperfect_pendulum import KINDS, VISIBLE, world
+from worlds.output_error import fitted, predicted
 
 STILL = Push()
 
@@ -71,7 +70,7 @@ def test_a_load_at_rest_is_not_moved_by_a_gripper_that_pulls_less_than_friction(
     ],
 )
 def test_a_driven_swing_is_that_of_the_particle_in_space(hidden: dict[str, float], error: float) -> None:
-    motion = in_space.gripper_motion(np.random.default_rng(3), 8.0)
+    motion = in_space.gripper_motion(np.random.default_rng(3))
     time = np.arange(0.0, 8.0, 0.01)
     truth = in_space.simulate(in_space.Setup(hidden=hidden, duration=8.0, start=(0.2, 0.1)), motion, time)
     found = swing(Pendulum(0.368, 0.08, hidden), (0.2, 0.1), Push(motion), time)

@@ -23,7 +23,7 @@ def run(script: str, tmp_path: Path, *options: str) -> dict:
 
 
 def test_optimisers_find_the_same_swing(tmp_path: Path) -> None:
-    rows = run("task_optimizer.py", tmp_path, "--quick")["rows"]
+    rows = run("rivals/task_optimizer.py", tmp_path, "--quick")["rows"]
     assert {"armdyn", "armdyn, no C compiler", "IPOPT, as stated", "fatrop, RK4"} <= {row["solver"] for row in rows}
     for row in rows:
         assert row["cost"] == pytest.approx(row["best_cost"], abs=1e-6), row["solver"]
@@ -31,21 +31,21 @@ def test_optimisers_find_the_same_swing(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_estimators_find_the_same_length_at_the_bound(tmp_path: Path) -> None:
-    found = run("estimator.py", tmp_path, "--quick")
+    found = run("rivals/estimator.py", tmp_path, "--quick")
     assert max(row["off"] for row in found["rows"] if row["off"] is not None) < 0.02
     assert found["efficiency"]["paired"] > 0.9
     assert {row["guess"] for row in found["convergence"]} == {0.15}
 
 
 def test_action_control_agrees_with_plain_numpy(tmp_path: Path) -> None:
-    found = run("sac.py", tmp_path, "--quick")
+    found = run("rivals/sac.py", tmp_path, "--quick")
     assert max(found["differences"].values()) < 1e-9
     assert found["gradient_error"] < 1e-6
 
 
 @pytest.mark.slow
 def test_action_control_tells_more_than_a_generic_chirp(tmp_path: Path) -> None:
-    found = run("information.py", tmp_path, "--quick")
+    found = run("rivals/information.py", tmp_path, "--quick")
     assert found["sac"]["full_bound"] < 5e-4
     assert found["sac"]["x"] < 0.2
     assert found["same_peak"]["chirp 0.2-2 Hz"]["information"] < 0.1 * found["sac"]["information"]
@@ -59,7 +59,7 @@ def test_length_is_learnt_on_the_simulated_robot(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_recorded_pendulums_are_answered(tmp_path: Path) -> None:
-    found = run("imperfect_pendulum.py", tmp_path, "--quick")
+    found = run("hidden/imperfect_pendulum.py", tmp_path, "--quick")
     rows = [row for kind in ("names", "clean", "fits") for row in found[kind]]
     assert [row["failed"] for row in rows if "failed" in row] == []
     answered = [row for row in rows if not row.get("skipped")]
@@ -84,6 +84,6 @@ def test_missing_recordings_are_said_in_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_mistakes_are_named_and_sound_recordings_are_not(tmp_path: Path) -> None:
-    found = run("mistakes.py", tmp_path, "--quick")
+    found = run("hidden/mistakes.py", tmp_path, "--quick")
     assert found["sound_wrong"] == 0
     assert sum(found["found"].values()) >= 0.95 * sum(found["asked"].values())

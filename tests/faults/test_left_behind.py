@@ -6,7 +6,7 @@ import sys
 
 import pytest
 from descendants import PATIENCE, becomes, linux, marked, of_mark
-from hidden_effects.lab import Lab
+from worlds.lab import Lab
 
 SPEC = 'task = "repair"\n[[recordings]]\nmodel = "robots/{robot}/model.toml"\nruns = ["robots/{robot}/logs/*.csv"]\n'
 ARMDYN = (sys.executable, "-m", "pipeline.cli")

@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from hidden_effects import mistakes, sound_recordings
 from robots import joint, link, robot
+from worlds import mistakes, sound_recordings
 
 from armdyn.run import read_run, write_run_csv
 

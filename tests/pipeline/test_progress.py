@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_effects.pendulum import Setup, record, weighed
+from worlds.pendulum import Setup, record, weighed
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair

@@ -1,7 +1,7 @@
 """Hidden physics in Baxter's right arm is named, on the joints that have it; clean runs are left alone."""
 
 import pytest
-from hidden_effects.arm import generate, true_parameters
+from worlds.baxter import generate, true_parameters
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

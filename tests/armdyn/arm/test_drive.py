@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hidden_effects.generated_arm import generate
 from scipy.signal import butter, filtfilt
+from worlds.generated_arm import generate
 
 from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_effects.servo_arm import generate
+from worlds.servo_arm import generate
 
 from armdyn.arm.drive_scale import identified_drives
 from armdyn.arm.model import ArmModel

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
-from hidden_effects.arm import REALISTIC, generate, true_parameters
+from worlds.baxter import REALISTIC, generate, true_parameters
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.rigid import is_physical

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.dominant import FIELDS, Hidden, Lump
-from hidden_effects.generated_arm import generate, showing
-from hidden_effects.plant import perfect
+from worlds.drive import SMALL, Hidden, Lump, on_link
+from worlds.generated_arm import generate, showing
+from worlds.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
@@ -14,20 +14,23 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 
 JOINT = "panda_joint4"
-HIDDEN = {
-    "joint_viscous_friction": Hidden("joint_viscous_friction", JOINT, viscous=2.0),
-    "joint_coulomb_friction": Hidden("joint_coulomb_friction", JOINT, coulomb=2.0),
-    "joint_asymmetric_friction": Hidden("joint_asymmetric_friction", JOINT, positive=2.0, negative=1.0),
-    "joint_stribeck_friction": Hidden("joint_stribeck_friction", JOINT, stribeck=2.0, fading=0.3),
-    "joint_load_friction": Hidden("joint_load_friction", JOINT, per_load=0.1),
-    "rotor_inertia": Hidden("rotor_inertia", JOINT, rotor=0.5),
-    "torque_offset": Hidden("torque_offset", JOINT, offset=-1.0),
-    "torque_gain": Hidden("torque_gain", JOINT, gain=1.1),
-    "torque_delay": Hidden("torque_delay", JOINT, late=0.03),
-    "gravity_spring": Hidden("gravity_spring", JOINT, sine=3.0, cosine=-2.0),
-    "joint_spring": Hidden("joint_spring", JOINT, stiffness=3.0, rest=-1.0),
-    "payload": Hidden("payload", "panda_joint7", lump=Lump(1.5, (0.02, -0.03, 0.1))),
+
+
+VALUES = {
+    "joint_viscous_friction": {"coefficient": 2.0},
+    "joint_coulomb_friction": {"torque": 2.0},
+    "joint_asymmetric_friction": {"positive": 2.0, "negative": 1.0},
+    "joint_stribeck_friction": {"torque": 2.0, "speed": 0.3},
+    "joint_load_friction": {"coefficient": 0.1},
+    "rotor_inertia": {"inertia": 0.5},
+    "torque_offset": {"torque": -1.0},
+    "torque_gain": {"error": 0.1},
+    "torque_delay": {"time": 0.03},
+    "gravity_spring": {"sine": 3.0, "cosine": -2.0},
+    "joint_spring": {"stiffness": 3.0, "rest": -1.0},
 }
+HIDDEN = {effect: Hidden(effect, JOINT, values) for effect, values in VALUES.items()}
+HIDDEN["payload"] = on_link("payload", "panda_joint7", Lump(1.5, (0.02, -0.03, 0.1)))
 
 
 @pytest.mark.parametrize("effect", HIDDEN)
@@ -48,7 +51,7 @@ def test_hidden_values_are_those_of_the_model_that_predicts_the_recording(effect
 
 
 def test_every_effect_of_the_generator_is_looked_at() -> None:
-    assert HIDDEN.keys() == FIELDS.keys() | {"payload"}
+    assert HIDDEN.keys() == SMALL.keys() | {"payload"}
 
 
 def test_what_others_do_as_well_does_not_show() -> None:
@@ -57,7 +60,7 @@ def test_what_others_do_as_well_does_not_show() -> None:
     asymmetric, offset = HIDDEN["joint_asymmetric_friction"], HIDDEN["torque_offset"]
     assert len(showing([world], [asymmetric, offset])) == 1
     assert showing([world], [asymmetric, HIDDEN["payload"]]) == (asymmetric, HIDDEN["payload"])
-    assert showing([world], [Hidden("rotor_inertia", JOINT, rotor=1e-5)]) == ()
+    assert showing([world], [Hidden("rotor_inertia", JOINT, {"inertia": 1e-5})]) == ()
 
 
 @pytest.mark.parametrize(("rate", "count"), [(100.0, 1), (500.0, 6), pytest.param(100.0, 6, marks=pytest.mark.slow)])

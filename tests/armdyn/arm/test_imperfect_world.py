@@ -3,10 +3,10 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hidden_effects.dominant import COUNT, Hidden, Lump
-from hidden_effects.imperfect_arm import CASES, DOMINANT, NOTHING, ROBOTS, SPREAD, generate
-from hidden_effects.motions import KINDS
-from hidden_effects.plant import Plant, perfect
+from worlds.drive import COUNT, Lump, on_link
+from worlds.imperfect_arm import CASES, DOMINANT, NOTHING, ROBOTS, SPREAD, generate
+from worlds.motions import KINDS
+from worlds.plant import Plant, perfect
 
 import urdf
 from armdyn.effects.catalogue import CATALOGUE
@@ -33,7 +33,7 @@ def test_a_lump_adds_the_torque_of_a_body_on_its_link(robot):
     joint = len(world.plant.joints) - 2
     motion = world.motion.at(world.stamps)
     model.inertias[joint + 1] += pin.Inertia(lump.mass, np.array(lump.place), lump.inertia * np.eye(3))
-    found = world.load((Hidden("link_inertia", world.plant.joints[joint], lump=lump),))
+    found = world.load((on_link("link_inertia", world.plant.joints[joint], lump),))
     assert found == pytest.approx(rnea(model, *motion), abs=1e-8)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hidden_effects.arm import generate
+from worlds.baxter import generate
 
 from armdyn.arm.links import QUANTITIES, link_changes
 from armdyn.arm.model import arm_model

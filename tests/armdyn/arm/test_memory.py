@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
-from hidden_effects.arm import generate
 from scipy.integrate import solve_ivp
+from worlds.baxter import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find

@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.arm import JOINTS, OUTSIDE, generate, motion
 from scipy.ndimage import gaussian_filter1d
+from worlds.baxter import JOINTS, OUTSIDE, generate, motion
 
 from armdyn.arm.prepared import WITHIN
 from armdyn.effects.catalogue import find

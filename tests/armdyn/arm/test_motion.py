@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from hidden_effects.arm import JOINTS, generate
 from scipy.ndimage import gaussian_filter1d
+from worlds.baxter import JOINTS, generate
 
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.prepared import direction_known, interior

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.dominant import Hidden, Lump
-from hidden_effects.plant import perfect
+from worlds.drive import Hidden, Lump, on_link
+from worlds.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 HEAVY = {
-    "rotor_inertia": Hidden("rotor_inertia", "panda_joint4", rotor=5.0),
-    "payload": Hidden("payload", "panda_joint7", lump=Lump(8.0, (0.02, -0.03, 0.1))),
+    "rotor_inertia": Hidden("rotor_inertia", "panda_joint4", {"inertia": 5.0}),
+    "payload": on_link("payload", "panda_joint7", Lump(8.0, (0.02, -0.03, 0.1))),
 }
 
 

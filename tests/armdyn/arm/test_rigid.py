@@ -2,7 +2,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from hidden_effects.arm import CENTRE, JOINTS, rigid_torque
+from worlds.baxter import CENTRE, JOINTS, rigid_torque
 
 from armdyn.arm.rigid import (
     described_parameters,

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hidden_effects.arm import generate
-from hidden_effects.imperfect_arm import generate as imperfect
+from worlds.baxter import generate
+from worlds.imperfect_arm import generate as imperfect
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

@@ -24,8 +24,8 @@ from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
-from ...hidden_effects.laws import URDF, world
-from ...hidden_effects.pendulum import Setup, record
+from ...worlds.laws import URDF, world
+from ...worlds.pendulum import Setup, record
 
 
 def test_nothing_is_discovered_where_nothing_is_missing():

@@ -7,7 +7,7 @@ from armdyn.discovery.discover import discover
 from armdyn.effects.user import available, load_effects
 from armdyn.pendulum.model import pendulum_model
 
-from ...hidden_effects.laws import URDF, world
+from ...worlds.laws import URDF, world
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from hidden_effects import pendulum
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from worlds import pendulum
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.model import pendulum_model

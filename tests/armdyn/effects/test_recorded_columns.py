@@ -19,7 +19,7 @@ from armdyn.recording.checks import check_run
 from armdyn.run import Channel, Run
 
 from ...derivatives import assert_jacobian
-from ...hidden_effects.laws import URDF, world
+from ...worlds.laws import URDF, world
 from ..physics.test_definition import oscillator
 
 USUAL = 290.0

@@ -3,7 +3,7 @@ from functools import partial
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
-from hidden_effects import arm as hidden_arm
+from worlds import baxter as hidden_arm
 
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_effects.imperfect_arm import generate
+from worlds.imperfect_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hidden_effects.pendulum import Setup, record, weighed
+from worlds.pendulum import Setup, record, weighed
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
@@ -61,7 +61,7 @@ def test_json_frame_and_figure_have_the_bands() -> None:
 
 
 def test_every_run_of_an_arm_with_a_background_has_bands_as_well() -> None:
-    from hidden_effects import imperfect_arm
+    from worlds import imperfect_arm
 
     case = imperfect_arm.generate("ur5", "coulomb", 3, duration=10.0)
     joint_effects = [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import pendulum as hidden_pendulum
 from scipy.signal import lombscargle
+from worlds import pendulum as hidden_pendulum
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError

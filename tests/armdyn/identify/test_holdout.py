@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.arm import generate, true_parameters
-from hidden_effects.pendulum import Setup, record, weighed
+from worlds.baxter import generate, true_parameters
+from worlds.pendulum import Setup, record, weighed
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import pendulum
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from worlds import pendulum
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
@@ -36,7 +36,7 @@ def recorded(true, late, begin=0.0):
 
 def driven(late):
     """Angle and force below a moving gripper."""
-    motion = pendulum.gripper_motion(np.random.default_rng(1), TIME[-1])
+    motion = pendulum.gripper_motion(np.random.default_rng(1))
     truth = pendulum.simulate(pendulum.Setup(duration=TIME[-1]), motion, TIME)
     run = recorded({"swing_angle": truth["angle"], "load_force": truth["tension"]}, late)
     channels = {**run.channels, "gripper_x": Channel(TIME, motion(TIME)[0], "m")}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hidden_effects.arm import JOINTS, generate, motion
+from worlds.baxter import JOINTS, generate, motion
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects.arm import generate
-from hidden_effects.outliers import spoilt
-from hidden_effects.pendulum import REALISTIC, Setup, record
+from worlds.baxter import generate
+from worlds.mistakes import spoilt
+from worlds.pendulum import REALISTIC, Setup, record
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

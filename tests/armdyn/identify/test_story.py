@@ -1,7 +1,7 @@
 """One strong effect of an arm comes first; after it the small ones of every joint, where they are all that is left."""
 
 import numpy as np
-from hidden_effects.dominated_arm import generate
+from worlds.dominated_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hidden_effects import thresholds
+from worlds import thresholds
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

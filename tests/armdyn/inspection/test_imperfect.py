@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import imperfect_arm, imperfect_mistakes, imperfect_pendulum, mistakes
+from worlds import imperfect_arm, imperfect_mistakes, imperfect_pendulum, mistakes
 
 from armdyn.arm.model import arm_model
 from armdyn.inspection.check import Severity

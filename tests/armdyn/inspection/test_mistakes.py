@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_effects import mistakes, sound_recordings
 from hypothesis import given
 from hypothesis import strategies as st
+from worlds import mistakes, sound_recordings
 
 import armdyn
 from armdyn.arm.model import arm_model

@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 from command import called
-from hidden_effects.own_bases import HEAD, Family, case
-from hidden_effects.own_bases_fast import FILTER, GEARED
-from hidden_effects.own_bases_slow import BATTERY, OVEN, TANKS, VESSEL
 from scipy.integrate import solve_ivp
+from worlds.own_bases import HEAD, Family, case
+from worlds.own_bases_fast import FILTER, GEARED
+from worlds.own_bases_slow import BATTERY, OVEN, TANKS, VESSEL
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.effect import effect

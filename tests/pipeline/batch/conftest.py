@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 from command import called
-from hidden_effects.lab import Change, Lab
+from worlds.lab import Change, Lab
 
 SPEC = """task = "compare"
 [[recordings]]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_effects.pendulum import Setup, record, weighed
+from worlds.pendulum import Setup, record, weighed
 
 from armdyn.recording.units import Known
 from armdyn.run import write_run_csv

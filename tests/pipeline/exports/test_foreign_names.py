@@ -13,9 +13,9 @@ from xml.sax.saxutils import quoteattr
 import mujoco
 import numpy as np
 import pytest
-from hidden_effects.arm import generate
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from worlds.baxter import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.codegen import compiler

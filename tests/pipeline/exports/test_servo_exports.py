@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from hidden_effects.servo_arm import EFFECTS, generate
-from hidden_effects.servo_in_mujoco import errors_in_mujoco, stretches
+from worlds.servo_arm import EFFECTS, generate
+from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
 from armdyn.arm.rollout import rolled
 from pipeline.exports.mujoco_file import mujoco_text

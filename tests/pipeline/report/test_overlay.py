@@ -8,7 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from hidden_effects.arm import JOINTS, generate
+from worlds.baxter import JOINTS, generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE

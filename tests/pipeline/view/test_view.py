@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser, chromium
-from hidden_effects.arm import JOINTS, generate
 from PIL import Image
+from worlds.baxter import JOINTS, generate
 
 import urdf
 from armdyn.errors import InputError

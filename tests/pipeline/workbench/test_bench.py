@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_effects.arm import JOINTS
-from hidden_effects.pendulum import Setup, record
+from worlds.baxter import JOINTS
+from worlds.pendulum import Setup, record
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from browser import SIXTY, Browser, chromium
-from hidden_effects.laws import world
-from hidden_effects.pendulum import Setup, record
+from worlds.laws import world
+from worlds.pendulum import Setup, record
 
 from armdyn.effects.user import load_effects
 from armdyn.model_file import ModelFile, base_pendulum, write_model_file

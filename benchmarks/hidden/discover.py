@@ -1,0 +1,102 @@
+"""How often does `discover` find a law that no catalogue has? Prints a row for each hidden law; run it in pieces.
+
+    python benchmarks/hidden/discover.py --seeds 5 --kinds magnet,cogging --out rows.jsonl
+
+Recordings come from `tests/worlds/laws.py`, with physics of its own. After `discover` its file is written, read
+as a user's, added with what else was found, and a run that took part in nothing is predicted: its error over the noise.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
+from worlds.laws import CLEAN, LAWS, URDF, World, world
+
+from armdyn.arm.model import arm_model
+from armdyn.discovery.discover import discover
+from armdyn.discovery.result import Discovery
+from armdyn.effects.effect import Effect
+from armdyn.effects.user import available, load_effects
+from armdyn.identify.repair import add
+from armdyn.identify.study import Study
+from armdyn.model import Model
+from armdyn.pendulum.model import pendulum_model
+
+
+def judged(kind: str, seed: int, folder: Path) -> dict:
+    """One law: what was found, and the error on the run that nothing saw, over the noise."""
+    given = world(kind, seed)
+    model = _model(given, folder)
+    start = time.process_time()
+    found = discover(model, given.runs, [given.held_out], available(model))
+    seconds = time.process_time() - start
+    kinds = [one.kind for one in found.findings] + [one.known_as for one in found.findings if one.known_as]
+    before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))
+    return {
+        "kind": kind, "seed": seed, "kinds": kinds, "before": before, "after": after,
+        "right": kind in LAWS and bool(set(kinds) & set(LAWS[kind].names)), "new": len(found.new),
+        "found": [one.sentence for one in found.findings], "seconds": round(seconds),
+    }  # fmt: skip
+
+
+def _model(given: World, folder: Path) -> Model:
+    if given.base == "pendulum":
+        return pendulum_model(given.length, given.mass)
+    path = folder / "two.urdf"
+    path.write_text(URDF)
+    return arm_model(urdf=path)
+
+
+def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
+    """What was found as effects to add: its file is written to a folder, and read as a user's."""
+    own: dict[str, Effect] = {}
+    if found.new:
+        found.write(folder / "effect.py")
+        own = {e.name: e for e in load_effects(folder / "effect.py")}
+    known = {e.name: e for e in available(model)} | own
+    return [known[o.effect].on(*o.joints) if o.joints else known[o.effect] for o in found.findings]
+
+
+def _errors(model: Model, given: World, effects: list[Effect] | tuple[()]) -> float:
+    """Of the exam run, the largest over channels of the rms error over the noise, both as they are compared."""
+    study = Study.of(model, given.runs, [given.held_out], tuple(effects), [given.exam])
+    blocks = study.exam_blocks(add(study, effects).steps[-1].fit)
+    return round(max(float(np.sqrt(np.mean(b.residual**2))) for b in blocks), 3)
+
+
+def main() -> None:
+    """Print a row for each law."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--kinds", default=",".join([*LAWS, *CLEAN]))
+    parser.add_argument("--out", type=Path)
+    chosen = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(chosen.first_seed, chosen.first_seed + chosen.seeds):
+            for kind in chosen.kinds.split(","):
+                row = judged(kind, seed, Path(folder))
+                rows.append(row)
+                print(json.dumps(row), flush=True)
+                if chosen.out is not None:
+                    with chosen.out.open("a") as stream:
+                        stream.write(json.dumps(row) + "\n")
+    laws = [row for row in rows if row["kind"] in LAWS]
+    clean = [row for row in rows if row["kind"] in CLEAN]
+    if laws:
+        within = sum(row["after"] < 1.2 for row in laws)
+        print(f"{within} of {len(laws)} within 1.2 of the noise; kind right in {sum(r['right'] for r in laws)}")
+    if clean:
+        print(f"something new in {sum(row['new'] > 0 for row in clean)} of {len(clean)} clean ones")
+
+
+if __name__ == "__main__":
+    main()

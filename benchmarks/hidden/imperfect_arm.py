@@ -1,0 +1,162 @@
+"""Does `repair` find what dominates where a little of everything is wrong? Prints a table.
+
+    python benchmarks/hidden/imperfect_arm.py --seeds 10 --robots baxter,ur5,panda --processes 2
+
+Recordings come from `tests/worlds/imperfect_arm.py`: every link's mass, centre and extents off by 3 to 8 %,
+friction that drifts, cogging, flexible joints, torques smoothed or late, on all joints, always; and one or two effects
+that make at least 80 % of the squared error of the model as described, or none. Training is two runs of 20 s at 100 Hz
+with one kind of motion, one run with another kind is held out, and an exam with a third kind is seen by nothing.
+
+What is counted:
+
+- `named`: every effect of the first step is one that was put in, on just the joints where it was.
+- `values`: numbers that the repair added, over those that describe what was put in; few are at most twice as many.
+- `exam`: error in the exam, the root of the summed squared errors of all joints in N m, over that of the true effects
+  on their joints fitted to the same training runs. The true effects do not know the small errors, so that a repair may
+  be below 1. Close is at most 1.2.
+- `quiet`: where nothing dominates, that no name was given with confidence. A name is confident when the first step
+  lowers the squared error over all joints by at least half, in training and in the held-out run: it claims to be what
+  is missing. In these cases no single effect on one joint explains more than 40 % of both, as a plain least-squares fit
+  without noise says, so that such a claim is false. Steps that lower the error a little are no fault, and neither is
+  any that comes later.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import _hidden_table as hidden_table  # isort: skip
+
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from armdyn.arm.model import ArmModel, arm_model
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.explained import RepairStep
+from armdyn.identify.repair import Repair, add, repair
+from armdyn.identify.study import Study
+from armdyn.run import Run
+
+imperfect = hidden_table.generator("imperfect_arm")
+
+JOINT_EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on == "joint")
+CLOSE = 1.2
+"""Error in the exam, over that of the true effects, up to which a repair counts as good."""
+FEW = 2.0
+"""Values added, over those of the true effects, up to which they count as few."""
+CONFIDENT = 0.5
+"""Share of the squared error, in training and held out, from which the first step claims to be what is missing."""
+TARGETS = {"named": 0.95, "few": 0.95, "close": 0.9, "quiet": 0.95}
+
+
+def exam_error(model: ArmModel, runs: Sequence[Run]) -> float:
+    """Root of the summed squares of all joints' errors, N m, with the model as it is."""
+    squares = []
+    for run in runs:
+        ready = model.prepared(run)
+        found = model.predict(ready, model.theta())
+        errors = (ready.channels[name].value - found.values[rows] for name, rows in found.slices.items())
+        squares.append(sum(float(np.mean(error**2)) for error in errors))
+    return float(np.sqrt(np.mean(squares)))
+
+
+def removed_share(before: RepairStep, after: RepairStep) -> float:
+    """Share of the squared error over all joints that a step removes, in training or held out, whichever is less."""
+    pairs = ((before.rmse, after.rmse), (before.held_out_rmse, after.held_out_rmse))
+    return min(1.0 - _squared(left) / _squared(given) for given, left in pairs)
+
+
+def _squared(errors: Mapping[str, float]) -> float:
+    return sum(error**2 for error in errors.values())
+
+
+def named(first: RepairStep, truth: set[tuple[str, str]]) -> bool:
+    """Whether a step adds nothing but what was put in, where it was."""
+    joints = {joint for effect, joint in truth if effect in first.added}
+    return set(first.added) <= {effect for effect, _ in truth} and set(first.joints) == joints
+
+
+def with_true_effects(model: ArmModel, case: object, held_out: Sequence[Run]) -> Repair:
+    """The true effects on their joints, fitted to the training runs."""
+    effects = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
+    study = Study.of(model, case.train, held_out, effects)
+    return add(study, effects)
+
+
+def examine(robot: str, name: str, seed: int) -> hidden_table.Row:
+    """One case."""
+    case = imperfect.generate(robot, name, seed)
+    truth = {(hidden.effect, hidden.joint) for hidden in case.truth}
+    model = arm_model(robot=robot)
+    begun, cpu = time.perf_counter(), time.process_time()
+    mended = repair(Study.of(model, case.train, case.held_out, JOINT_EFFECTS))
+    row: hidden_table.Row = {
+        "what": f"{name} {robot}", "case": name, "robot": robot, "seed": seed,
+        "truth": sorted(map(list, truth)),
+        "seconds": time.perf_counter() - begun, "cpu": time.process_time() - cpu,
+        "verdict": mended.verdict.key, "sentence": mended.sentence,
+        "draws": case.draws, "dominance": case.dominance() if truth else case.largest_single,
+        "steps": [[list(step.added), list(step.joints)] for step in mended.path[1:]],
+        "removed": [removed_share(*pair) for pair in zip(mended.path[:-1], mended.path[1:], strict=True)],
+        "added": len(mended.named.names) - len(model.names),
+        "exam_error": exam_error(mended.model, case.exam), "exam_as_given": exam_error(model, case.exam),
+    }  # fmt: skip
+    if not truth:
+        first = mended.path[1].added if len(mended.path) > 1 else ("background",)
+        return row | {"quiet": first == ("background",) or row["removed"][0] < CONFIDENT}
+    reference = exam_error(with_true_effects(model, case, case.held_out).model, case.exam)
+    row |= {"values": row["added"] / case.values, "exam_true": reference, "exam": row["exam_error"] / reference}
+    return row | {
+        "named": len(mended.path) > 1 and named(mended.path[1], truth),
+        "few": row["values"] <= FEW,
+        "close": row["exam"] <= CLOSE,
+    }
+
+
+def show(title: str, rows: Sequence[hidden_table.Row]) -> None:
+    """Print a line for each case and robot, then all of them beside what is wanted."""
+    print(f"\n{title}: {len(rows)} cases")
+    for what in dict.fromkeys(row["what"] for row in rows):
+        print(f"  {what:24s}{_line([row for row in rows if row['what'] == what])}")
+    print(f"  {'all':24s}{_line(rows)}")
+    for key, target in TARGETS.items():
+        values = [row[key] for row in rows if key in row]
+        if values:
+            print(f"  all: {key} {100 * np.mean(values):.1f} % of {len(values)}, wanted {100 * target:.0f} %")
+    print(f"  seconds: worst {max(row['seconds'] for row in rows):.1f}", flush=True)
+
+
+def _line(rows: Sequence[hidden_table.Row]) -> str:
+    parts = [
+        f"{key} {100 * np.mean([row[key] for row in rows if key in row]):5.1f} %"
+        for key in TARGETS
+        if any(key in row for row in rows)
+    ]
+    for key in ("values", "exam"):
+        ratios = [row[key] for row in rows if key in row]
+        if ratios:
+            parts.append(f"{key} {np.median(ratios):.2f}, 95 % {np.percentile(ratios, 95):.2f}")
+    return "  ".join([*parts, f"{np.median([row['seconds'] for row in rows]):.1f} s"])
+
+
+def main() -> None:
+    parser = hidden_table.parser(__doc__, "", 3)
+    parser.add_argument("--robots", default=",".join(imperfect.ROBOTS), help="with commas")
+    given = parser.parse_args()
+    names = given.only.split(",") if given.only else list(imperfect.CASES)
+    seeds = hidden_table.seeds_of(given)
+    cases = [(robot, name, seed) for seed in seeds for robot in given.robots.split(",") for name in names]
+    rows: list[hidden_table.Row] = []
+    for row in hidden_table.answered(examine, cases, given.processes):
+        rows.append(row)
+        if row.get("named") is False or row.get("quiet") is False:
+            keys = ("what", "seed", "truth", "steps", "exam", "values")
+            print("   miss:", {key: row[key] for key in keys if key in row}, flush=True)
+        hidden_table.save(given.json, {"imperfect": rows})
+    show("imperfect", rows)
+
+
+if __name__ == "__main__":
+    main()

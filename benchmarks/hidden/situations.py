@@ -1,0 +1,159 @@
+"""Does the first fit find the start of the swing in what users record, and is the right effect named there?
+
+    python benchmarks/hidden/situations.py --seeds 20 --first-seed 1000 --processes 2
+
+Situations come from `tests/worlds/situations.py`, which shares no code with armdyn: pull and release with the
+load cell alone, a release from 2 rad, a gripper that moves late, a start in mid-swing, gaps, spikes, and so on; each
+with nothing hidden and with each of `EFFECTS`. Columns:
+
+- start: the first fit of the true structure is as good as the fit that starts from the truth;
+- reproduced: `compare` of the repaired model gives the error that `repair` left, to 1 % (with `--what repaired`);
+- named, honest, false: the right name first; that, or a tie that holds it; a name where nothing or another effect is.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import _hidden_table as hidden_table  # isort: skip
+
+import pickle
+import time
+import zlib
+from functools import cache
+
+import numpy as np
+
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.identify.diagnose import diagnose
+from armdyn.identify.repair import repair
+from armdyn.identify.study import Study
+from armdyn.pendulum.model import PendulumModel, pendulum_model
+
+situations = hidden_table.generator("situations")
+
+PENDULUM = tuple(effect for effect in CATALOGUE.values() if effect.acts_on != "joint")
+EFFECTS = ("pivot_viscous_friction", "quadratic_drag", "sensor_bias")
+UNSEEN = {("release_unweighed", "sensor_bias")}
+"""A bias is mass where nothing is weighed."""
+AS_GOOD = 1.02
+"""Ratio of two chi2 up to which a fit counts as the same minimum."""
+SAME_ERROR = 0.01
+
+
+def recordings(name: str, effect: str, seed: int, keep: Path | None) -> tuple[object, dict[str, float]]:
+    """The runs with the truth, and what is hidden in them; ``"none"`` hides nothing."""
+    situation = situations.SITUATIONS[name]
+    hidden = {} if effect == "none" else situations.realistic(effect, situation)
+    file = None if keep is None else keep / f"{name}-{effect}-{seed}.pickle"
+    if file is not None and file.exists():
+        with file.open("rb") as stream:
+            return pickle.load(stream), hidden
+    rng = np.random.default_rng([seed, zlib.crc32(f"{name}{effect}".encode())])
+    found = situations.recorded(situation, hidden, rng)
+    if file is not None:
+        with file.open("wb") as stream:
+            pickle.dump(found, stream)
+    return found, hidden
+
+
+def study_of(model: PendulumModel, recorded: object) -> Study:
+    return Study.of(model, recorded.runs, [], PENDULUM)
+
+
+def given(name: str) -> PendulumModel:
+    """What the user starts from: a length 5 % off and a mass that is no better than a guess."""
+    situation = situations.SITUATIONS[name]
+    return pendulum_model(0.95 * float(np.mean(situation.length)), 1.1 * float(np.mean(situation.mass)))
+
+
+def start_found(name: str, recorded: object, hidden: dict[str, float]) -> hidden_table.Row:
+    """Chi2 per sample of the true structure: of its first fit, and of the fit that starts from the truth."""
+    model = given(name)
+    for effect in hidden:
+        model = model.with_effect(CATALOGUE[effect])
+    study = study_of(model, recorded)
+    first = study.first()
+    problem, truth = study.problem, study.problem.start()
+    place = {run.name: k for k, run in enumerate(recorded.runs)}
+    for j, column in enumerate(problem.columns):
+        name = study.runs[column.run or 0].name
+        k = place[name.partition("#")[0]]
+        angle, rate = recorded.starts[k]
+        path = recorded.runs[k].channels.get("gripper_x")
+        speed = 0.0 if path is None else float(np.gradient(path.value[:3], path.time[:3])[0])
+        true = {
+            "length": recorded.length, "mass": recorded.masses[k], "initial_angle": angle,
+            "initial_rate": rate - speed / recorded.length * np.cos(angle), **hidden,
+        }  # fmt: skip
+        later = column.run is not None and name not in place and not name.endswith("#1")
+        truth[j] = first.values[j] if later else true.get(column.parameter.name.partition(".")[0], truth[j])
+    wanted = problem.fitted & ~problem.of([n for c in study.candidates for n in c.names])
+    best = problem.fit(wanted, truth)
+    blocks = problem.blocks(best.values)
+    samples = sum(len(block.residual) for block in blocks)
+    reachable = sum(float(block.residual @ block.residual) for block in blocks) / samples
+    reached = first.chi2_per_sample
+    return {"start": bool(reached <= max(1.2, AS_GOOD * reachable)), "reached": reached, "reachable": reachable}
+
+
+def diagnosed(name: str, effect: str, seed: int, keep: Path | None) -> hidden_table.Row:
+    """One situation with one thing hidden, or with nothing."""
+    _warm()
+    recorded, hidden = recordings(name, effect, seed, keep)
+    wall, cpu = time.perf_counter(), time.process_time()
+    study = study_of(given(name), recorded)
+    found = diagnose(study)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    first = found.suspects[0] if found.suspects else None
+    row = {
+        "what": name, "hidden": effect, "seed": seed, **start_found(name, recorded, hidden),
+        "verdict": found.verdict.key, "first": first.effect if first else "", "tied": first.tied_with if first else (),
+        "found": [e.label for e in found.search.last.effects], "base": found.search.steps[0].fit.chi2_per_sample,
+        "chi2": found.search.last.fit.chi2_per_sample, "seconds": wall, "cpu": cpu,
+    }  # fmt: skip
+    named_any = found.verdict.key in ("effect_missing", "cannot_tell_apart")
+    if effect == "none":
+        return row | {"false": found.verdict.key != "explained"}
+    judged = hidden_table.judged(found, effect)
+    return row | judged | {"false": named_any and not judged["honest"]}
+
+
+def repaired(name: str, effect: str, seed: int, keep: Path | None) -> hidden_table.Row:
+    """Whether the model that `repair` writes, compared with the same runs, gives the error that it left."""
+    _warm()
+    recorded, _ = recordings(name, effect, seed, keep)
+    found = repair(study_of(given(name), recorded))
+    again = study_of(found.model, recorded).first()
+    left, now = found.after.fit.rmse(), again.rmse()
+    same = all(abs(now[channel] - left[channel]) <= SAME_ERROR * left[channel] for channel in left)
+    return {"what": name, "hidden": effect, "seed": seed, "reproduced": same, "left": left, "now": now}
+
+
+@cache
+def _warm() -> None:
+    diagnose(study_of(given("plain"), recordings("plain", "pivot_viscous_friction", 0, None)[0]))
+
+
+def main() -> None:
+    options = hidden_table.parser(__doc__, "diagnosed", 3)
+    options.add_argument("--recordings", type=Path, default=None, help="folder to keep recordings in")
+    options.add_argument("--hidden", default="none," + ",".join(EFFECTS), help="effects, with commas")
+    given_options = options.parse_args()
+    names = given_options.only.split(",") if given_options.only else list(situations.SITUATIONS)
+    seeds = hidden_table.seeds_of(given_options)
+    keep: Path | None = given_options.recordings
+    if keep is not None:
+        keep.mkdir(parents=True, exist_ok=True)
+    effects = given_options.hidden.split(",")
+    cases = [
+        (name, "angle_offset" if effect == "sensor_bias" and name == "near_upright" else effect, seed, keep)
+        for name in names for effect in effects for seed in seeds if (name, effect) not in UNSEEN
+    ]  # fmt: skip
+    kinds = {"diagnosed": (diagnosed, cases), "repaired": (repaired, cases)}
+    wanted = {what: kinds[what] for what in hidden_table.wanted(given_options.what, [*kinds])}
+    hidden_table.run(wanted, given_options.processes, given_options.json)
+
+
+if __name__ == "__main__":
+    main()
