@@ -163,6 +163,10 @@ class Model(Displayable):
         del theta
         return np.inf
 
+    def between_gaps(self, run: Run) -> tuple[Run, ...]:
+        """The parts of a run between missing samples; the whole run, where a simulation goes on through a gap."""
+        return (run,)
+
     def pieces(self, run: Run) -> Sequence[Run]:
         """The run, or its parts with a start state each."""
         return (run,)

@@ -25,6 +25,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.parameter import Parameter, Quantity
+from armdyn.recording.gaps import cut_at_gaps
 from armdyn.run import Channel, Run
 from urdf import Robot
 from urdf.table_file import Check, read_as
@@ -179,6 +180,10 @@ class ArmModel(Model):
         i = self.arm.joints.index(joint)
         link, own = self._functions[i].link, [self._columns[i].index(self.names.index(name)) for name in names]
         return link is not None and bool(link.depends[own].any())
+
+    def between_gaps(self, run: Run) -> tuple[Run, ...]:
+        """The parts of a run between missing samples: accelerations are differences of neighbouring samples."""
+        return cut_at_gaps(run)
 
     def link_changes(
         self, theta: np.ndarray, covariance: np.ndarray, of_runs_alone: np.ndarray, free: np.ndarray

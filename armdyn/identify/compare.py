@@ -33,7 +33,7 @@ from armdyn.identify.tables import (
     place_section,
     sample_columns,
 )
-from armdyn.identify.together import Together, moving_together
+from armdyn.identify.together import Together
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.parameter import Parameter
 from armdyn.recording.preparation import of_all_runs, sentence
@@ -210,7 +210,7 @@ def compare(study: Study) -> Comparison:
 
 def comparison(study: Study, fit: Fit, left: ResidualTests, *, process_error: bool = True) -> Comparison:
     """Build the comparison of a fit; `process_error` = False skips the slow test of dynamics against sensor."""
-    channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), moving_together(fit)
+    channels, certain, together = channel_qualities(study, fit), uncertainty(study, fit), study.unidentified(fit)
     mixed = {name for one in together for name in one.unsure}
     ends = set(fit.at_bound)
     needed = lost_sentence(fit) if study.is_lost(fit) else ""
@@ -272,7 +272,7 @@ def fitted_parameters(study: Study, fit: Fit) -> dict[str, Parameter]:
     correlation of the noise and, where it is larger than the noise, the model's own error; see `uncertainty`.
     """
     covariance = uncertainty(study, fit).covariance
-    mixed = {name for one in moving_together(fit) for name in one.unsure}
+    mixed = {name for one in study.unidentified(fit) for name in one.unsure}
     present = {name for c in study.candidates for name in c.names}
     held = study.model.background.names if study.model.background is not None else ()
     result = {}

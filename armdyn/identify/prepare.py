@@ -8,7 +8,6 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.model import Model
-from armdyn.recording.gaps import cut_at_gaps
 from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
@@ -94,7 +93,7 @@ def without_gaps(model: Model, run: Run) -> tuple[Run, ...]:
     longest = max((len(channel) for channel in run.channels.values()), default=0)
     if longest > MAX_SAMPLES:
         raise InputError(f"{run.source or run.name}: {longest} samples are too many: cut it or record at a lower rate")
-    parts = cut_at_gaps(run) if model.linear else (run,)  # a simulation goes on through a gap
+    parts = model.between_gaps(run)
     for part in parts:
         for name in model.predicted_channels(part):
             part.require_informative(name)

@@ -16,6 +16,7 @@ from armdyn.identify.residual.tests import ResidualTests, Score, residual_tests,
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.linear_scorer import LinearScorer
 from armdyn.identify.selection.set_score import SetScore, SetScorer
+from armdyn.identify.together import Together
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
@@ -139,6 +140,11 @@ class Study(ABC):
         """Scorer of sets of effects from sums at a fit; None for models that are not linear in most values."""
         del at, given_misfit
         return None
+
+    def unidentified(self, fit: Fit) -> tuple[Together, ...]:
+        """Combinations of values that the runs do not identify; none where priors and links show that already."""
+        del fit
+        return ()
 
     def is_lost(self, fit: Fit) -> bool:
         """Whether the fit ended in a minimum that is unrelated to the recordings; never where there is only one."""

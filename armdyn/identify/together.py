@@ -60,13 +60,8 @@ class Together:
 @cached_with_first_argument
 @one_thread
 def moving_together(fit: Fit) -> tuple[Together, ...]:
-    """Directions in which the values of a fit are not identified although each value alone would be.
-
-    None for models whose predictions are linear in their values: there priors and links show what is not identified.
-    """
+    """Directions in which the values of a fit are not identified although each value alone would be."""
     problem = fit.problem
-    if problem.model.linear:
-        return ()
     asked = np.flatnonzero(fit.free | (problem.fitted & ~problem.is_effect))
     _, J = stacked(problem, problem.blocks(fit.values), fit.values)
     J = J[:, asked] * problem.typical[asked]

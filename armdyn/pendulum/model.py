@@ -51,9 +51,9 @@ class PendulumModel(SimulatedModel):
     start_names = START_PARAMETERS
 
     @property
-    def kicked(self) -> list[int]:
-        """Index of the start value that a force changes: the rate; see `SimulatedModel.kicked`."""
-        return [START_PARAMETERS.index("initial_rate")]
+    def forced(self) -> Mapping[int, str | None]:
+        """Index of the start value that a force changes: the rate; see `SimulatedModel.forced`."""
+        return {START_PARAMETERS.index("initial_rate"): None}
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """Start values at (J,) times, from the measured angle, or else from the rate and its derivative."""

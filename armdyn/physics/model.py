@@ -225,10 +225,10 @@ class PhysicsModel(SimulatedModel):
         return [n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])]
 
     @property
-    def kicked(self) -> list[int]:
-        """Indices of the states whose rate is no state itself; see `SimulatedModel.kicked`."""
-        names = list(self.physics.states)
-        return [k for k, name in enumerate(names) if name not in _bare(self.physics).rates] or list(range(len(names)))
+    def forced(self) -> Mapping[int, str | None]:
+        """Indices and names of the states whose rate is no state itself; see `SimulatedModel.forced`."""
+        names, rates = dict(enumerate(self.physics.states)), _bare(self.physics).rates
+        return {k: name for k, name in names.items() if name not in rates} or names
 
     @property
     def rated(self) -> list[str]:

@@ -1,7 +1,7 @@
 """Common part of models that simulate a motion in time and read it with sensors."""
 
 from abc import abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Self
@@ -50,9 +50,9 @@ class SimulatedModel(Model):
         """Parameters of the start of the motion, in the order of the simulator."""
 
     @property
-    def kicked(self) -> list[int]:
-        """Indices of those of `start_names` that a force changes: the speeds."""
-        return list(range(len(self.start_names)))
+    def forced(self) -> Mapping[int, str | None]:
+        """Indices of the `start_names` that a force changes, the speeds, each with its state; None for the only one."""
+        return dict.fromkeys(range(len(self.start_names)))
 
     @property
     @abstractmethod

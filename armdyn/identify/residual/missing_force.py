@@ -15,7 +15,6 @@ from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.identify.state_space.output_error import AroundMotion
-from armdyn.physics.model import PhysicsModel
 from armdyn.physics.pieces import pseudo_inverse
 from armdyn.physics.simulated import simulated, with_motion
 from armdyn.recording.channels import Channel, FloatArray
@@ -151,10 +150,9 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
     time, motion = run.pieces.starts[1:], motion[1:]
     found = []
-    for k in model.kicked:
+    for k, joint in model.forced.items():
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
-        joint = list(model.physics.states)[k] if isinstance(model, PhysicsModel) else None
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))
     return found
 

@@ -21,7 +21,7 @@ from armdyn.identify.state_space.innovations import (
     smoothed,
 )
 from armdyn.physics.pieces import Pieces, pseudo_inverse
-from armdyn.physics.simulated import SimulatedModel, simulated
+from armdyn.physics.simulated import simulated
 from armdyn.recording.gaps import until
 from armdyn.recording.noise import quiet_noise
 
@@ -150,7 +150,8 @@ class GreyRun:
         by_unknown[:, :, columns], definition[:, :, columns] = found.by_theta + found.transition @ here - there, here
         begin, by_start, by_theta = pieces.beginning(theta)
         model = pieces.model
-        kicked = by_start[:, model.kicked] * self._typical[model.kicked]
+        forced = list(model.forced)
+        kicked = by_start[:, forced] * self._typical[forced]
         free = np.abs(by_start).sum(axis=1) > 0.0
         start = np.zeros((states.shape[1], len(unknowns) + 1))
         start[~free, -1] = (begin - states[0])[~free]
@@ -171,8 +172,7 @@ class GreyRun:
         """
         model = self.pieces.model
         lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
-        assert isinstance(lean, SimulatedModel)
-        return self.pieces.of(lean), self.places[places]
+        return self.pieces.of(simulated(lean)), self.places[places]
 
 
 class LinearisedRun:

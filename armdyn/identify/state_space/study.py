@@ -17,6 +17,7 @@ from armdyn.identify.selection.linear_scorer import NOISE_POWER_RATIO
 from armdyn.identify.state_space.motion_start import initial_values, start_of
 from armdyn.identify.state_space.output_error import OTHER_STARTS, AroundMotion, best_minimum, fit_run, shows_motion
 from armdyn.identify.study import CHANCE_DEVIATES, SURE_DEVIATES, Study
+from armdyn.identify.together import Together, moving_together
 from armdyn.run import Run
 
 MAX_LISTED_GLITCHES = 5
@@ -126,6 +127,10 @@ class StateSpaceStudy(Study):
         There, evidence with process noise has told coloured noise from what is missing.
         """
         return 1.0 if self.motion.measured else super().model_error_weight(fit)
+
+    def unidentified(self, fit: Fit) -> tuple[Together, ...]:
+        """Combinations of values that the runs do not identify; see `moving_together`."""
+        return moving_together(fit)
 
     def is_lost(self, fit: Fit) -> bool:
         """Whether the residual varies more than the signals, in training or held-out runs; see `left_of_spread`.
