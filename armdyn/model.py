@@ -16,6 +16,7 @@ from armdyn.shown import Displayable
 
 if TYPE_CHECKING:
     from armdyn.arm.links import LinkChange
+    from armdyn.arm.model import ArmModel
     from armdyn.arm.rollout import RollOut
     from urdf import Robot
 
@@ -138,6 +139,10 @@ class Model(EffectModel, Displayable):
         """
         del theta, covariance, of_runs_alone, free
         return ()
+
+    def as_arm(self) -> "ArmModel | None":
+        """This model if it is of an arm, with joints, links and drives; None for every other base."""
+        return None
 
     def described(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file that name the base; paths in them are relative to the file's `folder`."""

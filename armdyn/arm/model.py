@@ -58,6 +58,10 @@ class ArmModel(Model):
         """Stages of effects: joints, and drives where the model has some; see `Model.stages`."""
         return ("joint", "drive") if self.drives else ("joint",)
 
+    def as_arm(self) -> Self:
+        """See `Model.as_arm`."""
+        return self
+
     @property
     def about(self) -> str:
         """The arm's name and its joints; see `Model.about`."""

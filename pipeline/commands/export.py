@@ -59,6 +59,6 @@ def export(
             typer.echo(f"  not in it: {note}")
         if missing is not None:
             typer.echo(f"  {missing.sentence}")
-        typer.echo("to write it all the same: --incomplete" if refused else f"next: {made.usage(file.model, output)}")
+        typer.echo("to write it all the same: --incomplete" if refused else f"next: {written.usage}")
     if refused:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""A model for other tools. Each file here that has `FORMATS` adds formats; nothing else lists them."""
+"""A model for other tools. The formats are the `FORMATS` of every module here; nothing else lists them."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @cache
 def formats() -> "dict[str, Format]":
-    """Every format, by the ending of its files."""
+    """All formats by the ending of their files."""
     modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return {made.ending: made for module in modules for made in getattr(module, "FORMATS", ())}
 
@@ -37,17 +37,19 @@ def format_of(output: Path) -> "Format":
 
 @dataclass(frozen=True)
 class Written:
-    """What became of an export.
+    """Result of an export.
 
     Attributes:
-        refused: whether nothing was written, because the file would lack too much.
-        notes: what the format cannot hold.
-        missing: how much that is; None where it is nothing, or not known.
+        refused: True where nothing was written, because the file would lack too much.
+        notes: sentence on each thing that the format cannot hold.
+        missing: error of the exported model; None where it has none, or the error is unknown.
+        usage: command or line of code that uses the file.
     """
 
     refused: bool
     notes: tuple[str, ...]
     missing: "LeftOut | None"
+    usage: str
 
 
 def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool = False) -> Written:
@@ -55,9 +57,9 @@ def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool
 
     Args:
         file: the model, with its history.
-        output: to write; its ending says the format.
-        name: of the model, for the file's first line.
-        incomplete: write it all the same.
+        output: file to write; its ending defines the format.
+        name: name of the model, for the file's first line.
+        incomplete: whether to write it all the same.
 
     Raises:
         InputError: the format is not for such a model, or the file cannot be written.
@@ -65,9 +67,9 @@ def write_export(file: "ModelFile", output: Path, name: str, *, incomplete: bool
     from pipeline.exports.left_out import left_out
 
     made = format_of(output)
-    missing = left_out(file, made.held(file.model))
+    found = made.export(file, output, f"{made.kind} of {name}")
+    missing = left_out(file, found.held)
     refused = missing is not None and missing.matters and not incomplete
-    text, notes = made.text(file, output, f"{made.kind} of {name}")
     if not refused:
-        atomic.write_text(output, text)
-    return Written(refused, tuple(notes), missing)
+        atomic.write_text(output, found.text)
+    return Written(refused, tuple(found.notes), missing, found.usage)

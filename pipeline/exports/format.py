@@ -1,43 +1,53 @@
-"""A format that a model can be exported to, and the model that it is for."""
+"""A format in which a model can be exported."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import NamedTuple
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
-from armdyn.model import Model
 from armdyn.model_file import ModelFile
 
 
-@dataclass(frozen=True)
-class Format:
+class Exported(NamedTuple):
+    """A model in one format.
+
+    Attributes:
+        text: content of the file.
+        notes: sentence on each thing that the format cannot hold.
+        held: names of the effects that the format holds.
+        usage: command or line of code that uses the file.
+    """
+
+    text: str
+    notes: list[str]
+    held: Collection[str]
+    usage: str
+
+
+class Format(NamedTuple):
     """One format.
 
     Attributes:
-        ending: of the files' names, such as ``".urdf"``.
-        kind: what such a file is.
-        text: of a model's file, the file to write and a line about the model: what is written, and a sentence for each
-            thing that the format cannot hold.
-        held: names of the effects of a model that the format holds.
-        usage: what to do with a file that was written, for a model and the file.
+        ending: ending of the file names, such as ``".urdf"``.
+        kind: name of the format.
+        export: exports a model, for the file to write and a line about the model.
     """
 
     ending: str
     kind: str
-    text: Callable[[ModelFile, Path, str], tuple[str, list[str]]]
-    held: Callable[[Model], frozenset[str]]
-    usage: Callable[[Model, Path], str]
+    export: Callable[[ModelFile, Path, str], Exported]
 
 
 def arm_of(file: ModelFile, output: Path) -> ArmModel:
     """The arm of a model file.
 
     Raises:
-        InputError: it is no arm.
+        InputError: the model is of another base.
     """
-    if not isinstance(file.model, ArmModel):
+    arm = file.model.as_arm()
+    if arm is None:
         raise InputError(
             f"{output.suffix} is for arms, and this model's base is '{file.model.base}': write it as .c, .py or .json"
         )
-    return file.model
+    return arm

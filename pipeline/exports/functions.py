@@ -1,21 +1,22 @@
-"""What a model computes, as CasADi functions that need no parameters any more; and these as one file in C or Python.
+"""The functions of a model with its parameters' values, and their code in one C or Python file.
 
-The C file needs no library: it is CasADi's code, and a function with plain arrays around it. The Python file needs
-numpy alone: an operation of CasADi's expression graph per line; its functions take one state or many at once, in rows.
+The C file needs no library: it is CasADi's code, with a function of plain arrays around each of its functions. The
+Python file needs only numpy and contains one line per operation of CasADi's expression graph; its functions take one
+state, or many states in rows.
 """
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from shlex import quote
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from armdyn import __version__
 from armdyn.arm.composition import compose_joint
 from armdyn.arm.model import ArmModel
-from armdyn.effects.effect import Effect, columns_of
+from armdyn.effects.effect import columns_of
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile
@@ -23,23 +24,21 @@ from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE
 from armdyn.quoting import c_comment, python_docstring
-from pipeline.exports.format import Format
+from pipeline.exports.format import Exported, Format
 from pipeline.exports.parts import background_left_over, left_over
 
-PENDULUM_SENSOR = "sensor"
 LATE = frozenset({"torque_delay", "command_delay", "servo_integral", "supply_voltage"})
-"""Effects that no function of one instant has."""
+"""Effects that depend on the past, which a function of one instant cannot have."""
 
 
-@dataclass(frozen=True)
-class Function:
+class Function(NamedTuple):
     """One function for other languages.
 
     Attributes:
-        function: all inputs and outputs are vectors or numbers.
-        summary: what it computes, in a line.
-        inputs: by name, what it is and its unit.
-        outputs: likewise.
+        function: the function, whose inputs and outputs are vectors or numbers.
+        summary: its result in one line.
+        inputs: meaning and unit of each input, by name.
+        outputs: meaning and unit of each output, by name.
     """
 
     function: ca.Function
@@ -48,23 +47,29 @@ class Function:
     outputs: dict[str, str]
 
 
-def functions_of(model: Model) -> tuple[list[Function], list[str]]:
+def functions_of(model: Model, *, observer: bool = False) -> tuple[list[Function], list[str]]:
     """The functions of a model, and sentences on what they leave out.
 
+    Args:
+        model: the model.
+        observer: whether the observer of `armdyn watch` is one of the functions of an arm.
+
     Raises:
-        InputError: a base of a user's own, or an effect that no function of one instant has.
+        InputError: the base is a user's own, or an effect depends on the past.
     """
-    if isinstance(model, ArmModel):
-        functions, missing = _of_arm(model)
-    elif isinstance(model, PendulumModel):
-        functions, missing = _of_pendulum(model)
-    else:
+    if model.base not in FUNCTIONS_BY_BASE:
         raise InputError(
             f"a model of base '{model.base}' has no function for other languages: export its parameters, --output "
             "FILE.json"
         )
-    usual = [f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in columns_of(model.effects)]
-    return functions, [*missing, *usual]
+    functions, missing = FUNCTIONS_BY_BASE[model.base](model)
+    missing += [f"{c.name}: it is held at {c.usual:g} {c.unit}, its usual value" for c in columns_of(model.effects)]
+    if observer and (arm := model.as_arm()) is not None:
+        try:
+            functions.append(_observer_of(arm))
+        except InputError as error:
+            missing.append(f"the observer of 'armdyn watch': {error}")
+    return functions, missing
 
 
 def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
@@ -78,11 +83,13 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
     per = ", ".join(
         f"{name} [{'m' if s else 'rad'}]" for name, s in zip(model.arm.joints, model.arm.slides, strict=True)
     )
-    # Where only the background has an effect with a memory, the function lacks a small value; a named one it refuses.
+    # A function lacks an effect with a memory: a small value of the background is left out, a named effect is refused.
     named = {effect.name for effect in model.named_effects}
-    small = [effect for effect in model.effects if effect.name not in named and effect.reach != "base"]
-    lacking = {effect.name for effect in small if compose_joint([effect]).remembers}
-    held = {effect.name for effect in model.effects} - lacking
+    held = {
+        effect.name
+        for effect in model.effects
+        if effect.name in named or effect.reach == "base" or not compose_joint([effect]).remembers
+    }
     kept = model.with_only(held)
     motion = {"q": f"positions: {per}", "v": "velocities, per s", "a": "accelerations, per s^2"}
     unit = "N m (forces, N, of joints that slide)"
@@ -117,10 +124,10 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
 
 
 def _observer_of(model: ArmModel) -> Function:
-    """What `armdyn watch` computes of every sample; see `armdyn.watch.observer`.
+    """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`.
 
     Raises:
-        InputError: an effect has a memory that it lacks.
+        InputError: an effect has a memory.
     """
     from armdyn.watch.observer import GAP, PARTS, USUAL, observer_function, without_memory
 
@@ -153,9 +160,8 @@ def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
     following = variational.step(s, u, t, dt, theta)
     tension = variational.tension(s, u, t, dt, theta, following)
     names = ["s", "u", "t", "dt"], ["s_next", "tension"]
-    step = ca.Function("step", [s, u, t, dt], [ca.densify(following), ca.densify(tension)], *names)
     found = Function(
-        step,
+        ca.Function("step", [s, u, t, dt], [ca.densify(following), ca.densify(tension)], *names),
         "One step of the midpoint variational integrator.",
         {
             "s": "gripper position [m], its velocity over the last step [m/s], swing angle [rad], its rate likewise "
@@ -166,22 +172,22 @@ def _of_pendulum(model: PendulumModel) -> tuple[list[Function], list[str]]:
         },
         {"s_next": "the state after the step", "tension": "of the string at s [N]"},
     )
-    why = {effect.name: _left_out_of_a_step(effect) for effect in model.effects}
-    notes = [f"{effect.name}: {why[effect.name]}" for effect in model.named_effects if why[effect.name]]
-    held = {name for name, reason in why.items() if not reason}
+    why = dict.fromkeys(("gripper_lag", "out_of_plane_swing"), "a step along the line of motion leaves it out")
+    sensors = [effect.name for effect in model.effects if effect.acts_on == "sensor"]
+    why |= dict.fromkeys(sensors, "belongs to the sensor, not to the pendulum")
+    notes = [f"{effect.name}: {why[effect.name]}" for effect in model.named_effects if effect.name in why]
+    held = {effect.name for effect in model.effects} - why.keys()
     return [found], [*notes, *background_left_over(model, held, "a step along the line of motion")]
 
 
-def _left_out_of_a_step(effect: Effect) -> str:
-    """Why a pendulum's step leaves an effect out; empty where it does not."""
-    if effect.acts_on == PENDULUM_SENSOR:
-        return "belongs to the sensor, not to the pendulum"
-    aside = effect.name in ("gripper_lag", "out_of_plane_swing")
-    return "a step along the line of motion leaves it out" if aside else ""
+FUNCTIONS_BY_BASE: Mapping[str, Callable[[Any], tuple[list[Function], list[str]]]] = {
+    "arm": _of_arm,
+    "pendulum": _of_pendulum,
+}
 
 
 def c_text(functions: list[Function], about: list[str]) -> str:
-    """The file's text; the lines `about` it stand first."""
+    """The text of the file; the lines `about` it come first."""
     generator = ca.CodeGenerator("model.c", {"with_header": False, "avoid_stack": False})
     for each in functions:
         generator.add(each.function)
@@ -191,7 +197,7 @@ def c_text(functions: list[Function], about: list[str]) -> str:
 
 
 def _all_used(code: str) -> str:
-    """CasADi's code without a warning of a compiler: its functions have parameters that they do not use."""
+    """CasADi's code without a compiler's warnings of unused parameters."""
 
     def cast(head: re.Match[str]) -> str:
         return head[0] + "".join(f" (void){name};" for name in re.findall(r"\b(iw|w|mem|i)(?=[,)])", head[0]))
@@ -201,22 +207,17 @@ def _all_used(code: str) -> str:
 
 def _signature(each: Function) -> str:
     f = each.function
-    inputs = [_argument(f.name_in(i), f.numel_in(i), constant=True) for i in range(f.n_in())]
-    outputs = [_argument(f.name_out(i), f.numel_out(i)) for i in range(f.n_out())]
+    inputs = [f"const double {f.name_in(i)}[{f.numel_in(i)}]" for i in range(f.n_in())]
+    outputs = [f"double {f.name_out(i)}[{f.numel_out(i)}]" for i in range(f.n_out())]
     return f"int armdyn_{f.name()}({', '.join([*inputs, *outputs])})"
-
-
-def _argument(name: str, size: int, *, constant: bool = False) -> str:
-    return f"{'const ' if constant else ''}double {name}[{size}]"
 
 
 def _wrapper(each: Function) -> str:
     f = each.function
     explained = (f"{name}: {what}" for name, what in (*each.inputs.items(), *each.outputs.items()))
-    lines = [c_comment([each.summary, *explained, "Returns 0 when it succeeded."])]
-    arguments = ", ".join(f.name_in(i) for i in range(f.n_in()))
-    results = ", ".join(f.name_out(i) for i in range(f.n_out()))
-    lines += [
+    arguments, results = ", ".join(f.name_in()), ", ".join(f.name_out())
+    lines = [
+        c_comment([each.summary, *explained, "Returns 0 when it succeeded."]),
         f"{_signature(each)} {{",
         f"  const casadi_real* arg[{f.sz_arg()}] = {{{arguments}}};",
         f"  casadi_real* res[{f.sz_res()}] = {{{results}}};",
@@ -229,7 +230,7 @@ def _wrapper(each: Function) -> str:
 
 
 def python_text(functions: list[Function], about: list[str]) -> str:
-    """The file's text; the lines `about` it stand first."""
+    """The text of the file; the lines `about` it come first."""
     return f"{python_docstring(about)}\n\nimport numpy as np\n" + "".join(
         f"\n\n{_function(each)}" for each in functions
     )
@@ -265,37 +266,22 @@ def _shape(size: int) -> str:
     return "" if size == 1 else f"(..., {size}) "
 
 
-def _written(
-    write: Callable[[list[Function], list[str]], str], *, observer: bool = False
-) -> Callable[[ModelFile, Path, str], tuple[str, list[str]]]:
-    """A writer of functions as the text of a format, with what it lacks in a comment."""
-
-    def text(file: ModelFile, _: Path, about: str) -> tuple[str, list[str]]:
-        functions, notes = functions_of(file.model)
-        if observer and isinstance(file.model, ArmModel):
-            try:
-                functions = [*functions, _observer_of(file.model)]
-            except InputError as error:
-                notes = [*notes, f"the observer of 'armdyn watch': {error}"]
-        lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
-        return write(functions, lines), notes
-
-    return text
+def _exported(file: ModelFile, about: str, write: Callable[[list[Function], list[str]], str], **of: bool) -> Exported:
+    """The functions in one language, with a comment on what they lack; `of` are the options of `functions_of`."""
+    functions, notes = functions_of(file.model, **of)
+    lines = [f"{about}, by armdyn {__version__}.", *(f"Not in it: {note}." for note in notes)]
+    held = {effect.name for effect in file.model.effects} - LATE
+    return Exported(write(functions, lines), notes, held, functions[0].function.name())
 
 
-def _held(model: Model) -> frozenset[str]:
-    return frozenset(effect.name for effect in model.effects) - LATE
+def _export_c(file: ModelFile, output: Path, about: str) -> Exported:
+    usage = f"cc -O2 -shared -fPIC {quote(str(output))} -o {quote(str(output.with_suffix('.so')))} -lm"
+    return _exported(file, about, c_text, observer=True)._replace(usage=usage)
 
 
-def _compile(_: Model, output: Path) -> str:
-    return f"cc -O2 -shared -fPIC {quote(str(output))} -o {quote(str(output.with_suffix('.so')))} -lm"
+def _export_python(file: ModelFile, output: Path, about: str) -> Exported:
+    found = _exported(file, about, python_text)
+    return found._replace(usage=f"from {output.stem} import {found.usage}")
 
 
-def _import(model: Model, output: Path) -> str:
-    return f"from {output.stem} import {'step' if model.base == 'pendulum' else 'inverse_dynamics'}"
-
-
-FORMATS = (
-    Format(".c", "C functions", _written(c_text, observer=True), _held, _compile),
-    Format(".py", "Python functions", _written(python_text), _held, _import),
-)
+FORMATS = (Format(".c", "C functions", _export_c), Format(".py", "Python functions", _export_python))

@@ -1,4 +1,4 @@
-"""An arm as simulators describe it: inertias, damping, friction, armature, springs; and which effects do not fit."""
+"""An arm as simulators describe it: inertias, damping, friction, armature, springs; and the effects that do not fit."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ HELD = {
         "command_delay",
     },
 }  # fmt: skip
-"""Effects that a format holds, by format."""
+"""Effects that a format holds."""
 WHY = {
     "torque_offset": "belongs to the drive's command, not to the arm",
     "torque_gain": "belongs to the drive's command, not to the arm",
@@ -30,6 +30,7 @@ WHY = {
     "supply_voltage": "the gain is that of the usual voltage",
     "torque_delay": "belongs to the torque sensor, not to the arm",
 }
+"""Reasons why no format has a place for an effect."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +38,16 @@ class JointParts:
     """One joint, its drive and its link.
 
     Attributes:
-        name: of the joint.
-        link: (10,) inertial parameters of what it moves, in its frame.
-        described: (10,) as the URDF has them.
-        damping: torque per speed, N m s/rad; with that of a motor that is on.
-        friction: size of the dry friction, N m.
-        uneven: what it is more forwards than that, and less backwards, N m.
-        armature: of the rotor behind the gears, kg m^2.
-        spring: factors of sin q and of cos q in what the drive gives, N m.
-        stiffness: of a spring in the joint, N m/rad.
-        rest: position at which that does not pull, rad.
+        name: name of the joint.
+        link: (10,) inertial parameters of the moved link, in the joint's frame.
+        described: (10,) the same as described in the URDF.
+        damping: viscous friction and back EMF, N m s/rad.
+        friction: dry friction, N m; the mean of both directions.
+        uneven: forward minus backward dry friction, halved, N m.
+        armature: inertia of the rotor behind the gears, kg m^2.
+        spring: factors of sin q and cos q in the torque of the drive, N m.
+        stiffness: stiffness of a spring in the joint, N m/rad.
+        rest: position at which that spring is free of torque, rad.
     """
 
     name: str
@@ -61,48 +62,30 @@ class JointParts:
     rest: float
 
 
-@dataclass(frozen=True)
-class ArmParts:
-    """All joints, and gravity.
-
-    Attributes:
-        joints: from base to tool.
-        gravity: (3,) in the frame of the base, m/s^2.
-    """
-
-    joints: tuple[JointParts, ...]
-    gravity: np.ndarray
+def parts_of(model: ArmModel) -> tuple[JointParts, ...]:
+    """The joints of an arm, from base to tool, as simulators describe them."""
+    links = model.link_parameters()
+    return tuple(_joint(model, name, links[name], model.arm.described[i]) for i, name in enumerate(model.arm.joints))
 
 
-def parts_of(model: ArmModel) -> ArmParts:
-    """The parts of an arm; an asymmetric friction counts with the mean of its sizes."""
-
-    def of(effect: str, short: str, joint: str) -> float:
-        parameter = model.parameters.get(f"{effect}.{short}[{joint}]")
+def _joint(model: ArmModel, name: str, link: np.ndarray, described: np.ndarray) -> JointParts:
+    def value(of: str) -> float:
+        parameter = model.parameters.get(f"{of}[{name}]")
         return parameter.value if parameter is not None else 0.0
 
-    links = model.link_parameters()
-    joints = tuple(
-        JointParts(
-            name=name,
-            link=links[name],
-            described=model.arm.described[i],
-            damping=of("joint_viscous_friction", "coefficient", name) + of("back_emf", "coefficient", name),
-            friction=of("joint_coulomb_friction", "torque", name)
-            + (of("joint_asymmetric_friction", "positive", name) + of("joint_asymmetric_friction", "negative", name))
-            / 2,
-            uneven=(
-                of("joint_asymmetric_friction", "positive", name) - of("joint_asymmetric_friction", "negative", name)
-            )
-            / 2,
-            armature=of("rotor_inertia", "inertia", name),
-            spring=(of("gravity_spring", "sine", name), of("gravity_spring", "cosine", name)),
-            stiffness=of("joint_spring", "stiffness", name),
-            rest=of("joint_spring", "rest", name),
-        )
-        for i, name in enumerate(model.arm.joints)
+    forward, backward = (value(f"joint_asymmetric_friction.{side}") for side in ("positive", "negative"))
+    return JointParts(
+        name,
+        link,
+        described,
+        damping=value("joint_viscous_friction.coefficient") + value("back_emf.coefficient"),
+        friction=value("joint_coulomb_friction.torque") + (forward + backward) / 2,
+        uneven=(forward - backward) / 2,
+        armature=value("rotor_inertia.inertia"),
+        spring=(value("gravity_spring.sine"), value("gravity_spring.cosine")),
+        stiffness=value("joint_spring.stiffness"),
+        rest=value("joint_spring.rest"),
     )
-    return ArmParts(joints, model.gravity())
 
 
 def need_body(link: str, inertia: np.ndarray) -> None:
@@ -123,37 +106,28 @@ def left_over(
 
     Args:
         model: the arm.
-        held: names of effects that it holds.
-        whose: what the format is called.
+        held: names of the effects that the format holds.
+        whose: name of the format.
         symmetric: whether its friction is the same in both directions.
-        told: joints whose drives hold what differs.
+        told: joints whose drives hold the difference of the directions.
     """
     sentences = []
     named = model.named_only()
     for effect in named.effects:
         joints = [joint for joint in named.joints_with(effect.name) if joint]
-        where = f" ({', '.join(joints)})" if joints else ""
-        if effect.name not in held:
-            why = WHY.get(effect.name, f"{whose} has no place for it")
+        why = WHY.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
+        if not why and symmetric and effect.name == "joint_asymmetric_friction":
+            uneven = {joint.name for joint in parts_of(model) if joint.uneven}
+            joints = [joint for joint in joints if joint in uneven and joint not in told]
+            why = f"{whose} has one friction for both directions; their mean is used" if joints else ""
+        if why:
+            where = f" ({', '.join(joints)})" if joints else ""
             sentences.append(f"{effect.name}{where}: {why}")
-        elif symmetric and effect.name == "joint_asymmetric_friction":
-            unequal = [j for j in joints if j not in told and _of(model, "positive", j) != _of(model, "negative", j)]
-            if unequal:
-                sentences.append(
-                    f"{effect.name} ({', '.join(unequal)}): {whose} has one friction for both directions; their mean "
-                    "is used"
-                )
     return [*sentences, *background_left_over(model, held, whose)]
 
 
 def background_left_over(model: Model, held: Collection[str], whose: str) -> list[str]:
-    """A sentence on the values of a model's background that a format cannot hold; none where it holds them all.
-
-    Args:
-        model: with its background.
-        held: names of effects that the format holds.
-        whose: what the format is called.
-    """
+    """A sentence on the background's values that a format, called `whose`, cannot hold; empty where it holds all."""
     if model.background is None:
         return []
     lost = [p.effect for p in map(model.parameters.__getitem__, model.background.names) if p.effect not in held]
@@ -165,7 +139,3 @@ def child_link(joint: ET.Element) -> str:
     """Name of the link that a joint of a URDF moves; empty where it names none."""
     child = joint.find("child")
     return "" if child is None else child.get("link", "")
-
-
-def _of(model: ArmModel, short: str, joint: str) -> float:
-    return model.parameters[f"joint_asymmetric_friction.{short}[{joint}]"].value

@@ -1,4 +1,4 @@
-"""The URDF that a model was made from, with the inertias, the friction, the payload and the mounting that it found."""
+"""The URDF of an arm with the inertias, the friction, the payload and the mounting of its model."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,8 @@ import pinocchio as pin
 from armdyn.arm.model import ArmModel
 from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
-from pipeline.exports.format import Format, arm_of
+from armdyn.model_file import ModelFile
+from pipeline.exports.format import Exported, Format, arm_of
 from pipeline.exports.parts import HELD, JointParts, child_link, left_over, need_body, parts_of
 from urdf.robot import IN_A_URDF
 from urdf.write import MOMENTS, add_joint, inertial_element
@@ -21,7 +22,7 @@ PAYLOAD = "armdyn_payload"
 
 
 def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
-    """The URDF as text, for a file in `folder`, and what it cannot hold."""
+    """The URDF as text, for a file in `folder`, and sentences on what it cannot hold."""
     robot = model.arm.robot
     root = ET.fromstring(robot.urdf_xml)
     notes = left_over(model, HELD["urdf"], "a URDF")
@@ -29,7 +30,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     if not np.array_equal(gravity, IN_A_URDF.gravity):
         notes.append(f"gravity ({', '.join(f'{x:g}' for x in gravity)}) m/s^2: a URDF has no place for it")
     bare = model.without_effect("payload") if model.joints_with("payload") else model
-    for joint in parts_of(bare).joints:
+    for joint in parts_of(bare):
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
@@ -56,7 +57,7 @@ def _joint(root: ET.Element, name: str) -> ET.Element:
 
 
 def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
-    """The model's friction takes the place of the URDF's, which armdyn does not count in."""
+    """Write the model's friction in place of the URDF's, which armdyn does not use."""
     old = element.find("dynamics")
     if old is None and joint.damping == joint.friction == 0.0:
         return
@@ -66,7 +67,7 @@ def _set_dynamics(element: ET.Element, joint: JointParts) -> None:
 
 
 def _set_link(root: ET.Element, name: str, joint: JointParts) -> list[str]:
-    """Give a link the inertia that it has in the model; what is fixed to it keeps its own where that is possible."""
+    """Write the inertia of the model; links that are fixed to this one keep their own where that is possible."""
     link = next(element for element in root.findall("link") if element.get("name") == name)
     own = _inertial(link) + joint.link - joint.described
     notes = []
@@ -84,7 +85,7 @@ def _set_link(root: ET.Element, name: str, joint: JointParts) -> list[str]:
 
 
 def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
-    """Links behind fixed joints, however many in a row."""
+    """Links behind any number of successive fixed joints."""
     found, waiting = [], [name]
     links = {element.get("name"): element for element in root.findall("link")}
     while waiting:
@@ -98,7 +99,7 @@ def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
 
 
 def _inertial(link: ET.Element) -> np.ndarray:
-    """(10,) inertial parameters of one link in its own frame."""
+    """Inertial parameters (10,) of one link in its own frame."""
     element = link.find("inertial")
     if element is None:
         return np.zeros(10)
@@ -124,7 +125,7 @@ def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
 
 
 def _add_payload(root: ET.Element, model: ArmModel) -> None:
-    """A point mass as a link of its own, fixed to the last joint's."""
+    """Add the payload, a point mass, as a link that is fixed to the last joint's link."""
     (joint,) = model.joints_with("payload")
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD)
@@ -133,7 +134,7 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
-    """A new root link to which the base is fixed as it is inclined."""
+    """Add a root link to which the base is fixed at its tilt."""
     children = {child_link(joint) for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
@@ -142,7 +143,7 @@ def _mount(root: ET.Element, model: ArmModel) -> None:
 
 
 def _give_shapes(root: ET.Element, original: ET.Element) -> None:
-    """Let links look as in the file that was read, also where a mesh is not on this machine."""
+    """Write the shapes of the original file, also where a mesh is not on this machine."""
     shapes = {
         link.get("name"): [*link.findall("visual"), *link.findall("collision")] for link in original.findall("link")
     }
@@ -154,19 +155,17 @@ def _give_shapes(root: ET.Element, original: ET.Element) -> None:
 
 
 def _move_meshes(root: ET.Element, old: Path, new: Path) -> None:
-    """Names of meshes that begin at the old file's folder begin at the new one's."""
+    """Make the names of meshes, relative to the old file's folder, relative to the new one."""
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         if name and "://" not in name and not Path(name).is_absolute():
             mesh.set("filename", os.path.relpath(old / name, new))
 
 
-FORMATS = (
-    Format(
-        ".urdf",
-        "URDF",
-        lambda file, output, _: urdf_text(arm_of(file, output), output.resolve().parent),
-        lambda _: HELD["urdf"],
-        lambda _, output: f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator",
-    ),
-)
+def _export(file: ModelFile, output: Path, _about: str) -> Exported:
+    text, notes = urdf_text(arm_of(file, output), output.resolve().parent)
+    usage = f"armdyn new arm M.toml --urdf {quote(str(output))}, or give it to your simulator"
+    return Exported(text, notes, HELD["urdf"], usage)
+
+
+FORMATS = (Format(".urdf", "URDF", _export),)
