@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.identify.least_squares import Descent, Outcome, descend, gradient_descent, off_bounds
+from armdyn.identify.least_squares import Descent, Outcome, descend, off_bounds
 from armdyn.identify.noise import variance_inflation
 from armdyn.identify.problem import Part, Problem
 from armdyn.model import Model
@@ -15,11 +15,8 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-Method = Literal["levenberg_marquardt", "gradient_descent"]
-METHODS: Mapping[str, Callable[..., Descent]] = {
-    "levenberg_marquardt": descend,
-    "gradient_descent": gradient_descent,
-}
+Minimise = Callable[[Part, np.ndarray], Descent]
+"""Minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,7 @@ def estimate(
     model: Model,
     runs: Sequence[Run],
     noise: Mapping[str, float],
-    method: Method = "levenberg_marquardt",
-    **settings: float,
+    minimise: Minimise = descend,
 ) -> Estimate:
     """Fit the parameters that are marked `fitted`, starting from the present values of a model.
 
@@ -67,8 +63,7 @@ def estimate(
         model: the model, with priors and bounds of its parameters.
         runs: runs with different names.
         noise: standard deviation per channel, in the channel's unit.
-        method: the descent method.
-        settings: `most_steps` and `tolerance` of the descent.
+        minimise: the method that minimises the cost.
 
     Raises:
         InputError: there is nothing to fit, a noise is not known, or the runs do not determine the parameters.
@@ -83,7 +78,7 @@ def estimate(
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]
     part = Part(problem, free, start)
-    values, at, evaluations, outcome = METHODS[method](part, start[free], **settings)
+    values, at, evaluations, outcome = minimise(part, start[free])
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")
     names = tuple(column.name for column, fits in zip(problem.columns, free, strict=True) if fits)
@@ -123,19 +118,17 @@ class Estimator(Generic[ModelT]):
     Args:
         model: its values are the first guess; its `fitted` parameters are free, with their priors and bounds.
         noise: standard deviation per channel, in the channel's unit.
-        method: ``"levenberg_marquardt"``, or ``"gradient_descent"`` as in the paper.
+        minimise: the method that minimises the cost.
     """
 
-    def __init__(self, model: ModelT, noise: Mapping[str, float], method: Method = "levenberg_marquardt") -> None:
-        if method not in METHODS:
-            raise InputError(f"unknown method '{method}': choose one of {', '.join(METHODS)}")
-        self.method: Method = method
+    def __init__(self, model: ModelT, noise: Mapping[str, float], minimise: Minimise = descend) -> None:
+        self._minimise = minimise
         self.model: ModelT = model
         self.noise = dict(noise)
 
     def update(self, run: Run) -> Estimate:
         """Estimate the parameters from all data so far; `model` then has the new values."""
-        found = estimate(self.model, [run], self.noise, self.method)
+        found = estimate(self.model, [run], self.noise, self._minimise)
         self.model = self.model.with_values(dict(zip(found.names, found.values.tolist(), strict=True)))
         return found
 

@@ -2,8 +2,8 @@ r"""Nonlinear least squares with priors and bounds on any model.
 
     J(theta) = 1/2 sum_i r_i^2 / sigma_i^2 + 1/2 sum_j (theta_j - mean_j)^2 / std_j^2,     r = measured - predicted
 
-by Levenberg-Marquardt (Nocedal & Wright, Numerical Optimization, §10.3) or by the paper's gradient descent with
-backtracking. Both accept a step only where the cost falls by a share of what its linear model predicts.
+by Levenberg-Marquardt (Nocedal & Wright, Numerical Optimization, §10.3). A step is accepted only where the cost falls
+by a share of the decrease that its linear model predicts.
 """
 
 from enum import Enum
@@ -51,12 +51,6 @@ class Cost(Protocol):
         """Evaluate the cost, its gradient and its Gauss-Newton Hessian at (p,) values."""
 
 
-class ScaledCost(Cost, Protocol):
-    """A cost that `gradient_descent` can minimise: it also has (p,) typical sizes of the values."""
-
-    typical: np.ndarray
-
-
 class Descent(NamedTuple):
     """End of a descent: (p,) values, the expansion of the cost there, the evaluations spent, and why it ended."""
 
@@ -85,12 +79,12 @@ def descend(
     evaluations, damping, outcome, creeping = 1, 0.0, Outcome.OUT_OF_STEPS, 0
     for _ in range(most_steps):
         free = off_bounds(problem, values, at.gradient)
-        step, size = _newton_step(at, free, 0.0)
+        step, size = newton_step(at, free, 0.0)
         if size < tolerance:
             outcome = Outcome.CONVERGED
             break
         if damping > 0:
-            step, _ = _newton_step(at, free, damping)
+            step, _ = newton_step(at, free, damping)
         while True:
             trial = np.clip(values + step, problem.lower, problem.upper)
             after = problem.evaluate(trial)
@@ -100,7 +94,7 @@ def descend(
             damping = max(10.0 * damping, 1e-3)
             if damping > 1e9:
                 return Descent(values, at, evaluations, Outcome.STALLED)
-            step, _ = _newton_step(at, free, damping)
+            step, _ = newton_step(at, free, damping)
         gross = 2.0 * after.cost > GROSS_ERROR_RATIO * samples > 0.0
         creeping = creeping + 1 if gross and at.cost - after.cost < after.cost / samples else 0
         values, at = trial, after
@@ -118,37 +112,6 @@ def off_bounds(problem: Cost, values: np.ndarray, gradient: np.ndarray) -> np.nd
     return ~(below | above)
 
 
-def gradient_descent(
-    problem: ScaledCost, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
-) -> Descent:
-    """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by typical size.
-
-    The arguments are those of `descend`.
-    """
-    values = np.clip(start, problem.lower, problem.upper)
-    at = problem.evaluate(values)
-    evaluations, length, outcome = 1, 0.0, Outcome.OUT_OF_STEPS
-    for _ in range(most_steps):
-        free = off_bounds(problem, values, at.gradient)
-        if _newton_step(at, free, 0.0)[1] < tolerance:
-            outcome = Outcome.CONVERGED
-            break
-        direction = -(problem.typical**2) * at.gradient * free
-        # The first step is a tenth of the typical size; later ones start at twice the last accepted length.
-        length = 2 * length if length > 0 else 0.1 / float(np.max(np.abs(direction / problem.typical)))
-        while True:
-            trial = np.clip(values + length * direction, problem.lower, problem.upper)
-            after = problem.evaluate(trial)
-            evaluations += 1
-            if sufficient_decrease(at, after, trial - values):
-                break
-            length /= 2
-            if length * float(np.max(np.abs(direction / problem.typical))) < 1e-12:
-                return Descent(values, at, evaluations, Outcome.STALLED)
-        values, at = trial, after
-    return Descent(values, at, evaluations, outcome)
-
-
 def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -> bool:
     """Armijo's rule: the cost fell by at least a share of the decrease that the gradient predicts."""
     promised = -float(before.gradient @ step)
@@ -156,8 +119,8 @@ def sufficient_decrease(before: Expansion, after: Expansion, step: np.ndarray) -
 
 
 @np.errstate(all="ignore")  # near a divergence the curvature overflows, and the step is not a descent step
-def _newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    """(p,) step, and its length in standard deviations of the most certain direction, sqrt(step' H step)."""
+def newton_step(at: Expansion, free: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    """(p,) damped Gauss-Newton step of the `free` values, and its length in standard deviations, sqrt(step' H step)."""
     step = np.zeros(len(at.gradient))
     free = free & (np.diag(at.hessian) > 0.0)  # a value without effect stays: its step would be 0/0
     if not free.any():

@@ -7,7 +7,8 @@ from _pendulum import Motion, Pendulum
 from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
-from armdyn.identify.estimator import Estimate, Estimator, Method
+from armdyn.identify.estimator import Estimate, Estimator, Minimise
+from armdyn.identify.least_squares import descend
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
 from armdyn.run import Channel, Run
@@ -52,7 +53,7 @@ def learn(
     duration: float,
     noise: float,
     rng: np.random.Generator,
-    method: Method = "levenberg_marquardt",
+    minimise: Minimise = descend,
 ) -> Trial:
     """Kick, then act 20 times a second on the latest estimate.
 
@@ -62,10 +63,13 @@ def learn(
         duration: s.
         noise: standard deviation of the load cell, N.
         rng: of the noise.
-        method: of the estimator.
+        minimise: method of the estimator.
     """
     samples = round(duration / DT)
-    estimator, control = Estimator(model, {"load_force": noise}, method), SequentialActionControl(model, SacSettings())
+    estimator, control = (
+        Estimator(model, {"load_force": noise}, minimise),
+        SequentialActionControl(model, SacSettings()),
+    )
     gripper, force = np.zeros((3, samples + 1)), np.zeros(samples + 1)  # x, v, a
     schedule = np.repeat([KICK, -KICK], KICK_SAMPLES).tolist()
     load, estimates = (0.0, 0.0), []

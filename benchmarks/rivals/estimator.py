@@ -18,12 +18,15 @@ from functools import partial
 import numpy as np
 from _closed_loop import learn
 from _estimation_cases import LENGTH, MASS, MOTION, NOISE, OUR_NAMES, TIME, recording, scenarios, simple_model
+from _gradient_descent import gradient_descent
 from _pendulum import Pendulum
 from _rival_fits import NAMES, Fit, with_arrays, with_floats, with_scipy
 
-from armdyn.identify.estimator import METHODS, Estimate, Estimator
+from armdyn.identify.estimator import Estimate, Estimator
+from armdyn.identify.least_squares import descend
 from armdyn.recording.gaps import until
 
+METHODS = {"levenberg_marquardt": descend, "gradient_descent": gradient_descent}
 OURS, OURS_VM = "armdyn", "armdyn, no C compiler"
 RIVALS: dict[str, Fit] = {
     "scipy least_squares + solve_ivp": with_scipy,
@@ -136,11 +139,13 @@ def convergence(guesses: np.ndarray, seeds: int) -> list[dict[str, object]]:
             found: dict[str, list[bool]] = {"sac": [], "fixed": []}
             evaluations = []
             for seed in range(seeds):
-                trial = learn(strong, simple_model(guess, 0.08), 6.0, 0.005, np.random.default_rng(seed), method)
+                trial = learn(
+                    strong, simple_model(guess, 0.08), 6.0, 0.005, np.random.default_rng(seed), METHODS[method]
+                )
                 found["sac"].append(arrived(trial.estimates[-1]))
                 evaluations.append(trial.evaluations / len(trial.estimates))
                 run = recording(weak + NOISE * np.random.default_rng(seed).normal(size=len(TIME)))
-                estimator = Estimator(simple_model(guess), {"load_force": NOISE}, method)
+                estimator = Estimator(simple_model(guess), {"load_force": NOISE}, METHODS[method])
                 for end in np.arange(1.0, 6.01, 0.5):
                     estimate = estimator.update(until(run, end))
                 found["fixed"].append(arrived(estimate))
