@@ -53,7 +53,7 @@ def learn(seed: int) -> Learnt:
     guess = float(GUESSES[seed % len(GUESSES)])
     result = run_trial(TrialSettings(seed=seed, length_guess=guess))
     return Learnt(
-        seed, guess, result.length_estimate - result.length_true, result.length_std, len(result.estimates),
+        seed, guess, result.length_estimate - result.true_length, result.length_std, len(result.estimates),
         result.success, result.message,
     )  # fmt: skip
 

@@ -79,7 +79,7 @@ def settings_of(seed: int, rng: np.random.Generator) -> TrialSettings:
     plant = replace(plant, readings=readings, cell=replace(plant.cell, noise=plant.cell.noise * rng.uniform(0.2, 3.0)))
     length = float(rng.uniform(0.3, 0.45))
     guess = float(np.clip(length * rng.uniform(0.7, 1.3), 0.2, 0.6))
-    return TrialSettings(length_guess=guess, length=length, hidden=hidden, seed=seed, plant=plant)
+    return TrialSettings(length_guess=guess, true_length=length, hidden=hidden, seed=seed, plant=plant)
 
 
 def fault_of(rng: np.random.Generator) -> tuple[str, float, Any]:

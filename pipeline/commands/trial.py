@@ -83,7 +83,7 @@ def trial(
     along = _motion(motion) if motion is not None else None
     link.check({"--hidden": hidden, "--picture": picture})
     settings = TrialSettings(
-        length_guess=guess, length=length, estimate=estimate, model=given, mass=weighed.value,
+        length_guess=guess, true_length=length, estimate=estimate, model=given, mass=weighed.value,
         mass_std=weighed.std or 0.01 * weighed.value, motion=along, investigate=investigate,
         hidden=parse_hidden(hidden or []), seed=seed,
     )  # fmt: skip

@@ -118,7 +118,7 @@ class Experiment:
     ) -> None:
         self.settings, self.description, self.table = settings, rig.arm, rig.table
         robot, description, table = rig.robot, rig.arm, rig.table
-        self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.landed
+        self._robot, self._real, self._recorder, self._landed = robot, rig.real, recorder, rig.hooks.landed
         self._progress = progress or (lambda _what, _share: None)
         self.phases: list[PhaseSpan] = []
         self.interrupted: int | None = None

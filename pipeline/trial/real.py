@@ -27,15 +27,15 @@ from pipeline.trial.moves import Posture, approach, play, postures_along, rehear
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
-THERE = 5e-3
-"""How far from the start posture a joint may be to count as there [rad]."""
-WEIGHT_ERROR = 0.2
-"""Share of the load's weight by which the load cell may be off at rest: more means another load, or calibration."""
+MAX_START_DISTANCE = 5e-3
+"""Largest distance of a joint from the start posture at which no motion to it is needed [rad]."""
+MAX_WEIGHT_ERROR = 0.2
+"""Largest relative error of the load cell at rest: a larger one means another load, or calibration."""
 CALM_NOISE_FACTOR = 2.0
-"""Standard deviations of one sample that the force may vary by at rest, over `CALM_TIME`."""
-CALM_TIME, CALM_PATIENCE = 2.0, 60.0
-"""How long the load must hang still, and how long that is waited for [s]."""
-OPEN_CELL = 6.0
+"""Largest standard deviation of the force of a calm load, over that of one sample."""
+CALM_SECONDS, CALM_PATIENCE = 2.0, 60.0
+"""Time for which the load must hang still, and longest time to wait for that [s]."""
+CELL_PATIENCE = 6.0
 """Longest time to the first sample of the load cell [s]: most boards restart when their port is opened."""
 
 
@@ -76,6 +76,32 @@ class OperatorPrompts:
 RealTrial = Trial[RealRobot]
 
 
+@dataclass(frozen=True)
+class _OperatorHooks:
+    """`RigHooks` of a real robot: its operator tells whether the load landed, once the arm holds its posture."""
+
+    robot: RealRobot
+    settings: ProtocolSettings
+    prompts: OperatorPrompts
+    progress: Progress
+
+    def landed(self) -> bool:
+        return True
+
+    def judged(self, ending: Ending) -> Ending:
+        if ending.stopped:
+            return ending
+        success = self.prompts.landed()
+        said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
+        return replace(ending, success=success, message=said)
+
+    def wait_until_calm(self) -> None:
+        _wait_until_calm(self.robot, self.settings, self.progress)
+
+    def announce(self, what: str) -> None:
+        self.robot.announce(what)
+
+
 def run_real(
     settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, out: Path | None, progress: Progress
 ) -> RealTrial:
@@ -83,31 +109,20 @@ def run_real(
 
     Raises:
         InputError: something is not in order before the first motion.
-        TaskFailedError: the person said no, or the arm did not come to the start posture.
+        TaskFailedError: the operator said no, or the arm did not reach the start posture.
     """
     if link.port is None or link.calibration is None:
         raise InputError("a trial needs the load cell: give --loadcell PORT, or rehearse without it (--rehearse)")
     c = replace(settings, force_noise=link.calibration.noise)
     table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
-
-    def judge(ending: Ending) -> Ending:
-        if ending.stopped:
-            return ending
-        success = prompts.landed()
-        said = f"the load {'came to rest in' if success else 'missed'} the box (as the user said)"
-        return replace(ending, success=success, message=said)
-
     with _connected(link, prompts) as robot:
         _require_force(robot, c)
         _go_to_start(robot, link.arm, table, c, prompts, progress)
-        _wait_until_calm(robot, c, progress)
-        rig = Rig(
-            robot, True, link.arm, table, link.calibration.force_limits, f"{link.arm.name} and a load on a string",
-            judge=judge,
-            wait_until_calm=lambda: _wait_until_calm(robot, c, progress),
-            announce=robot.announce,
-            recorder=robot.recorder,
-        )  # fmt: skip
+        hooks = _OperatorHooks(robot, c, prompts, progress)
+        hooks.wait_until_calm()
+        about = f"{link.arm.name} and a load on a string"
+        limits = link.calibration.force_limits
+        rig = Rig(robot, True, link.arm, table, limits, about, hooks, recorder=robot.recorder)
         experiment, result = perform(rig, c, out, progress)
         subtitle = f"{link.arm.name} on {link.address}, load {1e3 * c.mass:g} g"
         return Trial(subtitle, experiment, result, robot)
@@ -119,11 +134,11 @@ def rehearse(
     """Move slowly along the whole line without the load, as a rehearsal; nothing is learnt.
 
     Returns:
-        The recording, and the largest distance of a joint from its command [rad].
+        Statistics of the connection, and the largest distance of a joint from its command [rad].
 
     Raises:
         InputError: something is not in order before the first motion.
-        TaskFailedError: the person said no, or the arm did not follow.
+        TaskFailedError: the operator said no, or the arm did not follow.
     """
     table = ik.default_table(link.arm, progress=lambda stage: progress(stage, 0.0))
     motion = rehearsal(table, settings.task.finish_x)
@@ -166,11 +181,11 @@ def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
     """Check that the load cell shows the weight of the load."""
-    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_TIME, OPEN_CELL)
+    weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_SECONDS, CELL_PATIENCE)
     if not len(seen):
-        raise InputError(f"load cell: no sample within {OPEN_CELL:g} s: check cable and port")
+        raise InputError(f"load cell: no sample within {CELL_PATIENCE:g} s: check cable and port")
     shown = float(np.median(seen))
-    if abs(shown - weight) > WEIGHT_ERROR * weight:
+    if abs(shown - weight) > MAX_WEIGHT_ERROR * weight:
         raise InputError(
             f"load cell: it shows {shown:.3f} N, and the load weighs {weight:.3f} N: hang the load, weigh it (--mass), "
             "or calibrate the cell"
@@ -178,7 +193,7 @@ def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
 
 
 def _forces(robot: RealRobot, seconds: float, patience: float) -> np.ndarray:
-    """(n,) forces [N] during some seconds from the first sample; empty where no sample comes in time."""
+    """Forces (n,) [N] during some seconds from the first sample; empty where no sample comes in time."""
     forces: list[float] = []
     end = robot.time + patience
     while robot.time < end:
@@ -204,18 +219,19 @@ def _go_to_start(
     away = float(np.max(np.abs(goal - here)))
     motion = approach(arm, here, goal)
     obstacles = box_and_table(arm.line, c.task.box)
-    if away > THERE:
+    if away > MAX_START_DISTANCE:
         checked = check_joints(arm, motion, CheckSettings(load_mass=c.mass, obstacles=obstacles))
         if not checked.feasible:
             raise InputError(
                 f"the way to the start posture is not free: {checked.sentence} Move the arm by hand nearer to it"
             )
-    first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then " if away > THERE else ""
+    first = f"goes to its start posture, {away:.2f} rad away, in {motion.time[-1]:.0f} s, then "
+    first = first if away > MAX_START_DISTANCE else ""
     if not prompts.may_move(f"The arm now {first}{then}. Is its space free, and a hand on the emergency stop?"):
         raise TaskFailedError("nothing was moved")
     robot.prepare()
     here = robot.newest_state().q
-    if np.max(np.abs(goal - here)) <= THERE:
+    if np.max(np.abs(goal - here)) <= MAX_START_DISTANCE:
         return
     motion = approach(arm, here, goal)
     total = float(motion.time[-1])
@@ -230,7 +246,7 @@ def _wait_until_calm(robot: RealRobot, c: ProtocolSettings, say: Progress) -> No
     spread = np.inf
     while robot.time < end:
         say("waiting for the load to hang still", 0.0)
-        seen = _forces(robot, CALM_TIME, CALM_TIME)
+        seen = _forces(robot, CALM_SECONDS, CALM_SECONDS)
         if not len(seen):
             break
         spread = float(np.std(seen))

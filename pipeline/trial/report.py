@@ -40,7 +40,7 @@ def report_of(experiment: Experiment, result: TrialResult, subtitle: str, execut
     if investigation is not None and investigation.stages:
         sections.append(investigation_section(investigation))
     if result.estimates:
-        sections.append(estimate_section(result.estimates, result.length_guess, result.length_true, phases))
+        sections.append(estimate_section(result.estimates, result.length_guess, result.true_length, phases))
     force = experiment.channel("load_force")
     if len(force) > 1:
         sections.append(force_section(force.time, force.value, _predicted(experiment), settings.force_noise, phases))
@@ -95,7 +95,7 @@ def _notes(experiment: Experiment, result: TrialResult) -> Sequence[str]:
 def _estimate_figures(result: TrialResult) -> list[KeyFigure]:
     if not result.estimates:
         return []
-    last, truth = result.estimates[-1], result.length_true
+    last, truth = result.estimates[-1], result.true_length
     note = f"± {number(last.std, 'm', 2)}, from a guess of {number(result.length_guess, 'm')}"
     figures = [KeyFigure("Estimated length", f"{last.value:.4f} m", note)]
     if truth is not None:

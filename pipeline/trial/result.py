@@ -1,7 +1,7 @@
-"""What a trial came to and leaves behind: its numbers, the recording, and the model that the robot had."""
+"""The outcome of a trial: its numbers, the recording, and the model that the robot had."""
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from pipeline.record import Recorder
 from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import Experiment, Phase, PhaseSpan, recorded_channels
 from pipeline.trial.investigation import Investigation
+from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
 
@@ -32,7 +33,7 @@ class TrialResult(Ending):
 
     Attributes:
         length_guess: length at the start [m].
-        length_true: true length [m]; None where it is unknown.
+        true_length: true length [m]; None where it is unknown.
         length_estimate: length used for the plan [m].
         length_std: standard deviation of the length [m]; 0 where nothing was estimated.
         estimates: every update of the estimator.
@@ -44,15 +45,15 @@ class TrialResult(Ending):
         model: model with the last estimate.
         timing: computing times of the nodes.
         cycle_seconds: mean time that SAC took to predict the state and choose an action.
-        recording: the MCAP file, None where nothing was kept.
+        recording: the MCAP file; None where nothing was kept.
         signal: number of the signal that ended the trial; None where none did.
         missed_cycles: cycles of the loop that were left out because it was late; 0 on a simulated clock.
-        investigation: what the robot found out before; None where it did not look.
-        notes: a sentence per kind of reading that was left out, and on missed cycles; empty in a healthy trial.
+        notes: sentences on readings that were left out and on missed cycles; empty in a healthy trial.
+        investigation: result of the investigation before the trial; None where there was none.
     """
 
     length_guess: float
-    length_true: float | None
+    true_length: float | None
     length_estimate: float
     length_std: float
     estimates: tuple[LengthEstimate, ...]
@@ -84,7 +85,11 @@ class TrialResult(Ending):
         updates, solution = [e.seconds for e in self.estimates], self.swing.solution if self.swing else None
         return {
             "schema": "armdyn.trial/1",
-            **fields(self, "success message length_guess length_true length_estimate length_std"),
+            **fields(
+                self,
+                "success message length_guess length_true= length_estimate length_std",
+                length_true=self.true_length,
+            ),
             "estimates": [[e.time, e.value, e.std] for e in self.estimates],
             **fields(self, "peak minimum_tension"),
             "feasible": bool(self.feasible),
@@ -106,7 +111,7 @@ class TrialResult(Ending):
 def result_of(
     experiment: Experiment,
     ending: Ending,
-    length_true: float | None,
+    true_length: float | None,
     recording: Path | None,
     investigation: Investigation | None = None,
 ) -> TrialResult:
@@ -115,9 +120,9 @@ def result_of(
     Args:
         experiment: the finished protocol.
         ending: how the experiment ended.
-        length_true: true length [m]; None where it is unknown.
+        true_length: true length [m]; None where it is unknown.
         recording: the MCAP file; None where nothing was kept.
-        investigation: what the robot found out before; None where it did not look.
+        investigation: result of the investigation before the trial; None where there was none.
     """
     history, report, cycles = experiment.estimator.history, experiment.task.feasibility, experiment.sac.seconds
     force = experiment.channel("load_force").value
@@ -126,7 +131,7 @@ def result_of(
     return TrialResult(
         **vars(ending),
         length_guess=experiment.settings.length_guess,
-        length_true=length_true,
+        true_length=true_length,
         length_estimate=experiment.estimator.model.value("length"),
         length_std=history[-1].std if history else 0.0,
         estimates=tuple(history),
@@ -176,33 +181,20 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
     return float(np.max(np.abs(angles))) if len(angles) and np.isfinite(angles).all() else None
 
 
-TRIAL = "trial"
-"""Name of the recording of the trial itself."""
-
-
 @contextmanager
-def open_recording(
-    kind: Callable[..., Recorder],
-    folder: Path,
-    joints: tuple[str, ...],
-    settings: ProtocolSettings,
-    description: str,
-    name: str = TRIAL,
-) -> Iterator[Recorder]:
+def open_recording(rig: Rig, folder: Path, settings: ProtocolSettings, name: str = "trial") -> Iterator[Recorder]:
     """The recorder of a trial; the recording is completed even where the block raises an exception.
 
     Args:
-        kind: makes a recorder.
+        rig: the robot.
         folder: folder of the recording.
-        joints: names of the arm's joints.
-        settings: whose noise and mass the recording states.
-        description: a line for a person.
+        settings: settings with the noise and the mass that the recording states.
         name: name of the file, without its ending.
     """
-    recorder = kind(
+    recorder = rig.recorder(
         folder / f"{name}.mcap",
-        recorded_channels(joints),
-        description=description,
+        recorded_channels(rig.arm.joint_names),
+        description=rig.description,
         noise={"load_force": settings.force_noise},
         known={"mass": Known(settings.mass, settings.mass_std, "kg")},
     )

@@ -1,7 +1,8 @@
-"""A robot that is ready for a trial, with its description, table and load cell; a driver provides it."""
+"""A robot that is ready for a trial, with its description, table and load cell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import urdf
 from ik import LineTable
@@ -11,23 +12,36 @@ from pipeline.robot.protocol import RobotInterface
 from pipeline.trial.ending import Ending
 
 
+class RigHooks(Protocol):
+    """What a trial asks of its surroundings: the simulation, or the operator of a real robot."""
+
+    def landed(self) -> bool:
+        """Whether the load is at rest in the box; asked once, at the end of the protocol."""
+
+    def judged(self, ending: Ending) -> Ending:
+        """The ending of a trial, with the operator's verdict; the arm holds its posture."""
+
+    def wait_until_calm(self) -> None:
+        """Wait between two experiments until the load hangs still."""
+
+    def announce(self, what: str) -> None:
+        """Publish the progress for others."""
+
+
 @dataclass(frozen=True)
 class Rig:
     """A robot, simulated or real, at the start posture with its load at rest.
 
     Attributes:
-        robot: interface that moves and measures; its clock is the one that an experiment's nodes run on.
-        real: whether time, and with it the arm, goes on while this program computes. Then long work is done beside the
-            loop, and a watchdog stops an arm whose loop hangs. Else how long a computation takes changes no result.
-        arm: its description.
-        table: from its line to its joints.
-        cell: what is in order for the load cell.
-        description: a line about it, for the recordings.
-        length: true length of the string [m]; None where nobody knows it.
-        landed: whether the load is at rest in the box, asked once at the end of the protocol.
-        judge: what a person adds to how a trial ended, once the arm holds.
-        wait_until_calm: waits between two experiments until the load hangs still.
-        announce: told what goes on, for others to see.
+        robot: interface that moves and measures; the nodes of an experiment run on its clock.
+        real: whether time, and with it the arm, goes on while this program computes. Then long computations run in
+            another process, and a watchdog stops an arm whose loop hangs.
+        arm: description of the arm.
+        table: IK table of its line.
+        cell: limits of plausible readings of the load cell.
+        description: a line about the robot, for the recordings.
+        hooks: simulation, or operator.
+        true_length: true length of the string [m]; None where it is unknown.
         recorder: makes a recorder.
     """
 
@@ -37,9 +51,6 @@ class Rig:
     table: LineTable
     cell: FaultLimits
     description: str
-    length: float | None = None
-    landed: Callable[[], bool] = lambda: True
-    judge: Callable[[Ending], Ending] = lambda ending: ending
-    wait_until_calm: Callable[[], None] = lambda: None
-    announce: Callable[[str], None] = lambda _what: None
+    hooks: RigHooks
+    true_length: float | None = None
     recorder: Callable[..., Recorder] = Recorder

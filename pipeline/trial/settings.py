@@ -113,14 +113,14 @@ class TrialSettings(ProtocolSettings):
     """Settings of a trial on the simulated robot.
 
     Attributes:
-        length: true length in the simulation [m].
+        true_length: true length in the simulation [m].
         hidden: effects of the simulated robot that the model does not know, None for their typical size.
         seed: of everything random in the simulation.
         plant: the simulated robot; its length, mass and load come from here.
         out: directory for the recording and the model that the robot had; None keeps nothing.
     """
 
-    length: float = 0.368
+    true_length: float = 0.368
     hidden: Mapping[str, float | None] = field(default_factory=dict)
     seed: int = 0
     plant: PlantSettings = field(default_factory=PlantSettings)
@@ -128,7 +128,7 @@ class TrialSettings(ProtocolSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length("length", self.length)
+        _check_length("length", self.true_length)
         if self.seed < 0:
             raise InputError(f"seed {self.seed}: give a whole number from 0 on")
 

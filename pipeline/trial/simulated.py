@@ -1,13 +1,14 @@
 """A trial on the simulated robot."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import ik
 import urdf
 from pipeline.loadcell.faults import FaultLimits
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.simulated import SimulatedRobot
+from pipeline.trial.ending import Ending
 from pipeline.trial.experiment import Progress
 from pipeline.trial.flow import Trial, perform
 from pipeline.trial.result import TrialResult
@@ -15,6 +16,23 @@ from pipeline.trial.rig import Rig
 from pipeline.trial.settings import TrialSettings
 
 SimulatedTrial = Trial[SimulatedRobot]
+
+
+@dataclass(frozen=True)
+class _SimulationHooks:
+    """`RigHooks` of a simulation, which knows where the load is; nobody watches, and the load need not calm down."""
+
+    simulation: SimulatedRobot
+
+    def landed(self) -> bool:
+        return self.simulation.load_in_box()
+
+    def judged(self, ending: Ending) -> Ending:
+        return ending
+
+    def wait_until_calm(self) -> None: ...
+
+    def announce(self, what: str) -> None: ...
 
 
 def simulate(
@@ -28,7 +46,7 @@ def simulate(
     Args:
         settings: settings of protocol and simulation.
         progress: called to report the progress.
-        through: wraps the robot, for example to simulate a fault; None for no wrapper.
+        through: wraps the robot, for example to simulate a fault.
         real: whether the protocol treats the robot as one that moves on by itself, see `Rig`.
 
     Raises:
@@ -38,22 +56,16 @@ def simulate(
     c, say = settings, progress or (lambda _what, _share: None)
     description = urdf.load("baxter")
     table = ik.default_table(description, progress=lambda stage: say(stage, 0.0))
-    plant = replace(c.plant, length=c.length, mass=c.mass, load_radius=c.load_radius)
+    plant = replace(c.plant, length=c.true_length, mass=c.mass, load_radius=c.load_radius)
     robot = SimulatedRobot(description, table.posture(0.0).q, plant, c.hidden, c.seed)
-    rig = Rig(
-        through(robot),
-        real,
-        description,
-        table,
-        FaultLimits.of(plant.cell.noise, plant.cell.resolution, -plant.cell.full_scale, plant.cell.full_scale),
-        f"simulated Baxter, load on a string, seed {c.seed}",
-        c.length,
-        landed=robot.load_in_box,
-    )
+    cell = plant.cell
+    limits = FaultLimits.of(cell.noise, cell.resolution, -cell.full_scale, cell.full_scale)
+    about = f"simulated Baxter, load on a string, seed {c.seed}"
+    rig = Rig(through(robot), real, description, table, limits, about, _SimulationHooks(robot), c.true_length)
     experiment, result = perform(rig, c, c.out, say)
     hidden = ", ".join(f"{name} {value:g}" for name, value in robot.truth.hidden.items())
     subtitle = (
-        f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.length:g} m, seed {c.seed}, "
+        f"Simulated Baxter, load {1e3 * c.mass:g} g on a string of {c.true_length:g} m, seed {c.seed}, "
         f"hidden: {hidden or 'nothing'}"
     )
     return Trial(subtitle, experiment, result, robot, robot.history)

@@ -137,7 +137,7 @@ def run_table(seeds: int, first_seed: int = 0, progress: Callable[[int, int], No
     for guess, (without, learnt) in zip(GUESSES, outcomes, strict=True):
         succeeded = [tuple(bool(success) for success in way[:, 0]) for way in (without, learnt)]
         rows.append(TableRow(guess, *succeeded, *(tuple(x.tolist()) for x in learnt[:, 1:].T)))
-    return TableOne(seeds, TrialSettings().length, tuple(rows))
+    return TableOne(seeds, TrialSettings().true_length, tuple(rows))
 
 
 def _outcome(settings: TrialSettings) -> tuple[bool, float, float]:
