@@ -14,7 +14,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.quoting import listed
-from armdyn.recording.channels import in_contract
+from armdyn.recording.channels import channel_kind, in_contract
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.foreign import Column, Foreign
@@ -34,8 +34,6 @@ SHORTEST_STEP, LONGEST_STEP = 5e-5, 0.5
 """Seconds between two samples that a robot's recording may have."""
 MIN_RISING_SHARE = 0.9
 """Least share of the rows in which a column that is named as a time must rise: single stamps may be wrong."""
-SI_OF_SLIDING = {"q": "m", "v": "m/s", "a": "m/s^2", "tau": "N", "q_cmd": "m", "v_cmd": "m/s", "tau_ff": "N"}
-"""Units of a message's values for a prismatic joint."""
 PENDULUM_WORDS = words_in("swing phi pendulum pend pole cart pivot trolley bob alpha gyro gyroscope")
 
 
@@ -82,7 +80,7 @@ def _declared(columns: Mapping[str, Column], known: Joints) -> dict[str, Entry]:
         entry = Entry(column.channel or name, column.unit)
         if in_contract(entry.channel) and not _is_repeated(name, columns):
             sliding = column.channel and entry.joint in known.sliding
-            found[name] = replace(entry, unit=SI_OF_SLIDING.get(entry.quantity, column.unit)) if sliding else entry
+            found[name] = replace(entry, unit=channel_kind(entry.channel).units[-1]) if sliding else entry
     return found
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armdyn.errors import InputError
-from armdyn.recording.channels import MIN_SAMPLES, FloatArray
+from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import second_track
 from pipeline.imports.foreign import SECOND, Account, Column
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
@@ -27,7 +27,8 @@ INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "
 """Interfaces of ros2_control, whose state names are ``joint/interface``, and the quantity of each."""
 TOLD = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
 """Quantity of a command, by the measured quantity."""
-UNITS = {"q": "rad", "v": "rad/s", "a": "rad/s^2", "tau": "N m", "q_cmd": "rad", "v_cmd": "rad/s", "tau_ff": "N m"}
+UNITS = {quantity: kind.units[0] for quantity, kind in JOINT_CHANNELS.items()}
+"""Units of the values of a revolute joint, by quantity."""
 UNREADABLE = "of which nothing can be read"
 """Reason why messages are left out, for a sentence."""
 Entry: TypeAlias = tuple[str, float, str]

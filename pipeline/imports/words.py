@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from armdyn.errors import InputError
+from armdyn.recording.channels import JOINT_CHANNELS
 from armdyn.recording.units import si_factor
 
 
@@ -69,10 +70,8 @@ _SUFFIX = re.compile(
 _GERMAN = re.compile(r"(ist|soll)(?=position|winkel|moment|strom|drehmoment)", re.IGNORECASE)
 _GREEK = str.maketrans({"θ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "τ": "tau"})
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-KINDS = {
-    "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s^2", "m/s^2"), "tau": ("N m", "N"), "current": ("A",),
-    "force": ("N",), "time": ("s",),
-}  # fmt: skip
+KINDS = {quantity: JOINT_CHANNELS[quantity].units for quantity in ("q", "v", "a", "tau", "current")}
+KINDS |= {"force": ("N",), "time": ("s",)}
 """SI units of each quantity."""
 
 

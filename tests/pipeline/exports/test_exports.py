@@ -140,51 +140,49 @@ def test_gain_and_offset_of_a_drive_go_with_its_command(bare_arm, tmp_path):
         np.testing.assert_allclose(data.qfrc_actuator, torque, atol=1e-9)
 
 
-@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
-def test_c_code_computes_what_the_model_says(bare_arm, tmp_path, armdyn):
+@pytest.fixture
+def in_c(bare_arm, tmp_path, armdyn):
+    """An arm with many effects, and the library of its exported C file, which compiles without a warning."""
+    if compiler() is None:
+        pytest.skip("needs a C compiler")
     model = with_effects(bare_arm, IN_FUNCTIONS)
     description = {"robot": model.arm.robot.name, "joints": list(model.joints)}
     write_model_file(tmp_path / "m.toml", ModelFile(model, description))
     assert armdyn("export", "m.toml", "--output", "m.c")[0] == 0
-    subprocess.run([compiler(), "-Wall", "-Werror", "-Wno-unused-function", "-O1", "-shared", "-fPIC", "m.c", "-o",
-                    "m.so", "-lm"], check=True, cwd=tmp_path)  # fmt: skip
-    library = ctypes.CDLL(str(tmp_path / "m.so"))
-    n = len(model.joints)
-    numbers = ctypes.c_double * n
+    strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run([compiler(), *strict, "-O2", "-shared", "-fPIC", "m.c", "-o", "m.so", "-lm"], check=True,
+                   cwd=tmp_path)  # fmt: skip
+    return model, ctypes.CDLL(str(tmp_path / "m.so"))
+
+
+def numbers(values):
+    return (ctypes.c_double * len(values))(*values)
+
+
+def test_c_code_computes_what_the_model_says(in_c):
+    model, library = in_c
     for state in zip(*states(model, 20), strict=True):
-        tau = numbers()
-        assert library.armdyn_inverse_dynamics(*(numbers(*x) for x in state), tau) == 0
+        tau = numbers(state[0])
+        assert library.armdyn_inverse_dynamics(*map(numbers, state), tau) == 0
         np.testing.assert_allclose(list(tau), by_formulas(model, *state), atol=1e-9)
 
 
-@pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
-def test_the_observer_in_c_says_what_the_watch_says_without_a_warning(bare_arm, tmp_path, armdyn):
-    model = with_effects(bare_arm, IN_FUNCTIONS)
-    description = {"robot": model.arm.robot.name, "joints": list(model.joints)}
-    write_model_file(tmp_path / "m.toml", ModelFile(model, description))
-    assert armdyn("export", "m.toml", "--output", "watch.c")[0] == 0
-    strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
-    subprocess.run([compiler(), *strict, "-O2", "-shared", "-fPIC", "watch.c", "-o", "watch.so", "-lm"], check=True,
-                   cwd=tmp_path)  # fmt: skip
-    assert "malloc" not in (tmp_path / "watch.c").read_text()
-    library, n = ctypes.CDLL(str(tmp_path / "watch.so")), len(model.joints)
-
-    def numbers(count):
-        return (ctypes.c_double * count)()
-
-    observer, state = Observer(model, 40.0), numbers(PARTS * n + 1)
+def test_the_observer_in_c_says_what_the_watch_says(in_c, tmp_path):
+    model, library = in_c
+    assert "malloc" not in (tmp_path / "m.c").read_text()
+    n = len(model.joints)
+    observer, state = Observer(model, 40.0), numbers([0.0] * (PARTS * n + 1))
     rng = np.random.default_rng(0)
     for i in range(400):
         time = 0.004 * i + (1.0 if i > 300 else 0.0)
         q, tau = np.sin(0.2 * time * np.arange(1, n + 1)), rng.standard_normal(n)
         step = observer.take(time, q, tau)
         since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
-        one = ctypes.c_double
-        following, predicted, residual, contrast = numbers(PARTS * n + 1), numbers(n), numbers(n), numbers(n)
-        done = library.armdyn_watch(
-            state, (one * 1)(since), (one * 1)(0.0), (one * 1)(40.0), (one * n)(*q), (one * n)(*tau), numbers(n),
-            following, predicted, residual, contrast, numbers(SOURCES * n), numbers(3 * n),
-        )  # fmt: skip
+        given = ([since], [0.0], [40.0], q, tau, [0.0] * n)
+        following, predicted, residual, contrast, *others = (
+            numbers([0.0] * size) for size in (PARTS * n + 1, n, n, n, SOURCES * n, 3 * n)
+        )
+        done = library.armdyn_watch(state, *map(numbers, given), following, predicted, residual, contrast, *others)
         assert done == 0
         np.testing.assert_allclose(list(contrast), step.contrast, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(list(predicted), step.predicted, rtol=1e-9, atol=1e-9)

@@ -4,18 +4,18 @@ An arm whose joints are known functions of the true time is written down wrongly
 each row says itself when it was taken.
 """
 
-import json
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from mcap.writer import Writer
 
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
 from pipeline.imports.guess import known_columns
 from pipeline.imports.joints import Joints, Range
 
-START, N, STEP = 1_700_000_000.0, 300, 0.01
+from .bags import START, write_mcap
+
+N, STEP = 300, 0.01
 TRUE = STEP * np.arange(N)
 NAMES = ("j1", "j2", "j3")
 RAMP = 0.2
@@ -90,21 +90,14 @@ def second(every, shift=0.0, *, first=False, **fields):
 
 
 def written(path, messages):
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="", library="a test")
-        channels = {}
-        for m in messages:
-            if m.topic not in channels:
-                channels[m.topic] = writer.register_channel(m.topic, "json", 0)
-            content = {"name": list(m.names), **{f: list(getattr(m, f)) for f in ("position", "velocity", "effort")}}
-            if m.stamp is not None:
-                nanoseconds = round(1e9 * m.stamp)
-                content["header"] = {"stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}}
-            data = json.dumps(content).encode() if m.raw is None else m.raw
-            writer.add_message(channels[m.topic], round(1e9 * m.received), data, round(1e9 * m.received))
-        writer.finish()
-    return path
+    found = []
+    for m in messages:
+        content = {"name": list(m.names), **{f: list(getattr(m, f)) for f in ("position", "velocity", "effort")}}
+        if m.stamp is not None:
+            nanoseconds = round(1e9 * m.stamp)
+            content["header"] = {"stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}}
+        found.append((m.topic, m.received, content if m.raw is None else m.raw))
+    return write_mcap(path, found)
 
 
 ARM = Joints(NAMES, ("lift",), ("finger",), {n: Range(False, 3.0, 50.0) for n in NAMES})

@@ -1,14 +1,9 @@
 """ROS bags of every kind hold what was written, with definitions that they carry themselves."""
 
-import json
-
 import numpy as np
 import pytest
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
@@ -18,66 +13,45 @@ from pipeline.imports.guess import known_columns
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.record import Recorder
 
+from .bags import START, header, joint_state, store_of, write_bag, write_mcap
 from .conftest import JOINTS, TIME, motion
 
 OWN = "my_msgs/msg/Cell"
-START = 1_700_000_000
 
 
-def store_with_own(stores):
-    store = get_typestore(stores)
+def store_with_own(ros):
+    store = store_of(ros)
     store.register(get_types_from_msg("std_msgs/Header header\nfloat32 grams\nint8[2] flags\nstring note", OWN))
     return store
 
 
-def messages(store, has_sequence):
-    """Joint states, a wrench and a message of one's own, every 10 ms."""
+def messages(store):
+    """Joint states, a wrench, a number and a message of one's own, every 10 ms; each with its topic and time, s."""
     types = store.types
-    q, v, tau = motion()
-    for i, t in enumerate(TIME):
-        stamp = types["builtin_interfaces/msg/Time"](sec=START + int(t), nanosec=round((t % 1.0) * 1e9))
-        extra = {"seq": i} if has_sequence else {}
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
-        names = list(JOINTS)
-        yield (
-            "/joint_states",
-            "sensor_msgs/msg/JointState",
-            t,
-            types["sensor_msgs/msg/JointState"](header=header, name=names, position=q[i], velocity=v[i], effort=tau[i]),
-        )
-        vector = types["geometry_msgs/msg/Vector3"]
-        wrench = types["geometry_msgs/msg/Wrench"](force=vector(x=0.0, y=0.0, z=float(9.0 + q[i, 0])),
-                                                   torque=vector(x=0.0, y=0.0, z=0.0))  # fmt: skip
-        yield (
-            "/wrench",
-            "geometry_msgs/msg/WrenchStamped",
-            t,
-            types["geometry_msgs/msg/WrenchStamped"](header=header, wrench=wrench),
-        )
-        yield "/length", "std_msgs/msg/Float64", t, types["std_msgs/msg/Float64"](data=float(t))
-        yield "/cell", OWN, t, types[OWN](header=header, grams=1e3 * t, flags=np.array([1, 2], np.int8), note="x")
+    vector, wrench = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Wrench"]
+    for i, (t, q, v, tau) in enumerate(zip(TIME, *motion(), strict=True)):
+        time = START + t
+        yield "/joint_states", time, joint_state(store, time, JOINTS, q, v, tau)
+        at, zero = header(store, time, i), vector(x=0.0, y=0.0, z=0.0)
+        force = wrench(force=vector(x=0.0, y=0.0, z=float(9.0 + q[0])), torque=zero)
+        yield "/wrench", time, types["geometry_msgs/msg/WrenchStamped"](header=at, wrench=force)
+        yield "/length", time, types["std_msgs/msg/Float64"](data=float(t))
+        yield "/cell", time, types[OWN](header=at, grams=1e3 * t, flags=np.array([1, 2], np.int8), note="x")
 
 
-def write_bag(path, plugin=None):
-    """A bag of ROS 2 with a kind of storage, else one of ROS 1."""
-    store = store_with_own(Stores.ROS2_HUMBLE if plugin else Stores.ROS1_NOETIC)
-    serialize = store.serialize_cdr if plugin else store.serialize_ros1
-    with Writer2(path, version=9, storage_plugin=plugin) if plugin else Writer1(path) as writer:
-        connections = {}
-        for topic, kind, t, message in messages(store, has_sequence=plugin is None):
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], round((START + t + 0.002) * 1e9), serialize(message, kind))
-    return path
+def write_all(path, plugin=None):
+    """All messages 2 ms after they were stamped, in a bag of ROS 2 with a kind of storage, else in one of ROS 1."""
+    store = store_with_own(2 if plugin else 1)
+    return write_bag(path, store, ((topic, time + 0.002, made) for topic, time, made in messages(store)), plugin)
 
 
 @pytest.fixture(params=["bag1", "sqlite3", "mcap", "mcap file"])
 def bag(request, tmp_path):
     if request.param == "bag1":
-        return write_bag(tmp_path / "a.bag")
+        return write_all(tmp_path / "a.bag")
     if request.param == "sqlite3":
-        return write_bag(tmp_path / "a", StoragePlugin.SQLITE3)
-    directory = write_bag(tmp_path / "a", StoragePlugin.MCAP)
+        return write_all(tmp_path / "a", StoragePlugin.SQLITE3)
+    directory = write_all(tmp_path / "a", StoragePlugin.MCAP)
     return directory if request.param == "mcap" else next(directory.glob("*.mcap"))
 
 
@@ -96,7 +70,7 @@ def test_joint_states_become_a_run(bag, joints):
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("number", ["", "_0"])
 def test_a_directory_without_its_metadata_is_a_bag_all_the_same(tmp_path, joints, plugin, number):
-    bag = write_bag(tmp_path / "walk", plugin)
+    bag = write_all(tmp_path / "walk", plugin)
     (bag / "metadata.yaml").unlink()
     (file,) = bag.iterdir()
     file.rename(file.with_stem(f"walk{number}"))
@@ -154,24 +128,16 @@ def test_what_is_no_bag_says_so(tmp_path):
 
 def write_plain_mcap(path, instead=()):
     """As Foxglove writes it: no profile of ROS, definitions with all that they need, and a topic of JSON."""
-    store = store_with_own(Stores.ROS2_HUMBLE)
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="", library="a test")
-        channels = {}
-        for topic, kind, t, message in messages(store, has_sequence=False):
-            if topic not in channels:
-                definition = dict(instead).get(kind) or store.generate_msgdef(kind, ros_version=2)[0]
-                schema = writer.register_schema(kind, "ros2msg", definition.encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            stamp = round((START + t) * 1e9)
-            writer.add_message(channels[topic], stamp, bytes(store.serialize_cdr(message, kind)), stamp)
-        as_json = writer.register_channel("/plain", "json", 0)
-        for t in TIME:
-            stamp = round((START + t) * 1e9)
-            writer.add_message(as_json, stamp, json.dumps({"cell": {"force": 2 * t}, "name": "a"}).encode(), stamp)
-        writer.finish()
-    return path
+    store = store_with_own(2)
+    schemas, found = {}, []
+    for topic, time, message in messages(store):
+        kind = message.__msgtype__
+        if topic not in schemas:
+            definition = dict(instead).get(kind) or store.generate_msgdef(kind, ros_version=2)[0]
+            schemas[topic] = kind, "ros2msg", definition, "cdr"
+        found.append((topic, time, bytes(store.serialize_cdr(message, kind))))
+    found += [("/plain", START + t, {"cell": {"force": 2 * t}, "name": "a"}) for t in TIME]
+    return write_mcap(path, found, schemas)
 
 
 def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
@@ -182,27 +148,15 @@ def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
     np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
 
 
-def write_json_mcap(path, *messages):
-    """Messages of (topic, s since 1970, content)."""
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="", library="a test")
-        channels = {topic: writer.register_channel(topic, "json", 0) for topic in dict.fromkeys(m[0] for m in messages)}
-        odd = writer.register_channel("/odd", "protobuf", 0)
-        writer.add_message(odd, 0, b"?", 0)
-        for topic, time, content in messages:
-            writer.add_message(channels[topic], round(1e9 * time), json.dumps(content).encode(), round(1e9 * time))
-        writer.finish()
-    return path
-
-
 def test_of_any_message_every_number_that_is_recorded_often_enough_is_a_column(tmp_path):
     many = [
         ("/a", START + 0.1 * i, {"x": [i, {"y": -i}], "on": i > 5, "image": [0] * 65, "says": "x"}) for i in range(10)
     ]
     again = [("/a", START + 0.5, {"x": [99, {"y": 99}], "on": True})]  # published twice
     few = [("/few", START + i, {"x": 1.0}) for i in range(9)]
-    (foreign,) = read_foreign(write_json_mcap(tmp_path / "a.mcap", *many, *again, *few))
+    odd = [("/odd", 0, b"?")]
+    path = write_mcap(tmp_path / "a.mcap", [*odd, *many, *again, *few], {"/odd": ("", "", "", "protobuf")})
+    (foreign,) = read_foreign(path)
     assert list(foreign.columns) == ["/a/x/0", "/a/x/1/y", "/a/on"]
     np.testing.assert_array_equal(foreign.columns["/a/x/1/y"].value, -np.arange(10.0))
     np.testing.assert_allclose(foreign.columns["/a/x/0"].time, START + 0.1 * np.arange(10))
@@ -215,17 +169,11 @@ def test_of_any_message_every_number_that_is_recorded_often_enough_is_a_column(t
 
 @pytest.mark.parametrize("names", [("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"), ("a", "b", "c")])
 def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_measurement(names, tmp_path):
-    store, zero = get_typestore(Stores.ROS1_NOETIC), np.zeros(3)
-    kind = store.types["sensor_msgs/msg/JointState"]
-    with Writer1(tmp_path / "a.bag") as writer:
-        for topic, count in (("/short", 12), ("/long", 15)):
-            connection = writer.add_connection(topic, kind.__msgtype__, typestore=store)
-            for i in range(count):
-                stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)  # not stamped
-                header = store.types["std_msgs/msg/Header"](seq=i, stamp=stamp, frame_id="")
-                message = kind(header=header, name=list(names), position=zero + i, velocity=zero, effort=zero - 1)
-                raw = store.serialize_ros1(message, kind.__msgtype__)
-                writer.write(connection, round(1e9 * (START + 0.1 * i)), raw)
+    store, zero = store_of(1), np.zeros(3)
+    write_bag(tmp_path / "a.bag", store, (
+        (topic, START + 0.1 * i, joint_state(store, 0.0, names, zero + i, zero, zero - 1))  # not stamped
+        for topic, count in (("/short", 12), ("/long", 15)) for i in range(count)
+    ))  # fmt: skip
     (foreign,) = read_foreign(tmp_path / "a.bag")
     used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
     every = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
@@ -248,16 +196,12 @@ def test_a_recording_of_armdyn_needs_no_import(tmp_path):
 
 
 def test_a_chunk_that_is_damaged_is_left_out_and_named(tmp_path):
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file, chunk_size=200_000)
-        writer.start("json")
-        channel = writer.register_channel("/joint_states", "json", writer.register_schema("x", "jsonschema", b"{}"))
-        rng = np.random.default_rng(0)
-        for k in range(6000):
-            text = json.dumps({"name": ["a"], "position": [rng.normal()], "effort": [rng.normal()]})
-            writer.add_message(channel, int(1e7 * k), text.encode(), int(1e7 * k))
-        writer.finish()
+    rng = np.random.default_rng(0)
+    states = (
+        ("/joint_states", 0.01 * k, {"name": ["a"], "position": [rng.normal()], "effort": [rng.normal()]})
+        for k in range(6000)
+    )
+    path = write_mcap(tmp_path / "a.mcap", states, chunk_size=200_000)
     data = bytearray(path.read_bytes())
     second = data.find(b"zstd", data.find(b"zstd") + 4)
     data[second + 5000 : second + 5100] = bytes(100)

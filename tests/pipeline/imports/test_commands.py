@@ -6,18 +6,17 @@ import numpy as np
 import pyarrow
 import pytest
 from pyarrow import parquet
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
 from pipeline.imports.guess import guess_map, known_columns
 
+from .bags import START, header, joint_state, store_of, write_bag
 from .conftest import JOINTS, TIME, motion
 
-START, LATE = 1_700_000_000, 0.005
+LATE = 0.005
 CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
 DEFINITIONS = {
     "trajectory_msgs/msg/JointTrajectoryPoint": "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n"
@@ -71,21 +70,21 @@ def test_commands_beside_torques_stay_out(tmp_path):
     assert {entry.channel.partition(".")[0] for entry in found.entries.values()} == {"q", "tau"}
 
 
-def message(types, kind: str, told, header):
+def command(store, kind: str, told, time):
     """A command: a trajectory of one point, a controller's state, or joint states under a name of their own."""
     if kind == "sensor_msgs/msg/JointState":
-        none = np.zeros(0)
-        return types[kind](header=header, name=list(JOINTS), position=told, velocity=none, effort=none)
+        return joint_state(store, time, JOINTS, told)
+    types = store.types
     duration = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=10_000_000)
 
     def point(positions):
         own = {"positions": positions, "velocities": np.zeros(2), "accelerations": np.zeros(0), "effort": np.zeros(0)}
         return types["trajectory_msgs/msg/JointTrajectoryPoint"](**own, time_from_start=duration)
 
+    parts = {"points": [point(told)]}
     if kind == CONTROLLER:
         parts = {"desired": point(told), "actual": point(told - 0.05), "error": point(0.0 * told + 0.05)}
-        return types[kind](header=header, joint_names=list(JOINTS), **parts)
-    return types[kind](header=header, joint_names=list(JOINTS), points=[point(told)])
+    return types[kind](header=header(store, time), joint_names=list(JOINTS), **parts)
 
 
 @pytest.mark.parametrize(
@@ -99,31 +98,19 @@ def message(types, kind: str, told, header):
 )
 @pytest.mark.parametrize("ros", [1, 2])
 def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(topic, kind, ros, tmp_path):
-    store = get_typestore(Stores.ROS2_HUMBLE if ros == 2 else Stores.ROS1_NOETIC)
+    store = store_of(ros)
     for name, text in DEFINITIONS.items():
         if name not in store.types:
             text = text if ros == 2 else text.replace("builtin_interfaces/Duration", "duration")
             store.register(get_types_from_msg(text, name))
-    types, told = store.types, commands()
+    told, (q, v, _) = commands(), motion()
+    messages = []
+    for i, time in enumerate(START + TIME):
+        messages.append(("/joint_states", time, joint_state(store, time, JOINTS, q[i], v[i])))
+        if i % 4 == 0:
+            messages.append((topic, time + LATE, command(store, kind, told[i], time + LATE)))
     path = tmp_path / ("a" if ros == 2 else "a.bag")
-    serialize = store.serialize_cdr if ros == 2 else store.serialize_ros1
-    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) if ros == 2 else Writer1(path) as writer:
-        kinds = {"/joint_states": "sensor_msgs/msg/JointState", topic: kind}
-        connections = {name: writer.add_connection(name, of, typestore=store) for name, of in kinds.items()}
-        for i, t in enumerate(TIME):
-            for name, late in (("/joint_states", 0.0), *([(topic, LATE)] if i % 4 == 0 else [])):
-                at = t + late
-                stamp = types["builtin_interfaces/msg/Time"](sec=START + int(at), nanosec=round((at % 1.0) * 1e9))
-                extra = {"seq": i} if ros == 1 else {}
-                header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
-                if name == topic:
-                    made = message(types, kind, told[i], header)
-                else:
-                    q, v, _ = motion()
-                    made = types[kinds[name]](
-                        header=header, name=list(JOINTS), position=q[i], velocity=v[i], effort=np.zeros(0)
-                    )
-                writer.write(connections[name], round((START + at) * 1e9), serialize(made, kinds[name]))
+    write_bag(path, store, messages, StoragePlugin.MCAP if ros == 2 else None)
     (foreign,) = read_foreign(path)
     run = imported(foreign, known_columns(foreign)).run
     for i, joint in enumerate(JOINTS):
@@ -136,14 +123,8 @@ def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(to
 
 
 def test_joint_states_of_a_leader_alone_are_where_it_went(tmp_path):
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    path, kind = tmp_path / "a", "sensor_msgs/msg/JointState"
-    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/leader/joint_states", kind, typestore=store)
-        for t, q in zip(TIME, motion()[0], strict=True):
-            stamp = store.types["builtin_interfaces/msg/Time"](sec=START + int(t), nanosec=round((t % 1.0) * 1e9))
-            header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
-            made = message(store.types, kind, q, header)
-            writer.write(connection, round((START + t) * 1e9), store.serialize_cdr(made, kind))
+    store, path, topic = store_of(2), tmp_path / "a", "/leader/joint_states"
+    states = ((topic, t, joint_state(store, t, JOINTS, q)) for t, q in zip(START + TIME, motion()[0], strict=True))
+    write_bag(path, store, states, StoragePlugin.MCAP)
     (foreign,) = read_foreign(path)
     assert set(imported(foreign, known_columns(foreign)).run.channels) == {f"q.{joint}" for joint in JOINTS}
