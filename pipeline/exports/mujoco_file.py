@@ -19,7 +19,8 @@ from armdyn.arm.rigid import about_centre, joint_axes
 from armdyn.arm.symbolic import drive_readings
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, child_link, left_over, need_body, parts_of
+from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
+from urdf.validate import link_of
 from urdf.write import numbers_text
 
 DRY = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
@@ -195,7 +196,7 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
 def _link_names(model: ArmModel) -> list[str]:
     """Names in the URDF of the links that the joints move."""
     document = ET.fromstring(model.arm.robot.urdf_xml)
-    children = {joint.get("name"): child_link(joint) for joint in document.findall("joint")}
+    children = {joint.get("name"): link_of(joint, "child") for joint in document.findall("joint")}
     return [children.get(name) or f"{name}_link" for name in model.arm.joints]
 
 

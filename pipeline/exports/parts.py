@@ -2,7 +2,6 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -133,9 +132,3 @@ def background_left_over(model: Model, held: Collection[str], whose: str) -> lis
     lost = [p.effect for p in map(model.parameters.__getitem__, model.background.names) if p.effect not in held]
     effects = ", ".join(dict.fromkeys(lost))
     return [f"{len(lost)} of the {model.background.label} ({effects}): {whose} has no place for them"] if lost else []
-
-
-def child_link(joint: ET.Element) -> str:
-    """Name of the link that a joint of a URDF moves; empty where it names none."""
-    child = joint.find("child")
-    return "" if child is None else child.get("link", "")

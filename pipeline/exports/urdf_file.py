@@ -13,8 +13,9 @@ from armdyn.arm.rigid import about_centre, about_origin, is_physical
 from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
-from pipeline.exports.parts import HELD, JointParts, child_link, left_over, need_body, parts_of
+from pipeline.exports.parts import HELD, JointParts, left_over, need_body, parts_of
 from urdf.robot import IN_A_URDF
+from urdf.validate import link_of
 from urdf.write import MOMENTS, add_joint, inertial_element
 
 MOUNTING = "armdyn_world"
@@ -34,7 +35,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
         element = _joint(root, joint.name)
         _set_dynamics(element, joint)
         if not np.array_equal(joint.link, joint.described):
-            notes += _set_link(root, str(child_link(element)), joint)
+            notes += _set_link(root, link_of(element, "child"), joint)
     moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
     for link in root.findall("link"):
         if link.get("name") in moved:
@@ -91,10 +92,9 @@ def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
     while waiting:
         here = waiting.pop()
         for joint in root.findall("joint"):
-            parent = joint.find("parent")
-            if joint.get("type") == "fixed" and parent is not None and parent.get("link") == here:
-                found.append(links[child_link(joint)])
-                waiting.append(child_link(joint))
+            if joint.get("type") == "fixed" and link_of(joint, "parent") == here:
+                waiting.append(link_of(joint, "child"))
+                found.append(links[waiting[-1]])
     return found
 
 
@@ -130,12 +130,12 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD)
     _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
-    add_joint(root, f"{PAYLOAD}_joint", "fixed", child_link(_joint(root, joint)), PAYLOAD, place)
+    add_joint(root, f"{PAYLOAD}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD, place)
 
 
 def _mount(root: ET.Element, model: ArmModel) -> None:
     """Add a root link to which the base is fixed at its tilt."""
-    children = {child_link(joint) for joint in root.findall("joint")}
+    children = {link_of(joint, "child") for joint in root.findall("joint")}
     base = next(str(link.get("name")) for link in root.findall("link") if link.get("name") not in children)
     roll, pitch = (model.parameters[f"base_tilt.{short}"].value for short in ("roll", "pitch"))
     ET.SubElement(root, "link", name=MOUNTING)

@@ -11,7 +11,7 @@ from pipeline.robot.protocol import RobotInterface
 
 MAX_BRAKING_SECONDS = 3.0
 """Braking from the highest speed takes 0.3 s; after this time [s] the robot is told to brake on its own."""
-SETTLED_FOR = 0.3
+REST_WATCH_SECONDS = 0.3
 """How long the arm is watched at rest [s]: its servo is soft, and the end of the motion belongs to the recording."""
 
 
@@ -54,7 +54,7 @@ def come_to_rest(
         drive.halt()
     except Exception as error:
         failed.append(f"the robot did not take the command to stop ({type(error).__name__}: {error})")
-    for _ in range(round(SETTLED_FOR / drive.period)):
+    for _ in range(round(REST_WATCH_SECONDS / drive.period)):
         try:
             robot.advance(drive.period)
         except Exception as error:

@@ -39,7 +39,7 @@ from pipeline.trial.moves import sweep
 from pipeline.trial.rig import Rig
 from pipeline.trial.settings import ProtocolSettings
 
-REST = 0.5
+REST_SECONDS = 0.5
 """Time at rest before the motion [s]: the estimate starts from a load that hangs still."""
 CALM_SECONDS = 0.6
 """Time between settling and swing [s]."""
@@ -47,7 +47,7 @@ LANDING_SECONDS = 1.5
 """Time after the finish in which the load must come to rest in the box [s]."""
 FIRST_READING_SECONDS = 0.1
 """Time before the first cycle on a real clock [s], in which the robot's latest readings arrive."""
-THINKING = 10.0
+MAX_STANDSTILL_SECONDS = 10.0
 """Time that the loop may stand still while the arm stands still too [s]: the planner needs 1 to 3 s in one go."""
 
 Progress = Callable[[str, float], None]
@@ -149,7 +149,7 @@ class Experiment:
         nodes: list[Node] = [self.measurement, self.estimator, self.sac, self.task, self.drive]
         each_round = self._come_round if rig.real else None
         self.scheduler = Scheduler(
-            robot, nodes, lambda: THINKING if self.drive.standing else MAX_COMMAND_SILENCE, each_round
+            robot, nodes, lambda: MAX_STANDSTILL_SECONDS if self.drive.standing else MAX_COMMAND_SILENCE, each_round
         )
         self.watchdog = (
             Watchdog(self.drive.halt, lambda: not self.drive.standing, MAX_COMMAND_SILENCE) if rig.real else None
@@ -204,7 +204,7 @@ class Experiment:
     def _protocol(self) -> bool:
         """Run all phases; returns whether the load landed."""
         c = self.settings
-        self._run(Phase.REST, 0.0, REST)
+        self._run(Phase.REST, 0.0, REST_SECONDS)
         if c.estimate:
             self._learn()
             self._settle()

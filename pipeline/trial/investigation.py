@@ -28,18 +28,18 @@ from ik import LineTable
 from pipeline.motion import LineTrajectory
 from pipeline.motion.feasible_motion import fit_to_arm
 from pipeline.trial.ending import Ending
-from pipeline.trial.experiment import REST, Experiment, Phase
+from pipeline.trial.experiment import REST_SECONDS, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
-SECONDS = 8.0
-"""Of a designed motion."""
+MOTION_SECONDS = 8.0
+"""Duration of a designed motion [s]."""
 SWING_LIMITS = GripperLimits(swing=0.5)
 """A load that swings farther begins to swing across the line as well (on the simulated arm by 0.1 rad in 8 s at 1 rad,
 by 0.05 at 0.6 rad), and no motion along the line brings that to rest."""
-LEAST_STD = 1e-3
-"""m."""
-ASKED = ("linear_drag",)
-"""Effects that a trial allows for without asking, and that stand for others: drag hides friction."""
+MIN_LENGTH_STD = 1e-3
+"""Least standard deviation of the learnt length [m], that of a ruler."""
+QUESTIONED_EFFECTS = ("linear_drag",)
+"""Nuisances of a trial that are candidates in an investigation, because they hide others: drag hides friction."""
 
 Swing = Callable[[ProtocolSettings, int, float], tuple["SwingExperiment", Ending]]
 """``(settings, number, where the gripper stands) -> the experiment that was made, and how it ended``."""
@@ -56,7 +56,7 @@ class Stop(Enum):
     INTERRUPTED = "an experiment was ended before its time"
 
 
-LEARNT = (Stop.NAMED, Stop.INSEPARABLE, Stop.SPENT)
+ENDS_WITH_MODEL = (Stop.NAMED, Stop.INSEPARABLE, Stop.SPENT)
 """Ends after which the best model of all that was recorded is worth more than the one before."""
 
 
@@ -64,7 +64,7 @@ class SwingExperiment(Experiment):
     """An experiment that only learns: it ends with the load at rest below the gripper."""
 
     def _protocol(self) -> bool:
-        self._run(Phase.REST, 0.0, REST)
+        self._run(Phase.REST, 0.0, REST_SECONDS)
         self._learn()
         self._settle()
         return True
@@ -193,7 +193,7 @@ def investigate(
             stop = Stop.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
-            proposal = designed_motion(rivals, SECONDS, SWING_LIMITS, seed=number)
+            proposal = designed_motion(rivals, MOTION_SECONDS, SWING_LIMITS, seed=number)
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
@@ -201,7 +201,7 @@ def investigate(
             else:
                 motion = made.trajectory
         if stop is not None:
-            better = fitted_model(study, found.search.last) if stop in LEARNT else None
+            better = fitted_model(study, found.search.last) if stop in ENDS_WITH_MODEL else None
             assert better is None or isinstance(better, PendulumModel), "a pendulum was given"
             return Investigation(tuple(stages), stop, better, None, place)
 
@@ -216,7 +216,7 @@ def settings_after(settings: S, found: Investigation) -> S:
         return settings
     length = found.model.parameters["length"]
     # The string is the same: its learnt length stays known, but no better than a ruler measures it.
-    model = found.model.with_prior("length", length.value, max(length.std or 0.0, LEAST_STD))
+    model = found.model.with_prior("length", length.value, max(length.std or 0.0, MIN_LENGTH_STD))
     return replace(settings, model=model, length_guess=length.value)
 
 
@@ -234,7 +234,7 @@ def model_in_question(settings: ProtocolSettings) -> PendulumModel:
     Its start is nearly at rest, and not held there: the robot may have left the load swaying.
     """
     model = replace(settings, hangs_still=False).starting_model()
-    for name in ASKED:
+    for name in QUESTIONED_EFFECTS:
         if settings.model is None or not settings.model.joints_with(name):
             model = model.without_effect(name)
     return model
@@ -259,7 +259,7 @@ def _promising(proposal: Proposal) -> bool:
 
 
 MIN_EXPECTED_GAP = 12.0
-"""Rise of chi2 from which a motion is worth making: twice the margin of a tie."""
+"""Least expected rise of chi2 of a motion that is made: twice the margin of a tie."""
 
 
 def _names(rivals: Rivals, study: Study) -> list[tuple[str, ...]]:

@@ -1,6 +1,7 @@
 """Slow motions of a real arm before the experiment: to the start posture, and the rehearsal along the line."""
 
 from collections.abc import Callable, Iterable
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -22,40 +23,26 @@ LINE_SPEED = 0.1
 """Largest speed in the rehearsal [m/s]."""
 MIN_MOVE_SECONDS = 2.0
 """Least time of one such motion [s]: the load shall not begin to swing."""
-LOOKED_AT = 0.02
-"""Spacing of the postures that are looked at along the line [m]; the check looks between them, too."""
-FASTEST_SHARE = 1.875
-"""Largest speed of a minimum-jerk motion, as a share of its mean [1]."""
-FORERUN = 0.2
-"""How far a trial moves away from the box while it learns and swings back, at most [m]."""
+CHECK_SPACING = 0.02
+"""Largest distance of the checked postures along the line [m]; the check interpolates between them."""
+PEAK_SPEED_RATIO = 1.875
+"""Largest speed of a minimum-jerk motion over its mean speed."""
+MAX_BACKWARD = 0.2
+"""Largest distance by which a trial moves away from the box while it learns and swings back [m]."""
 
 Posture = tuple[Vector, Vector, Vector]
 """Positions, velocities and accelerations (n,) [rad, rad/s, rad/s^2]."""
 
 
 def approach(arm: urdf.Robot, start: Vector, goal: Vector) -> JointTrajectory:
-    """Postures from one posture to another: all joints move together, smoothly at both ends.
-
-    Args:
-        arm: arm that moves.
-        start: first posture (n,) [rad].
-        goal: last posture (n,) [rad].
-    """
-    way = goal - start
-    time, u = _beat(float(np.max(np.abs(way))), JOINT_SPEED)
-    share, speed, acceleration = minimum_jerk(u, float(time[-1]))
-    return JointTrajectory(
-        time, start + np.outer(share, way), np.outer(speed, way), np.outer(acceleration, way), arm.joint_names
-    )
+    """Smooth motion of all joints together from one posture (n,) [rad] to another."""
+    return JointTrajectory(*_slow_move(start, goal, JOINT_SPEED, PERIOD), arm.joint_names)
 
 
 def sweep(table: LineTable) -> LineTrajectory:
-    """Postures of a slow motion from one end of the line to the other, at most `LOOKED_AT` apart."""
+    """Postures of a slow motion from one end of the line to the other, at most `CHECK_SPACING` apart."""
     begin, end = float(table.s[0]), float(table.s[-1])
-    u = np.linspace(0.0, 1.0, int(np.ceil(FASTEST_SHARE * (end - begin) / LOOKED_AT)) + 1)
-    duration = FASTEST_SHARE * (end - begin) / LINE_SPEED
-    share, speed, acceleration = ((end - begin) * x for x in minimum_jerk(u, duration))
-    return LineTrajectory(duration * u, begin + share, speed, acceleration)
+    return LineTrajectory(*_slow_move(begin, end, LINE_SPEED, CHECK_SPACING / LINE_SPEED))
 
 
 def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
@@ -65,15 +52,9 @@ def rehearsal(table: LineTable, finish: float) -> LineTrajectory:
         table: IK table of the line.
         finish: position over the box at which a trial ends [m].
     """
-    stops = (0.0, max(-FORERUN, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
-    whole: LineTrajectory | None = None
-    for first, last in pairwise(stops):
-        time, u = _beat(abs(last - first), LINE_SPEED)
-        share, speed, acceleration = ((last - first) * x for x in minimum_jerk(u, float(time[-1])))
-        part = LineTrajectory(time, first + share, speed, acceleration)
-        whole = part if whole is None else whole.then(part)
-    assert whole is not None, "there are stops"
-    return whole
+    stops = (0.0, max(-MAX_BACKWARD, float(table.s[0])), min(finish, float(table.s[-1])), 0.0)
+    parts = [LineTrajectory(*_slow_move(first, last, LINE_SPEED, PERIOD)) for first, last in pairwise(stops)]
+    return reduce(LineTrajectory.then, parts)
 
 
 def play(
@@ -114,9 +95,17 @@ def postures_along(table: LineTable, motion: LineTrajectory) -> Iterable[Posture
         yield joints.q, joints.v, joints.a
 
 
-def _beat(way: float, fastest: float) -> tuple[Vector, Vector]:
-    """Sample times [s] of a minimum-jerk motion over a distance, and the elapsed share of its duration at each."""
-    duration = max(MIN_MOVE_SECONDS, FASTEST_SHARE * way / fastest)
-    count = int(np.ceil(duration / PERIOD))
-    number = np.arange(count + 1, dtype=float)
-    return PERIOD * number, number / count
+def _slow_move(
+    begin: float | Vector, end: float | Vector, max_speed: float, step: float
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Minimum-jerk motion between two positions, () or (n,), at most as fast as `max_speed`.
+
+    Returns:
+        Times (m,) [s], a `step` apart [s], positions, velocities and accelerations, (m,) or (m, n).
+    """
+    way = np.subtract(end, begin)
+    duration = max(MIN_MOVE_SECONDS, PEAK_SPEED_RATIO * float(np.max(np.abs(way))) / max_speed)
+    number = np.arange(np.ceil(duration / step) + 1)
+    time = step * number
+    share, speed, acceleration = (np.multiply.outer(x, way) for x in minimum_jerk(number / number[-1], float(time[-1])))
+    return time, begin + share, speed, acceleration

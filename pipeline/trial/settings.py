@@ -28,12 +28,10 @@ NUISANCES: dict[str, tuple[str, float, float]] = {
 Ignoring them costs millimetres: 0.25 mm per ms of delay, 1 mm per 0.01 N of bias, 1 mm per 1 % of mass.
 """
 
-UPRIGHT, LEAN = 1e-3, 0.05
-"""Where a load at rest hangs askew by more than the first [rad], its angle has the second as standard deviation."""
-
-
-SWAYS = {"initial_angle": 0.05, "initial_rate": 0.2}
-"""rad, rad/s: how far from rest a load may be that the robot has brought to rest with a model that lacks something."""
+MIN_LEAN, LEAN_STD = 1e-3, 0.05
+"""Swing angle [rad] of a load at rest above which its start angle is uncertain, and its standard deviation [rad]."""
+SWAY_STD = {"initial_angle": 0.05, "initial_rate": 0.2}
+"""Standard deviations [rad, rad/s] at the start, for a load that was brought to rest with an incomplete model."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +98,11 @@ class ProtocolSettings:
         model = model.with_values({"initial_angle": rest, "initial_rate": 0.0})
         if not self.hangs_still:
             for name, at in (("initial_angle", rest), ("initial_rate", 0.0)):
-                model = model.with_prior(name, at, SWAYS[name])
+                model = model.with_prior(name, at, SWAY_STD[name])
             return model
         model = model.with_fixed("initial_rate")
-        if abs(rest) > UPRIGHT:
-            return model.with_prior("initial_angle", rest, LEAN)
+        if abs(rest) > MIN_LEAN:
+            return model.with_prior("initial_angle", rest, LEAN_STD)
         return model.with_fixed("initial_angle")
 
 
