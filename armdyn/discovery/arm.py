@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.discovery import shapes
-from armdyn.discovery.term import Site, Term, Variable, recorded_variables
+from armdyn.discovery.term import Constant, Site, Term, Variable, recorded_variables
 from armdyn.identify.fit import Fit
 from armdyn.parameter import Quantity
 from armdyn.recording.channels import FloatArray
@@ -84,11 +84,8 @@ def _as_declared(fit: Fit, term: Term) -> Term:
     """A term in the units of a typical joint, which the arm scales to its own joint; see `Arm.parameter`."""
     model, joint = cast(ArmModel, fit.problem.model), term.site.joint
 
-    def scale(unit: str) -> float:
-        return float(model.arm.parameter(Quantity(unit, 1.0), "term", "size", joint).typical)
+    def declared(constant: Constant) -> Constant:
+        return constant.scaled(model.arm.parameter(Quantity(constant.unit, 1.0), "term", "size", joint).typical)
 
-    return replace(
-        term,
-        typical={size: value / scale(term.units[size]) for size, value in term.typical.items()},
-        constants={name: c.scaled(scale(c.unit)) for name, c in term.constants.items()},
-    )
+    constants = {name: declared(constant) for name, constant in term.constants.items()}
+    return replace(term, size=declared(term.size), constants=constants)

@@ -105,8 +105,8 @@ def sought(v: Variable) -> Constant:
 
 def stops(site: Site, v: Variable, places: int) -> Shapes:
     """Springs k max(0, v - place) beyond positions above the middle, k min(0, v - place) beyond those below."""
-    for place in _between(v, places):
-        where = {"place": _place(v, place, places)}
+    for where in _places(v, places):
+        place = where["place"].value
         side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
         says = f"a spring that is touched {side} a certain {v.name}"
         yield _single(
@@ -117,9 +117,8 @@ def stops(site: Site, v: Variable, places: int) -> Shapes:
 
 def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
     """Friction on one side of a position: viscous, and dry."""
-    for place in _between(v, places):
+    for where in _places(v, places):
         for side, sign in (("above", "+"), ("below", "-")):
-            where = {"place": _place(v, place, places)}
             step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
             says = f"friction only {side} a certain {v.name}"
             yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
@@ -138,14 +137,14 @@ def magnets(site: Site, v: Variable, places: int) -> Shapes:
         shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
         here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
         says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-        yield Term("magnet", says, here, (v,), shapes, {"pull": site.unit}, {"pull": site.typical}, where)
+        yield Term("magnet", says, here, (v,), shapes, _size(site), where)
 
 
 def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
     """Dry friction k exp(-|v| / width), which is largest near standstill."""
     assert site.dry is not None
     for width in widths:
-        where = {"width": Constant(v.unit, width, width / 2, 0.05 * width, 20.0 * width)}
+        where = {"width": _width(v.unit, width)}
         yield _single(
             site.dry, "sticky seal", "dry friction that is largest near standstill", (v,),
             f"ca.exp(-ca.fabs({v.name}) / width)", [], where,
@@ -155,19 +154,13 @@ def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
 
 def growing(site: Site, v: Variable, places: int) -> Shapes:
     """A force k (exp(max(0, v - place) / width) - 1) to either side of a position: a cable or hose that tightens."""
-    for place in _between(v, places):
-        for back, away in (
-            (site.resists, f"{v.name} - place"),
-            ("" if site.resists else "-", f"place - {v.name}"),
-        ):
-            width = 0.4 * v.span
-            where = {
-                "place": _place(v, place, places),
-                "width": Constant(v.unit, width, width / 2, 0.05 * width, 10.0 * width),
-            }
+    toward = "" if site.resists else "-"
+    for where in _places(v, places):
+        width = _width(v.unit, 0.4 * v.span, 0.05, 10.0)
+        for back, away in ((site.resists, f"{v.name} - place"), (toward, f"place - {v.name}")):
             yield _single(
                 site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
-                f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], where,
+                f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], {**where, "width": width},
                 size="tension", positive=True, scale=1.0,
             )  # fmt: skip
 
@@ -184,9 +177,9 @@ def play(site: Site, speed: Variable, position: Variable, travels: Sequence[floa
     says = "a torque that turns round over some travel after every turn: backlash, the play of a gear"
     start = Constant("1", 0.0, 1.0, -1.0, 1.0, scope="per_run")  # no recording contains the motion before it
     for travel in travels:
-        where = {"travel": Constant(position.unit, travel, travel / 2, 0.05 * travel, 20.0 * travel), "start": start}
-        yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, {"k": site.unit},
-                   {"k": site.typical}, where, True, (state,))  # fmt: skip
+        where = {"travel": _width(position.unit, travel), "start": start}
+        size = _size(site, positive=True)
+        yield Term("backlash", says, site, (speed,), {"k": f"{site.resists}turned"}, size, where, (state,))
 
 
 def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
@@ -195,14 +188,13 @@ def waves(site: Site, v: Variable, periods: Sequence[float]) -> Shapes:
         where = {"period": Constant(v.unit, period, 0.15 * period, 0.7 * period, 1.4 * period)}
         turn = f"(2 * ca.pi * {v.name} / period)"
         shapes = {"sine": f"ca.sin{turn}", "cosine": f"ca.cos{turn}"}
-        yield Term("cogging", f"a force that repeats along {v.name}: cogging or an eccentric gear", site, (v,), shapes,
-                   dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical), where)  # fmt: skip
+        says = f"a force that repeats along {v.name}: cogging or an eccentric gear"
+        yield Term("cogging", says, site, (v,), shapes, _size(site), where)
 
 
 def warming(site: Site, v: Variable, time: Variable) -> Shapes:
     """Friction that decreases with time, as of grease that warms up."""
-    width = time.span / 2
-    where = {"warm_up": Constant(time.unit, width, width / 2, 0.05 * width, 20.0 * width)}
+    where = {"warm_up": _width(time.unit, time.span / 2)}
     fade = f"ca.exp(-{time.name} / warm_up)"
     says = "friction that fades over the run, as of grease that warms up"
     yield from _frictions(site, "warming friction", says, time, v, fade, where)
@@ -247,13 +239,12 @@ def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:
     )
     shapes = {f"value_{i}": f"near({centre:.6g})" for i, centre in enumerate(centres)}
     if speed is None:
-        same = dict.fromkeys(shapes, site.unit), dict.fromkeys(shapes, site.typical)
-        return Term(f"curve over {v.spoken}", f"a smooth function of {v.spoken}", site, (v,), shapes, *same,
-                    lines=lines)  # fmt: skip
+        says = f"a smooth function of {v.spoken}"
+        return Term(f"curve over {v.spoken}", says, site, (v,), shapes, _size(site), lines=lines)
     shapes = {size: f"{site.resists}{speed.name} * {shape}" for size, shape in shapes.items()}
-    same = dict.fromkeys(shapes, over(site.unit, (speed.unit, 1))), dict.fromkeys(shapes, site.typical / speed.size)
     says = f"friction in proportion to {speed.name}, by a smooth function of {v.spoken}"
-    return Term(f"curve of friction over {v.spoken}", says, site, (v, speed), shapes, *same, lines=lines)
+    size = _size(site, [(speed, 1)])
+    return Term(f"curve of friction over {v.spoken}", says, site, (v, speed), shapes, size, lines=lines)
 
 
 def _frictions(
@@ -295,18 +286,36 @@ def _single(
     positive: bool = False,
     scale: float | None = None,
 ) -> Term:
-    """A term of one shape; `scale` is the size of the shape in the runs, by default that of the powers."""
+    """A term of one shape; see `_size`."""
+    sized = _size(site, powers, scale, positive=positive)
+    return Term(kind, says, site, variables, {size: shape}, sized, constants or {})
+
+
+def _size(
+    site: Site,
+    powers: Sequence[tuple[Variable, int]] = (),
+    scale: float | None = None,
+    *,
+    positive: bool = False,
+) -> Constant:
+    """The size of a shape with the unit of these powers; `scale` is the shape in the runs, by default the powers."""
     of_powers = float(np.prod([v.size**n for v, n in powers]))
-    units = {size: over(site.unit, *((v.unit, n) for v, n in powers))}
-    typical = {size: site.typical / (of_powers if scale is None else scale)}
-    return Term(kind, says, site, variables, {size: shape}, units, typical, constants or {}, positive)
+    unit = over(site.unit, *((v.unit, n) for v, n in powers))
+    typical = site.typical / (of_powers if scale is None else scale)
+    return Constant(unit, 0.0, 0.0, 0.0 if positive else -np.inf, typical=typical)
 
 
-def _between(v: Variable, places: int) -> list[float]:
+def _places(v: Variable, places: int) -> Iterator[dict[str, Constant]]:
     """Evenly spaced positions inside the range."""
-    return [float(x) for x in np.linspace(v.low, v.high, places + 2)[1:-1]]
+    for place in np.linspace(v.low, v.high, places + 2)[1:-1]:
+        yield {"place": _place(v, float(place), places)}
 
 
 def _place(v: Variable, at: float, places: int) -> Constant:
     spread = v.span / (places + 1) / 2
     return Constant(v.unit, at, spread, v.low - 0.5 * v.span, v.high + 0.5 * v.span)
+
+
+def _width(unit: str, width: float, narrowest: float = 0.05, widest: float = 20.0) -> Constant:
+    """A width, with its bounds as multiples of it."""
+    return Constant(unit, width, width / 2, narrowest * width, widest * width)

@@ -3,7 +3,9 @@
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from textwrap import wrap
+from textwrap import indent, wrap
+
+import numpy as np
 
 from armdyn.discovery.term import Constant, Term
 from armdyn.effects.effect import Effect
@@ -16,7 +18,21 @@ import casadi as ca
 
 from armdyn import {names}
 '''
-LINE_WIDTH = 110
+EFFECT = '''
+
+@effect(
+    acts_on="{stage}",
+    summary="{summary}.",
+    source="armdyn discover",
+)
+def {name}(
+    {stage},
+{arguments}
+):
+    """{doc}"""
+{body}
+'''
+INDENT, LINE_WIDTH = "    ", 110
 MAX_SUMMANDS_PER_LINE = 3
 """Largest number of summands in one line."""
 SYMBOL_BY_UNIT = {"N": "F", "N m": "M", "m": "z"}
@@ -47,51 +63,37 @@ def file_text(title: str, terms: Iterable[Term], evidence: Mapping[str, str] | N
 
 
 def _effect_text(term: Term, evidence: str) -> str:
-    stage = term.site.stage
-    arguments = [
-        _argument(size, Constant(term.units[size], 0.0, 0.0, 0.0 if term.positive else float("-inf")), typical)
-        for size, typical in term.typical.items()
-    ] + [_argument(name, constant, constant.typical or constant.spread) for name, constant in term.constants.items()]
+    constants = {**dict.fromkeys(term.shapes, term.size), **term.constants}
+    arguments = [_argument(name, constant) for name, constant in constants.items()]
     columns = [(v.name, v.column) for v in term.variables if v.column is not None]
     arguments += [f'{name}=column("{c.name}", "{c.unit}", usual={_short(c.usual)})' for name, c in columns]
-    reads = [f"    {v.name} = {v.source}" for v in term.variables if v.column is None]
-    reads += [f"    {line}" if line else "" for line in term.lines]
-    doc = f'    """{SYMBOL_BY_UNIT.get(term.site.unit, "y")} = {term.formula}.'
-    doc += f'\n\n{evidence}\n    """' if evidence else '"""'
-    lines = [
-        "", "",
-        "@effect(",
-        f'    acts_on="{stage}",',
-        f'    summary="{term.says[:1].upper()}{term.says[1:]}.",',
-        '    source="armdyn discover",',
-        ")",
-        f"def {term.name}(",
-        f"    {stage},",
-        *(f"    {argument}," for argument in arguments),
-        "):",
-        *doc.split("\n"),
-        *reads,
-        *_returned(term),
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+    reads = [f"{v.name} = {v.source}" for v in term.variables if v.column is None]
+    doc = f"{SYMBOL_BY_UNIT.get(term.site.unit, 'y')} = {term.formula}."
+    return EFFECT.format(
+        stage=term.site.stage,
+        summary=f"{term.says[:1].upper()}{term.says[1:]}",
+        name=term.name,
+        arguments=indent(",\n".join(arguments) + ",", INDENT),
+        doc=doc + (f"\n\n{evidence}\n{INDENT}" if evidence else ""),
+        body=indent("\n".join([*reads, *term.lines, *_returned(term)]), INDENT),
+    )
 
 
 def _returned(term: Term) -> list[str]:
     """Lines that return the changed stage; a sum of many terms gets a variable and a line for each."""
     if len(term.shapes) <= MAX_SUMMANDS_PER_LINE:
-        return [f"    return {term.site.adds.format(term.force)}"]
+        return [f"return {term.site.adds.format(term.force)}"]
     first, *others = term.summands
-    total = ["    total = (", f"        {first}", *(f"        + {other}" for other in others), "    )"]
-    return [*total, f"    return {term.site.adds.format('total')}"]
+    total = ["total = (", f"    {first}", *(f"    + {other}" for other in others), ")"]
+    return [*total, f"return {term.site.adds.format('total')}"]
 
 
-def _argument(name: str, of: Constant, typical: float) -> str:
+def _argument(name: str, of: Constant) -> str:
     """``name=quantity(...)``: a size has no spread, a constant starts at its value."""
-    parts = [f'"{of.unit}"', f"typical={_short(typical)}"]
-    parts += [f"null={_short(of.value)}"] if of.value else []
-    parts += [f"lower={_short(of.lower)}"] if of.lower > float("-inf") else []
-    parts += [f"upper={_short(of.upper)}"] if of.upper < float("inf") else []
-    parts += [f"spread={_short(of.spread)}"] if of.spread else []
+    numbers = {"typical": of.typical or of.spread, "null": of.value, "lower": of.lower, "upper": of.upper}
+    needed = {key: x for key, x in numbers.items() if abs(x) < np.inf and (x or key != "null")}
+    needed |= {"spread": of.spread} if of.spread else {}
+    parts = [f'"{of.unit}"', *(f"{key}={_short(x)}" for key, x in needed.items())]
     parts += [f'scope="{of.scope}"'] if of.scope != "shared" else []
     return f"{name}=quantity({', '.join(parts)})"
 
@@ -103,4 +105,4 @@ def _short(value: float) -> str:
 
 def paragraph(text: str) -> str:
     """Break a docstring's text into lines."""
-    return "\n".join(f"    {line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))
+    return "\n".join(f"{INDENT}{line}" for part in text.split("\n") for line in (wrap(part, LINE_WIDTH) or [""]))

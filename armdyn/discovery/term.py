@@ -126,7 +126,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Constant:
-    """A parameter of a term other than its size: a position, a width, a period.
+    """A parameter of a term: its size, or a position, a width, a period.
 
     Attributes:
         unit: its SI unit.
@@ -136,7 +136,7 @@ class Constant:
         upper: largest value.
         scale: factor by which an arm multiplies the declared value, to get the value of its joint.
         scope: ``"shared"`` by all runs, or ``"per_run"`` with one value for each run, such as a state's start.
-        typical: typical difference from the value, where it is searched and has no spread.
+        typical: typical difference from the value; 0 where it is the spread.
     """
 
     unit: str
@@ -150,8 +150,8 @@ class Constant:
 
     def scaled(self, scale: float) -> "Constant":
         """The constant as an effect declares it, for an arm that multiplies it by `scale`."""
-        value, spread, lower, upper = (x / scale for x in (self.value, self.spread, self.lower, self.upper))
-        return replace(self, value=value, spread=spread, lower=lower, upper=upper, scale=scale)
+        declared = {name: getattr(self, name) / scale for name in ("value", "spread", "lower", "upper", "typical")}
+        return replace(self, **declared, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +164,8 @@ class Term:
         site: place in the equations.
         variables: quantities on which it depends, by name.
         shapes: CasADi expression of each shape, by the name of its size.
-        units: units of the sizes, by their names.
-        typical: typical values of the sizes, by their names.
+        size: each of the sizes: its unit, its typical value, and zero as its bound where friction takes energy.
         constants: further fitted parameters, by name.
-        positive: whether sizes are at least zero: friction takes energy.
         lines: lines of code before the force: a state of the effect, or a function that its shapes call.
         name: name of the effect.
     """
@@ -177,10 +175,8 @@ class Term:
     site: Site
     variables: tuple[Variable, ...]
     shapes: Mapping[str, str]
-    units: Mapping[str, str]
-    typical: Mapping[str, float]
+    size: Constant
     constants: Mapping[str, Constant] = field(default_factory=dict)
-    positive: bool = False
     lines: tuple[str, ...] = ()
     name: str = ""
 
@@ -197,10 +193,7 @@ class Term:
     @property
     def summands(self) -> list[str]:
         """CasADi expressions of quantities, sizes and constants, whose sum is added at the site."""
-        parts = (
-            f"-{size} * {_factor(shape[1:])}" if shape.startswith("-") else f"{size} * {_factor(shape)}"
-            for size, shape in self.shapes.items()
-        )
+        parts = (f"{'-' * (s[0] == '-')}{size} * {_factor(s.removeprefix('-'))}" for size, s in self.shapes.items())
         return [part.replace(" * 1 / ", " / ").removesuffix(" * 1") for part in parts]
 
     @property
@@ -213,21 +206,12 @@ class Term:
         """The formula for a reader, such as ``"stiffness * max(0, angle - place)"``."""
         if self.is_curve:
             return f"smooth {self.kind} through {len(self.shapes)} values"
-        text = (
-            self.site.shown.format(self.force)
-            .replace("ca.fabs", "abs")
-            .replace("ca.fmax", "max")
-            .replace("ca.fmin", "min")
-        )
-        return re.sub(r"\bca\.", "", text).replace("**", "^")
+        return re.sub(r"\bca\.(f(?=abs|max|min))?", "", self.site.shown.format(self.force)).replace("**", "^")
 
     def at(self, values: Mapping[str, float]) -> "Term":
         """The same term with other start values of its constants."""
-        moved = {
-            n: replace(c, value=float(values[n] / c.scale) if n in values else c.value)
-            for n, c in self.constants.items()
-        }
-        return replace(self, constants=moved)
+        moved = {n: replace(self.constants[n], value=float(x / self.constants[n].scale)) for n, x in values.items()}
+        return replace(self, constants={**self.constants, **moved})
 
 
 def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str, Term]:

@@ -171,7 +171,3 @@ class ArmProblem(MotionProblem):
             return total
 
         return Evaluated(value, beyond, gradient)
-
-    def narrower(self, limit: str, joint: int, factor: float) -> "ArmProblem":
-        """The problem with a narrower limit for one joint."""
-        return replace(self, limits=self.limits.narrower(limit, joint, factor))

@@ -43,14 +43,10 @@ class MotionLimits:
         """The shares of a robot's limits that a motion uses."""
         limits = robot.limits
         lower, upper = np.maximum(limits.lower, -FULL_TURN), np.minimum(limits.upper, FULL_TURN)
-        middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
-        return cls(
-            middle - KINEMATIC_LIMIT_SHARE * half,
-            middle + KINEMATIC_LIMIT_SHARE * half,
-            KINEMATIC_LIMIT_SHARE * np.asarray(limits.velocity),
-            KINEMATIC_LIMIT_SHARE * np.asarray(limits.acceleration),
-            TORQUE_LIMIT_SHARE * np.asarray(limits.effort),
-        )
+        middle, reach = (lower + upper) / 2.0, KINEMATIC_LIMIT_SHARE * (upper - lower) / 2.0
+        velocity, acceleration = (KINEMATIC_LIMIT_SHARE * np.asarray(x) for x in (limits.velocity, limits.acceleration))
+        effort = TORQUE_LIMIT_SHARE * np.asarray(limits.effort)
+        return cls(middle - reach, middle + reach, velocity, acceleration, effort)
 
     @property
     def middle(self) -> np.ndarray:
@@ -78,7 +74,7 @@ class MotionLimits:
             half = self.half.copy()
             half[joint] *= factor
             return replace(self, lower=self.middle - half, upper=self.middle + half)
-        name = {"velocity": "velocity", "acceleration": "acceleration", "torque": "effort"}[limit]
+        name = "effort" if limit == "torque" else limit
         values = np.array(getattr(self, name))
         values[joint] *= factor
         return replace(self, **{name: values})

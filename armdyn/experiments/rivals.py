@@ -11,7 +11,7 @@ from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, converged
-from armdyn.identify.problem import by_channel
+from armdyn.identify.problem import Problem, by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
@@ -223,25 +223,21 @@ def _effective_noise(best: Fit) -> dict[str, float]:
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
-    problem, model = lean.problem, cast(PendulumModel, lean.problem.model)  # see `require_gripper`
-    blocks = problem.blocks(lean.values, lean.free)
-    weights = [b.noise / noise[b.channel] for b in blocks]
-    off = problem.prior_weight * (problem.prior_mean - lean.values)
-    misfit = float(off @ off) + sum(w**2 * float(b.residual @ b.residual) for w, b in zip(weights, blocks, strict=True))
-    jacobian = np.vstack([w * b.sensitivities for w, b in zip(weights, blocks, strict=True)])
-    information = jacobian.T @ jacobian + np.diag(problem.prior_weight**2)
-    last, unknowns = len(problem.runs) - 1, [column.parameter.name for column in problem.columns]
-    shared = [i for i in problem.places(last) if lean.free[i] and unknowns[i] not in model.start_names]
-    others = np.setdiff1d(np.flatnonzero(lean.free), shared)
-    kept, _ = marginal_information(information, np.array(shared, dtype=int), others)
-    names = tuple(unknowns[i] for i in shared)
-    at = zip(model.names, problem.theta(last, lean.values).tolist(), strict=True)
-    values = {name: value for name, value in at if name not in model.start_names}
+    model, last = cast(PendulumModel, lean.problem.model), len(lean.problem.runs) - 1  # see `require_gripper`
+    problem = Problem(model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise})
+    at = problem.expansion(lean.values, lean.free, guesses=False)
+    unknowns = {i: k for k, i in enumerate(np.flatnonzero(lean.free).tolist())}
+    places = zip(model.names, problem.places(last).tolist(), strict=True)
+    shared = {name: unknowns[i] for name, i in places if i in unknowns and name not in model.start_names}
+    others = np.setdiff1d(np.arange(len(unknowns)), list(shared.values()))
+    kept, _ = marginal_information(at.hessian, np.array(list(shared.values()), dtype=int), others)
+    theta = zip(model.names, problem.theta(last, lean.values).tolist(), strict=True)
+    values, names = {name: value for name, value in theta if name not in model.start_names}, tuple(shared)
     for i, name in enumerate(names):
         if any(name in c.names for c in own):
             values[name] = _sizeable(model, name, values[name], float(kept[i, i]))
     spoken = " + ".join(c.spoken for c in own) or NO_EFFECT
-    return Hypothesis(spoken, model.with_values(values), names, kept, misfit)
+    return Hypothesis(spoken, model.with_values(values), names, kept, 2.0 * at.cost)
 
 
 def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:

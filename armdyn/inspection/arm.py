@@ -206,8 +206,8 @@ class ArmRun:
     @cached_property
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample of the torques as recorded."""
-        left = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).left
-        return independent(self.measured, left, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
+        residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
+        return independent(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
 
     def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
@@ -256,10 +256,10 @@ class ArmRun:
             self._coarse(tuple(sorted((n, r) for n, r in c.readings.items() if n.startswith("q."))), description)
             for c, description in meanings
         ]
-        y, volume = np.array([r[0][:, ::COARSE_MOMENT_STRIDE] for r in read]), np.array([r[1] for r in read])
+        y, log_factor = np.array([r[0][:, ::COARSE_MOMENT_STRIDE] for r in read]), np.array([r[1] for r in read])
         weight = np.array([self.weights[r[2]] for r in read])
         described, X, cost = (np.array(part) for part in zip(*coarse, strict=True))
-        scale = np.maximum(np.mean(y**2, axis=2), self._least(volume) ** 2)
+        scale = np.maximum(np.mean(y**2, axis=2), self._min_rms(log_factor) ** 2)
         gap = y - described
         turned = np.swapaxes(X, 2, 3)
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
@@ -267,9 +267,9 @@ class ArmRun:
         for _ in range(2):
             A = G / variance[..., None, None] + np.eye(X.shape[3])
             theta = solve_bounded(A, slope / variance[..., None], lower, np.inf).x
-            left = gap - (X @ theta[..., None])[..., 0]
-            variance = np.mean(left**2, axis=2) + MODEL_ERROR_FLOOR**2 * scale
-        total = len(self.motion.time) * np.sum(weight * (volume - 0.5 * np.log(variance)), axis=1)
+            residual = gap - (X @ theta[..., None])[..., 0]
+            variance = np.mean(residual**2, axis=2) + MODEL_ERROR_FLOOR**2 * scale
+        total = len(self.motion.time) * np.sum(weight * (log_factor - 0.5 * np.log(variance)), axis=1)
         return np.asarray(total - cost - self._too_strong(y))
 
     @cached_with_first_argument
@@ -285,16 +285,16 @@ class ArmRun:
         columns = np.stack([np.ones(m.q.shape), m.v, m.direction, m.a], axis=2).transpose(1, 0, 2)
         return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.of_joint]
 
-    def _least(self, volume: np.ndarray) -> np.ndarray:
+    def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(volume))
+        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(log_factor))
 
     def log_evidence(
         self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
     ) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
         m = self.moved(correction)
-        y, volume, source = self.read(correction)
+        y, log_factor, source = self.read(correction)
         weight = self.weights[source] if weight is None else weight
         if m is self.motion and description == AS_DESCRIBED:
             f, columns, positive = self._linear_as_described
@@ -303,10 +303,10 @@ class ArmRun:
             f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
-        found = evidence(Channels(y, f, columns, positive, weight, volume, self._least(volume)))
+        found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         for _ in range(SIGN_ROUNDS if description.magnitudes else 0):  # the effects also decide the sign of a torque
             f, columns = turned_up(f + columns @ found.sizes, f, columns)
-            found = evidence(Channels(y, f, columns, positive, weight, volume, self._least(volume)))
+            found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
     def nothing(self) -> float:

@@ -42,8 +42,8 @@ class Channels:
         columns: (J, n, p) derivatives by the effects' sizes, times their typical sizes.
         positive: (p,) bool, True for sizes that cannot be negative.
         weight: (J,) independent samples per sample.
-        volume: (J,) logarithm of the factor by which the readings were scaled.
-        least: (J,) root mean square below which a channel is ignored.
+        log_factor: (J,) logarithm of the factor by which the readings were scaled.
+        min_rms: (J,) root mean square below which a channel is ignored.
         floor: model error that every model of this kind may have, as a share of a channel's root mean square.
     """
 
@@ -52,8 +52,8 @@ class Channels:
     columns: np.ndarray
     positive: np.ndarray
     weight: np.ndarray
-    volume: np.ndarray
-    least: np.ndarray
+    log_factor: np.ndarray
+    min_rms: np.ndarray
     floor: float = MODEL_ERROR_FLOOR
 
 
@@ -63,13 +63,13 @@ class Evidence:
 
     Attributes:
         value: log evidence, nats.
-        left: (J, n) residual of the best prediction.
+        residual: (J, n) residual of the best prediction.
         share: (J,) residual share of each channel's mean square.
         sizes: (p,) estimated sizes of the effects, in typical sizes.
     """
 
     value: float
-    left: np.ndarray
+    residual: np.ndarray
     share: np.ndarray
     sizes: np.ndarray
 
@@ -77,13 +77,12 @@ class Evidence:
 def evidence(given: Channels) -> Evidence:
     """The evidence at the best of `LACK_SIZES`, all of which are evaluated at once."""
     gap = given.measured - given.described
-    scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.least)
+    scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
     size = np.array(LACK_SIZES)[:, None]
     lower = np.where(given.positive, 0.0, -np.inf)
     variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(LACK_SIZES), 1))
-    left, free = np.tile(gap, (len(LACK_SIZES), 1, 1)), np.ones((len(LACK_SIZES), given.columns.shape[2]), dtype=bool)
 
     def spread() -> np.ndarray:
         """(s, p, p) information of the readings on the sizes, with their prior."""
@@ -93,32 +92,32 @@ def evidence(given: Channels) -> Evidence:
     for _ in range(SIGMA_ROUNDS):
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
-        left = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
-        variance = np.mean(left**2, axis=2) + (given.floor * scale) ** 2
+        residual = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
+        variance = np.mean(residual**2, axis=2) + (given.floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
-    value = -0.5 * (np.sum(share * np.sum(left**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
-    value += gap.shape[1] * np.sum(given.weight * (given.volume - 0.5 * np.log(variance)), axis=1)
+    value = -0.5 * (np.sum(share * np.sum(residual**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
+    value += gap.shape[1] * np.sum(given.weight * (given.log_factor - 0.5 * np.log(variance)), axis=1)
     best = int(np.argmax(value))
-    return Evidence(float(value[best]), left[best], np.mean(left[best] ** 2, axis=1) / scale**2, theta[best])
+    return Evidence(float(value[best]), residual[best], np.mean(residual[best] ** 2, axis=1) / scale**2, theta[best])
 
 
 def independent(
-    measured: np.ndarray, left: np.ndarray, least: np.ndarray, after: np.ndarray | None = None
+    measured: np.ndarray, residual: np.ndarray, min_rms: np.ndarray, after: np.ndarray | None = None
 ) -> np.ndarray:
     """(J,) independent samples per sample of (J, n) readings as recorded.
 
     The model's error changes as slowly as the residual (J, n), and where a reading is constant, many samples count as
-    one; `least` as in `Channels`. The readings shortly `after`, (J, n), show by their correlation whether a reading
+    one; `min_rms` as in `Channels`. The readings shortly `after`, (J, n), show by their correlation whether a reading
     changes; without them the next moments are used.
     """
-    alone = np.array([1.0 / correlation_time([row]) for row in left])
+    alone = np.array([1.0 / correlation_time([row]) for row in residual])
     centred = measured - measured.mean(axis=1, keepdims=True)
     before, then = (
         (centred[:, :-1], centred[:, 1:]) if after is None else (centred, after - after.mean(axis=1, keepdims=True))
     )
     moves = np.maximum(np.mean(before * then, axis=1), 0.0)
-    floor = MODEL_ERROR_FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), least**2)
+    floor = MODEL_ERROR_FLOOR**2 * np.maximum(np.mean(measured**2, axis=1), min_rms**2)
     return np.asarray(
         1.0 / measured.shape[1] + np.maximum(alone, MIN_INDEPENDENT_SHARE_OF_SAMPLES) * (moves / (moves + floor)) ** 2
     )

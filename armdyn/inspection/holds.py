@@ -4,7 +4,7 @@ A lost connection occurs at some time; a joint held by friction stops at some po
 from full speed, until the drive has pulled enough. A joint that its drive stops slows down before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import comb
 
@@ -51,13 +51,13 @@ class Stand:
     """A stretch in which a joint stopped on its way.
 
     Attributes:
-        first: index of its first sample.
-        last: index of its last sample.
+        start: time of its first sample, s.
+        end: time of its last sample, s.
         place: position of the joint, rad or m.
     """
 
-    first: int
-    last: int
+    start: float
+    end: float
     place: float
 
 
@@ -106,16 +106,14 @@ def sticking(run: Run) -> Iterator[Check]:
     """Find joints that are held at one position whenever they pass it."""
     for name, channel in _joints(run):
         for stands in held_at(channel):
-            begin, end = channel.time[stands[0].first], channel.time[stands[-1].last]
-            place = float(np.mean([stand.place for stand in stands]))
-            longest = max(float(channel.time[s.last] - channel.time[s.first]) for s in stands)
+            place, longest = float(np.mean([stand.place for stand in stands])), longest_stop(stands)
             yield Check(
                 "sticking", Severity.SUSPECT, run.name, (name,),
                 f"{name} stops at {amount(place)} {channel.unit} from full speed {len(stands)} times, for up "
                 f"to {longest:.2g} s: it sticks there",
                 "look for what holds it there, such as a bearing, a cable or a brake; 'armdyn discover' finds a "
                 "friction that depends on the position",
-                float(begin), float(end),
+                stands[0].start, stands[-1].end,
             )  # fmt: skip
 
 
@@ -135,7 +133,7 @@ def held_at(channel: Channel) -> list[list[Stand]]:
         else:
             places.append([stand])
     surely = (stands for stands in places if _chance(stands, len(found), whole) < MAX_CHANCE_OF_STOPS)
-    return [sorted(stands, key=lambda stand: stand.first) for stands in surely]
+    return [sorted(stands, key=lambda stand: stand.start) for stands in surely]
 
 
 def _chance(stands: list[Stand], of: int, whole: float) -> float:
@@ -169,7 +167,7 @@ def stops(channel: Channel) -> list[Stand]:
         return bool(abs(before) > MIN_MOVING_SPEED_SHARE * usual and beside / before > MIN_ARRIVAL_SPEED_SHARE)
 
     return [
-        Stand(int(first), int(end) - 1, float(np.median(value[first:end])))
+        Stand(float(channel.time[first]), float(channel.time[end - 1]), float(np.median(value[first:end])))
         for first, end in zip(edges[::2], edges[1::2], strict=True)
         if abrupt(first, -1) or abrupt(end - 1, 1)
     ]
@@ -183,11 +181,15 @@ def held(run: Run) -> list[tuple[float, float]]:
     found = []
     for _, channel in _joints(run):
         for stands in held_at(channel):
-            time, beyond = channel.time, channel.value > stands[0].place
-            longest = max(float(time[s.last] - time[s.first]) for s in stands)
-            passes = [time[s.first] for s in stands] + list(time[1:][np.diff(beyond)])
-            found += [(float(t), float(t) + 2.0 * longest) for t in passes]
+            crossed = np.diff(channel.value > stands[0].place)
+            passes = [*(stand.start for stand in stands), *channel.time[1:][crossed].tolist()]
+            found += [(t, t + 2.0 * longest_stop(stands)) for t in passes]
     return found
+
+
+def longest_stop(stands: Iterable[Stand]) -> float:
+    """Duration of the longest of some stops, s."""
+    return max(stand.end - stand.start for stand in stands)
 
 
 def _joints(run: Run) -> Iterator[tuple[str, Channel]]:

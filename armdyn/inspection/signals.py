@@ -216,13 +216,13 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
 def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
     """Distance of the parabolas between samples k and k + 1, and the root mean square of their residuals."""
     beside, middle = SAMPLES_BESIDE_STEP, 0.5 * (time[k + 1] - time[k])
-    ends, left = [], []
+    ends, residuals = [], []
     for part in (slice(k - beside + 1, k + 1), slice(k + 1, k + beside + 1)):
         t, y = time[part] - time[k], value[part]
         curve = np.polyfit(t, y, 2)
         ends.append(float(np.polyval(curve, middle)))
-        left.append(float(np.std(y - np.polyval(curve, t))))
-    return ends[1] - ends[0], max(left)
+        residuals.append(float(np.std(y - np.polyval(curve, t))))
+    return ends[1] - ends[0], max(residuals)
 
 
 def noises(run: Run) -> Iterator[Check]:

@@ -77,7 +77,7 @@ class Part:
     columns: np.ndarray
     positive: np.ndarray
     factor: float
-    least: float
+    min_rms: float
 
     @staticmethod
     def joined(parts: "Sequence[Part]", weight: np.ndarray, floor: float) -> Channels:
@@ -90,7 +90,7 @@ class Part:
             np.concatenate([part.positive for part in parts]),
             weight,
             np.log(np.abs([part.factor for part in parts])),
-            np.array([part.least for part in parts]),
+            np.array([part.min_rms for part in parts]),
             floor,
         )
 
@@ -198,7 +198,7 @@ class SwingRun:
         soon = MOMENT_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
-        return independent(given.measured, evidence(given).left, given.least, after)
+        return independent(given.measured, evidence(given).residual, given.min_rms, after)
 
     def screen(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) log evidence: a pendulum has few effects, so that no faster method is needed."""

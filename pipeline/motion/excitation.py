@@ -242,7 +242,8 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            problem = problem.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
+            limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
+            problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)
     return replace(problem, postures=postures)

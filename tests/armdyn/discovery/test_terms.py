@@ -79,7 +79,7 @@ def test_a_formula_is_read_as_it_is_computed(tmp_path):
 def test_a_recorded_quantity_is_declared_as_it_was_recorded():
     friction = replace(next(shapes.recorded_frictions(STRING, TEMPERATURE, SPEED)), name="oil")
     assert friction.formula == "-coefficient * speed * exp(-(extra_temperature - 295.0) / width)"
-    assert friction.units == {"coefficient": "N m s/rad"}
+    assert (list(friction.shapes), friction.size.unit) == (["coefficient"], "N m s/rad")
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
     stop = replace(next(shapes.stops(STRING, ANGLE, 2)), name="stop")
@@ -90,7 +90,7 @@ def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
     opening, temperature = (list(shapes.recorded_torques(STRING, v)) for v in (OPENING, TEMPERATURE))
     assert [term.formula for term in opening] == ["k * extra_opening", "k * extra_opening^2"]
     assert [term.formula for term in temperature] == ["k * (extra_temperature - place)"]
-    assert [term.units["k"] for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
+    assert [term.size.unit for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
 
 
 def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed():

@@ -8,7 +8,7 @@ from worlds import baxter as hidden_arm
 from armdyn.errors import InputError
 from armdyn.experiments.columns import Columns, present, random_states
 from armdyn.experiments.criteria import RivalSeparation, d_optimality, log_condition, log_harmonic_separation
-from armdyn.experiments.series import JOINT_MAX_PERIOD, AxisMotion, Series
+from armdyn.experiments.series import JOINT_MAX_PERIOD, Series
 
 
 def extended(model, effects):
@@ -60,15 +60,9 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
     def total(moved):
         return float(np.sum(columns.at(moved) * by_columns) + np.sum(columns.torque(moved) * by_torque))
 
-    found = columns.with_slopes(states)[2](by_columns, by_torque)
-    for k, gradient in enumerate(found):
-        direction = rng.standard_normal(states.q.shape)
-        parts = [states.q, states.v, states.a]
-        h, ends = 1e-5, []
-        for sign in (1, -1):
-            moved = list(parts)
-            moved[k] = parts[k] + sign * h * direction
-            ends.append(total(AxisMotion(*moved)))
+    for name, gradient in zip("qva", columns.with_slopes(states)[2](by_columns, by_torque), strict=True):
+        direction, h = rng.standard_normal(states.q.shape), 1e-5
+        ends = [total(states._replace(**{name: getattr(states, name) + sign * h * direction})) for sign in (1, -1)]
         measured = (ends[0] - ends[1]) / (2 * h)
         assert measured == pytest.approx(float(np.sum(gradient * direction)), rel=1e-3)
 
@@ -85,13 +79,12 @@ def test_a_delay_is_refused_in_one_line(shoulder, effects):
     assert "\n" not in str(caught.value)
 
 
-@pytest.fixture
-def coefficients():
-    return lambda series: np.random.default_rng(3).standard_normal((2, series.size))
+def coefficients(series):
+    return np.random.default_rng(3).standard_normal((2, series.size))
 
 
 @pytest.mark.parametrize("seconds", [2.0, 7.3, 20.0, 50.0])
-def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds, coefficients):
+def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds):
     series = Series(seconds)
     ends = series.at(np.array([0.0, seconds])).motion(coefficients(series))
     inside = series.at(np.linspace(0.0, seconds, 200)).motion(coefficients(series))
@@ -100,7 +93,7 @@ def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds, coeffi
     assert ends.q[0] == pytest.approx(ends.q[1])
 
 
-def test_velocity_and_acceleration_are_the_derivatives_of_position(coefficients):
+def test_velocity_and_acceleration_are_the_derivatives_of_position():
     series = Series(20.0)
     time, h = np.linspace(0.5, 19.0, 60), 1e-4
     x = coefficients(series)
@@ -109,7 +102,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(coefficients)
     assert here.a == pytest.approx((after.v - before.v) / (2 * h), abs=1e-4)
 
 
-def test_a_long_motion_repeats_a_period(coefficients):
+def test_a_long_motion_repeats_a_period():
     series = Series(50.0)
     assert series.period <= JOINT_MAX_PERIOD
     time = np.linspace(0.0, 5.0, 20)
@@ -117,7 +110,7 @@ def test_a_long_motion_repeats_a_period(coefficients):
     assert series.at(time + series.period).motion(x).q == pytest.approx(series.at(time).motion(x).q)
 
 
-def test_few_harmonics_hold_no_higher_frequency(coefficients):
+def test_few_harmonics_hold_no_higher_frequency():
     series = Series(20.0)
     x = coefficients(series) @ series.low(5)
     samples = series.at(series.period * np.arange(256) / 256).motion(x).q
@@ -128,23 +121,13 @@ def test_few_harmonics_hold_no_higher_frequency(coefficients):
 
 
 P = 7
-
-
-RNG = np.random.default_rng(0)
-
-
-ROWS = RNG.standard_normal((30, P)) * np.linspace(1.0, 4.0, P)
-
-
+ROWS = np.random.default_rng(0).standard_normal((30, P)) * np.linspace(1.0, 4.0, P)
+INFORMATION = ROWS.T @ ROWS
 PRIOR = np.array([10.0, 10.0, 2.0, np.inf, 10.0, 1.0, 10.0])
-
-
 HIDDEN = (
     RivalSeparation("a", "j", "b", np.array([0, 1]), np.array([2, 3, 6]), np.eye(2)),
     RivalSeparation("b", "j", "a", np.array([2, 3]), np.array([0, 1, 6]), np.array([[0.6], [0.8]])),
 )
-
-
 CRITERIA = {
     "determined": partial(d_optimality, prior=PRIOR, wanted=np.array([0, 3, 5])),
     "separated": partial(log_harmonic_separation, prior=PRIOR, cases=HIDDEN),
@@ -155,7 +138,7 @@ CRITERIA = {
 @pytest.mark.parametrize("name", CRITERIA)
 def test_derivatives_are_exact(name):
     criterion = CRITERIA[name]
-    _, slopes = criterion(ROWS.T @ ROWS)
+    _, slopes = criterion(INFORMATION)
     assert slopes == pytest.approx(slopes.T)
 
     def of_rows(flat):
@@ -170,14 +153,14 @@ def test_determined_is_the_mean_logarithm_of_the_standard_deviations_of_a_fit():
     wanted, prior = 4, np.full(P, 3.0)
     whole = np.vstack([ROWS, np.diag(1.0 / prior)])
     variance = np.linalg.inv(whole.T @ whole)[wanted, wanted]
-    value, _ = d_optimality(ROWS.T @ ROWS, prior, np.array([wanted]))
+    value, _ = d_optimality(INFORMATION, prior, np.array([wanted]))
     assert value == pytest.approx(0.5 * np.log(variance))
 
 
 def test_a_separation_is_what_a_refit_of_the_rival_leaves():
     """Brute force: the hidden change as data, the rival and the nuisance fitted to it with their priors."""
     case = HIDDEN[0]
-    left, _ = case.refitted(ROWS.T @ ROWS, PRIOR)
+    left, _ = case.refitted(INFORMATION, PRIOR)
     for change in (np.array([1.0, 0.0]), np.array([-0.3, 2.0])):
         X = np.vstack([ROWS[:, case.fitted], np.diag(1.0 / PRIOR[case.fitted])])
         data = np.concatenate([ROWS[:, case.own] @ change, np.zeros(len(case.fitted))])
@@ -185,10 +168,10 @@ def test_a_separation_is_what_a_refit_of_the_rival_leaves():
         assert float(np.sum((data - X @ refit) ** 2)) == pytest.approx(change @ left @ change)
     angles = np.linspace(0.0, np.pi, 400)
     smallest = min(d @ left @ d for d in np.column_stack([np.cos(angles), np.sin(angles)]))
-    assert case.separation(ROWS.T @ ROWS, PRIOR) == pytest.approx(smallest, rel=1e-3)
+    assert case.separation(INFORMATION, PRIOR) == pytest.approx(smallest, rel=1e-3)
 
 
 def test_conditioned_is_the_condition_number_of_the_regression():
     independent, typical = np.array([0, 1, 3, 4]), np.linspace(0.5, 2.0, P)
     X = ROWS[:, independent] / typical[independent]
-    assert log_condition(ROWS.T @ ROWS, typical, independent)[0] == pytest.approx(np.log(np.linalg.cond(X)))
+    assert log_condition(INFORMATION, typical, independent)[0] == pytest.approx(np.log(np.linalg.cond(X)))

@@ -25,16 +25,12 @@ from armdyn.run import Channel, Run, read_run
 from ..arm.conftest import RECORDINGS
 
 OF_THE_SIGNAL = ("gap", "frozen", "repeated", "glitches", "saturated", "noise", "jitter", "counts lost", "no motion")
-
-
 OF_AN_ARM = (
     "all in degrees", "rates in degrees", "rates in rpm", "mN m", "N cm", "all torques negated", "one torque negated",
     "rate negated", "torques late", "torques early", "rates late", "rates of other joints", "rates too slow",
     "one position negated", "all positions negated", "a quarter turn", "half a turn", "torques exchanged",
     "positions exchanged", "joints exchanged", "reversed torques", "shifted torques", "shifted joints",
 )  # fmt: skip
-
-
 PLACES = ("ceiling", "wall", "other wall", "slope", "gravity taken out")
 
 
@@ -76,9 +72,8 @@ def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
     mended = found.corrected()[made[name].run.name].of(made[name].run)
     for channel, right in sound.run.channels.items():
         np.testing.assert_allclose(mended.channels[channel].value, right.value, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(
-            mended.channels[channel].time, right.time, atol=0.01
-        )  # torques are late in themselves
+        # Torques are late in themselves.
+        np.testing.assert_allclose(mended.channels[channel].time, right.time, atol=0.01)
 
 
 @pytest.mark.parametrize("real", sound_recordings.SOUND)
@@ -149,7 +144,10 @@ def test_without_a_model_rates_tell_their_units(made):
     assert_named(made["rates in degrees"], inspected([made["rates in degrees"].run]))
 
 
-@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
+here = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
+
+
+@here
 @pytest.mark.parametrize(
     ("folder", "urdf", "robot"),
     [("arm_dfki_double", "double_pendulum_C1.urdf", None), ("arm_gen3", "gen3.urdf", None),
@@ -162,21 +160,17 @@ def test_real_recordings_of_arms_are_never_called_wrong(folder, urdf, robot):
         assert inspected([run], model).usable, file
 
 
-@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
+@here
 def test_real_recordings_of_pendulums_are_never_called_wrong():
     for file in sorted(RECORDINGS.glob("pend*/*.csv")):
         assert inspected([read_run(file)], pendulum_model(0.35, 0.1)).usable, file
 
 
 T = np.arange(0.0, 1.0, 0.01)
-
-
 READINGS = st.builds(
     Reading, st.sampled_from(["q.a", "q.b"]), st.sampled_from([-1.0, 1.0, 1e-3, 57.3]), st.floats(-2, 2),
     st.sampled_from([0.0, 0.1, -0.2]),
 )  # fmt: skip
-
-
 CORRECTIONS = st.builds(Correction, st.dictionaries(st.sampled_from(["q.a", "q.b"]), READINGS))
 
 
