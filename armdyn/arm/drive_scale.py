@@ -147,7 +147,7 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
         servo = found[name]
         if servo.gain is not None and servo.gain.std is None:
             continue
-        unit = gain_unit(servo.law, arm.slides[arm.joints.index(servo.joints[0])])
+        unit = gain_unit(servo.law, arm.sliding[servo.joints[0]])
         if not 0.0 < std < compliance:
             raise InputError(
                 f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of "

@@ -122,12 +122,12 @@ class PreparedRun(Run):
 
     @property
     def recording(self) -> Run:
-        """See `Run.recording`."""
+        """The recording; see `Run.recording`."""
         return self.original
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """See `Run.preparations`."""
+        """Processing by torque channel; see `Run.preparations`."""
         return self.done
 
 

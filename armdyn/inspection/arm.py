@@ -159,7 +159,7 @@ class ArmRun:
 
     def slides(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
-        return self.model.arm.slides[self.model.arm.joints.index(joint)]
+        return self.model.arm.sliding[joint]
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
