@@ -88,6 +88,6 @@ def shoot(simulator: Simulator, path: Path, edges: np.ndarray, theta: np.ndarray
             by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
             sensitivities[target] = by.transpose(0, 2, 1)
         ends[these] = state.T
-        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
+        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, len(s.active)).transpose(1, 0, 2)
     by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
     return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)

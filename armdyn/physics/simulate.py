@@ -75,22 +75,6 @@ class Rollout(NamedTuple):
     sensitivities: np.ndarray
 
 
-def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-    """The outputs of a system without states, which is algebraic at every node; for the arguments see `Simulator`."""
-    nodes, _, _ = path.rows(system.inputs)
-    at, K = _algebra(system), nodes.shape[1]
-    values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
-    rows = [system.outputs.index(name) for name in channels]
-    by_theta = slopes.T.reshape(K, len(theta), len(system.outputs)).transpose(0, 2, 1)
-    return Rollout(np.zeros((K, 0)), np.zeros((0, len(theta))), values.T[:, rows], by_theta[:, rows])
-
-
-def _algebra(system: System) -> ca.Function:
-    w, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
-    y = system.output(ca.SX(0, 1), w, theta)
-    return ca.Function("algebra", [w, theta], [y, ca.densify(ca.vec(ca.jacobian(y, theta)))])
-
-
 class Simulator:
     """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
 

@@ -11,7 +11,7 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, join_channels
 from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
+from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
@@ -141,8 +141,6 @@ class SimulatedModel(Model):
         """Simulate `channels` (None means all) along recorded inputs; `theta` is (p,) in the order of `names`."""
         system, physics = self.system, theta[self.places[1]]
         channels = system.outputs if channels is None else channels
-        if not system.states:
-            return evaluated(system, self.driven_by(path, physics), physics, channels)
         start = (float(theta[self.names.index(name)]) for name in self.start_names)
         return _simulator(system, self.formulation, channels).rollout(self.driven_by(path, physics), physics, *start)
 
