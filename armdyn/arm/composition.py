@@ -3,9 +3,10 @@
 A term that is linear in its parameter, with a factor that depends on the motion alone, is evaluated once per run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,10 +14,10 @@ import numpy as np
 from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import inertial_parameters
-from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
+from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.parameter import RecordedColumn
 from armdyn.readout import Sensor
 
@@ -25,6 +26,37 @@ INPUTS = (
     *("told torque", "told rate", "told total", "told velocity", "voltage"),
 )  # fmt: skip
 DIRECTION, LOAD, TOLD = (INPUTS.index(name) for name in ("direction", "load", "told torque"))
+
+
+class OverTime:
+    """Evaluates (m,) expressions of (15,) symbols of inputs, which change over time, and (k,) symbols of parameters.
+
+    Raises:
+        InputError: an expression contains an operation without a numpy counterpart.
+    """
+
+    def __init__(self, expressions: Any, inputs: Any, theta: Any) -> None:
+        self._function = ca.Function("over_time", [inputs, theta], [ca.densify(expressions)])
+        unknown = unknown_operations(self._function)
+        if unknown:
+            raise InputError(
+                f"an effect uses CasADi operation {min(unknown)}, which cannot be evaluated over a run: write it with "
+                "elementary functions"
+            )
+
+    @cached_property
+    def _evaluate(self) -> Callable[[tuple[np.ndarray, np.ndarray], np.ndarray], None]:
+        lines = numpy_lines(self._function, lambda i, j: f"given[{i}][{j}]", lambda _, j: f"result[{j}]")
+        defined: dict[str, Any] = {"np": np}
+        exec("\n    ".join(["def evaluate(given, result):", *lines, "return"]), defined)
+        return defined["evaluate"]
+
+    def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(m, n) values for (15, n) inputs and (k,) parameters."""
+        result = np.zeros((self._function.size1_out(0), inputs.shape[1]))
+        with np.errstate(all="ignore"):  # a fit may try values without finite results
+            self._evaluate((inputs, theta), result)
+        return result
 
 
 class Term:

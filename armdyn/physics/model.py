@@ -243,14 +243,9 @@ class PhysicsModel(SimulatedModel):
         return {name: row[np.isfinite(row)] for name, row in zip(self.physics.states, np.asarray(found), strict=False)}
 
     @property
-    def guessed(self) -> tuple[str, ...]:
-        """Parameters with guessed values: those of the physics; see `SimulatedModel.guessed`."""
-        return tuple(p.name for p in self.physics.parameters)
-
-    @property
     def first_guesses(self) -> tuple[str, ...]:
         """Parameters with first guesses: all of the physics, and the start; see `Model.first_guesses`."""
-        return (*self.guessed, *self.start_names)
+        return (*(p.name for p in self.physics.parameters), *self.start_names)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """Period of the motion as the physics states it, s; see `SimulatedModel.swing`."""
@@ -259,12 +254,11 @@ class PhysicsModel(SimulatedModel):
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
-        if not self.physics.states:
-            return super().measured_motion(run, times, theta, swing)
+        del theta
         found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
-        return np.column_stack([found[name] for name in self.physics.states])
+        return np.array([found[name] for name in self.physics.states]).reshape(-1, len(times)).T
 
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray

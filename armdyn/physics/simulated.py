@@ -50,9 +50,9 @@ class SimulatedModel(Model):
         """Parameters of the start of the motion, in the order of the simulator."""
 
     @property
+    @abstractmethod
     def forced(self) -> Mapping[int, str | None]:
         """Indices of the `start_names` that a force changes, the speeds, each with its state; None for the only one."""
-        return dict.fromkeys(range(len(self.start_names)))
 
     @property
     @abstractmethod
@@ -71,19 +71,14 @@ class SimulatedModel(Model):
             return lean
         return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
 
-    @property
-    def guessed(self) -> tuple[str, ...]:
-        """Parameters whose values are only guesses, so that a fit starts from other values as well."""
-        return ()
-
+    @abstractmethod
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) start values of the motion at (J,) times, s, from measured channels; None without such channels.
 
         `theta` are (p,) parameters in the order of `names`, and `swing` is the period of the swing, s.
         """
-        del run, theta, swing
-        return None if self.start_names else np.zeros((len(times), 0))
 
+    @abstractmethod
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
@@ -91,8 +86,6 @@ class SimulatedModel(Model):
 
         `motion` are (J, starts) start values at (J,) times, s, and `theta` (p,) parameters in the order of `names`.
         """
-        del run, time, motion, speed, theta
-        return {}
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """Time, s, at which an undriven motion with a period of `swing` s rests; then friction hides all forces."""
