@@ -40,14 +40,14 @@ RIDGE = 1e-10
 """Ridge as a share of a column's square; a coefficient without information stays zero."""
 ROUNDING = 1e-10
 """Size of a column, as a share of the largest, below which it is rounding: gravity on a joint with a vertical axis."""
-MIN_NOISE_RATIO = 6.0
+MIN_FILTER_RATIO = 6.0
 """Amplitude density of the noise below the cut-off over that after the low-pass, median over joints, from which drives
 have a low-pass. Of generated robots it is up to 4 without one, and 10 with one."""
 MIN_JOINTS = 3
 """Number of joints that must show it: the residual of one alone is its model's error as often as a low-pass."""
 MIN_DRIVE_CUTOFF, MAX_DRIVE_CUTOFF_SHARE = 3.0, 0.2
 """Lowest cut-off, Hz, and highest as a share of the sampling rate: below is motion, above too little of the band."""
-CUTOFFS_TRIED = 40
+DRIVE_CUTOFFS_TRIED = 40
 WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Weights of a difference of fourth order, which keeps the variance of white noise."""
 RELATIVE_FREQUENCIES = np.linspace(0.005, 6.0, 1200)
@@ -118,7 +118,7 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
             found[name] = seen
         else:
             alone[name] = seen
-    if len(found) < MIN_JOINTS or np.median([one.ratio for one in found.values()]) < MIN_NOISE_RATIO:
+    if len(found) < MIN_JOINTS or np.median([one.ratio for one in found.values()]) < MIN_FILTER_RATIO:
         return {name: Drive(np.inf, one.noise) for name, one in found.items()}
     cutoff = float(np.median([one.smoothed.cutoff for one in found.values()]))
     below = float(np.median([one.smoothed.noise / one.noise for one in found.values()]))
@@ -252,7 +252,9 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
         variance: (h,) variances of the differences.
         brought_in: (h,) the part of them that the positions' noise causes.
     """
-    cutoffs = np.geomspace(MIN_DRIVE_CUTOFF, max(MAX_DRIVE_CUTOFF_SHARE / apart[0], MIN_DRIVE_CUTOFF), CUTOFFS_TRIED)
+    cutoffs = np.geomspace(
+        MIN_DRIVE_CUTOFF, max(MAX_DRIVE_CUTOFF_SHARE / apart[0], MIN_DRIVE_CUTOFF), DRIVE_CUTOFFS_TRIED
+    )
     wanted = (variance - brought_in) / variance
     fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
     best = int(np.argmin([left for _, left in fits]))

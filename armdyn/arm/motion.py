@@ -11,7 +11,7 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
-from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, Curve
+from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
@@ -69,7 +69,7 @@ class JointCurve:
         moves: (k + 1,) bool, whether it certainly moves between two turns: smoothed positions oscillate after a stop.
     """
 
-    curve: Curve
+    curve: SplineCurve
     choice: Choice
     interval: float
     speed_noise: float

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
-from pathlib import Path as File
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -18,7 +18,7 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
+from armdyn.physics.recorded import InputPath, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
 from armdyn.recording.channels import MIN_SAMPLES
@@ -46,14 +46,14 @@ class PhysicsModel(SimulatedModel):
 
     physics: Physics
     own_effects: tuple[Effect, ...] = ()
-    file: File | None = None
+    file: Path | None = None
 
     @property
     def base(self) -> str:
         """Name of the physics, which is the base of its model."""
         return self.physics.name
 
-    def described(self, folder: File) -> Mapping[str, Any]:
+    def described(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file for this base: the path of the user's file; see `Model.described`.
 
         Raises:
@@ -61,7 +61,7 @@ class PhysicsModel(SimulatedModel):
         """
         if self.file is None:
             raise InputError(f"the physics '{self.base}' comes from no file: read it with load_base to keep its model")
-        return {"base": File(os.path.relpath(self.file, folder.resolve())).as_posix()}
+        return {"base": Path(os.path.relpath(self.file, folder.resolve())).as_posix()}
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -282,7 +282,7 @@ class PhysicsModel(SimulatedModel):
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 
-    def path(self, run: Run) -> Path:
+    def path(self, run: Run) -> InputPath:
         """Recorded inputs on an even grid; see `SimulatedModel.path`."""
         return _recorded(run, self.physics, longest_step(self.physics, self.effects))
 
@@ -302,7 +302,7 @@ class PhysicsModel(SimulatedModel):
 
 
 def physics_model(
-    physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: File | None = None
+    physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: Path | None = None
 ) -> PhysicsModel:
     """Build a model from a physics, with effects at their null values.
 
@@ -354,5 +354,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @cached_with_first_argument
-def _recorded(run: Run, physics: Physics, step: float) -> Path:
+def _recorded(run: Run, physics: Physics, step: float) -> InputPath:
     return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, step)

@@ -12,7 +12,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.shooting import piece_simulator, shoot
 from armdyn.physics.simulate import System
 from armdyn.physics.simulated import SimulatedModel
@@ -40,18 +40,18 @@ class Linearised:
         ends: (J, n) states at the ends of the pieces.
         definition: (2, J, n, k) derivatives of the states at the beginnings and at the ends by these parameters for a
             fixed motion: a momentum is a mass times a rate.
-        samples: samples and predictions by channel; see `Samples`.
+        samples: samples and predictions by channel; see `ChannelSamples`.
     """
 
     transition: np.ndarray
     by_theta: np.ndarray
     ends: np.ndarray
     definition: np.ndarray
-    samples: dict[str, "Samples"]
+    samples: dict[str, "ChannelSamples"]
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class ChannelSamples:
     """The samples of one channel, with their predictions from the pieces.
 
     Attributes:
@@ -87,7 +87,7 @@ class Pieces:
         self.model, self.run = model, run
         self.channels = model.predicted_channels(run)
         self._path = model.path(run)
-        self._driven: tuple[bytes, Path] | None = None
+        self._driven: tuple[bytes, InputPath] | None = None
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
         path = self._path
@@ -217,7 +217,7 @@ class Pieces:
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
-    def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
+    def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, InputPath]:
         physics = theta[self.model.places[1]]
         if self._driven is None or self._driven[0] != physics.tobytes():
             self._driven = physics.tobytes(), self.model.driven_by(self._path, physics)
@@ -266,7 +266,7 @@ class Pieces:
 
     def _samples(
         self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
-    ) -> Samples:
+    ) -> ChannelSamples:
         """Sensor readings of (K, 1 + q + NEXT_TO n) signals at the pieces' nodes, with `wanted` derivatives."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
         read = None
@@ -285,7 +285,7 @@ class Pieces:
             around = these[:, 1 + len(own) :].reshape(len(these), PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
-        return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)
+        return ChannelSamples(self._of[channel], given.time, given.value, value, by_state, by_theta)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 from armdyn.smoothing.even import slope
@@ -104,7 +104,7 @@ class Simulator:
         self._start = Buffered(_start(system, self.active))
         self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
-    def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+    def rollout(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
 
         Args:
@@ -116,7 +116,7 @@ class Simulator:
         outputs, sensitivities = self.with_impulse(found.outputs, found.sensitivities, theta, path.dt)
         return found._replace(outputs=outputs, sensitivities=sensitivities)
 
-    def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+    def integrated(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
         inputs, step = path.packed(self.system.inputs, STEPS_PER_CALL)
         starts, (width, padded) = self.system.starts, inputs.shape

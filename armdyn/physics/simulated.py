@@ -10,7 +10,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, join_channels
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
@@ -117,10 +117,10 @@ class SimulatedModel(Model):
         """Identifier of the equations; models that share it differ only in numbers."""
 
     @abstractmethod
-    def path(self, run: Run) -> Path:
+    def path(self, run: Run) -> InputPath:
         """The recorded inputs of a run on an even grid."""
 
-    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
+    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The inputs that drive the motion when `path` was recorded; `physics` is (p,) as `physics_theta`."""
         del physics
         return path.with_columns(self.system.columns)
@@ -130,7 +130,7 @@ class SimulatedModel(Model):
         """Parameters of the equations and sensors, in the order of theta there: all but those of the start."""
         return self.system.names
 
-    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
+    def rollout(self, path: InputPath, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
         """Simulate `channels` (None means all) along recorded inputs; `theta` is (p,) in the order of `names`."""
         system, physics = self.system, theta[self.places[1]]
         channels = system.outputs if channels is None else channels
@@ -160,7 +160,7 @@ class SimulatedModel(Model):
         return self.readings(run, path, self.rollout(path, theta, channels), theta, channels)
 
     def readings(
-        self, run: Run, path: Path, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
+        self, run: Run, path: InputPath, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
     ) -> Prediction:
         """Sensor readings of a rollout of `channels` along a path, at the stamps of a run."""
         columns, places = self.places
