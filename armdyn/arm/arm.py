@@ -65,8 +65,13 @@ class Arm:
 
     @cached_property
     def slides(self) -> tuple[bool, ...]:
-        """Whether each joint slides instead of turning."""
+        """Whether each joint slides instead of turning, from base to tool."""
         return tuple("P" in joint.shortname().removeprefix("JointModel") for joint in list(self.model.joints)[1:])
+
+    @cached_property
+    def sliding(self) -> Mapping[str, bool]:
+        """Whether each joint slides instead of turning, by its name."""
+        return dict(zip(self.joints, self.slides, strict=True))
 
     @cached_property
     def described(self) -> np.ndarray:

@@ -11,7 +11,7 @@ from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
 from armdyn.parameter import RecordedColumn
-from armdyn.recording.channels import Channel, Reading
+from armdyn.recording.channels import Channel, DriveReading
 
 OF_BASE = -1
 """Index of the base, in place of a joint's index."""
@@ -133,6 +133,6 @@ class MotionSamples:
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
         enabled, read = (self.extra.get(f"{kind}.{self.model.names[joint + 1]}") for kind in ("enabled", "tau"))
         rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held(m.time) > 0.5).astype(float))
-        told = read.told if isinstance(read, Reading) else np.zeros((0, 0))
+        told = read.told if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

@@ -3,9 +3,10 @@
 A term that is linear in its parameter, with a factor that depends on the motion alone, is evaluated once per run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,10 +14,10 @@ import numpy as np
 from armdyn.arm.memory import InternalStates
 from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
 from armdyn.arm.rigid import inertial_parameters
-from armdyn.arm.vectorised import OverTime
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect, columns_of
 from armdyn.errors import InputError
+from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.parameter import RecordedColumn
 from armdyn.readout import Sensor
 
@@ -24,10 +25,41 @@ INPUTS = (
     "time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on",
     *("told torque", "told rate", "told total", "told velocity", "voltage"),
 )  # fmt: skip
-DIRECTION, LOAD, TOLD = (INPUTS.index(name) for name in ("direction", "load", "told torque"))
+DIRECTION_INPUT, LOAD_INPUT, COMMAND_INPUT = (INPUTS.index(name) for name in ("direction", "load", "told torque"))
 
 
-class Term:
+class OverTime:
+    """Evaluates (m,) expressions of (15,) symbols of inputs, which change over time, and (k,) symbols of parameters.
+
+    Raises:
+        InputError: an expression contains an operation without a numpy counterpart.
+    """
+
+    def __init__(self, expressions: Any, inputs: Any, theta: Any) -> None:
+        self._function = ca.Function("over_time", [inputs, theta], [ca.densify(expressions)])
+        unknown = unknown_operations(self._function)
+        if unknown:
+            raise InputError(
+                f"an effect uses CasADi operation {min(unknown)}, which cannot be evaluated over a run: write it with "
+                "elementary functions"
+            )
+
+    @cached_property
+    def _evaluate(self) -> Callable[[tuple[np.ndarray, np.ndarray], np.ndarray], None]:
+        lines = numpy_lines(self._function, lambda i, j: f"given[{i}][{j}]", lambda _, j: f"result[{j}]")
+        defined: dict[str, Any] = {"np": np}
+        exec("\n    ".join(["def evaluate(given, result):", *lines, "return"]), defined)
+        return defined["evaluate"]
+
+    def __call__(self, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(m, n) values for (15, n) inputs and (k,) parameters."""
+        result = np.zeros((self._function.size1_out(0), inputs.shape[1]))
+        with np.errstate(all="ignore"):  # a fit may try values without finite results
+            self._evaluate((inputs, theta), result)
+        return result
+
+
+class TorqueTerm:
     """A torque over time: linear columns times their parameters, and a nonlinear rest.
 
     Args:
@@ -55,7 +87,7 @@ class Term:
     ) -> None:
         self.recorded = recorded
         derivative, z = ca.jacobian(expression, theta), remembered.symbols
-        state = ca.vertcat(theta, inputs[LOAD], z)
+        state = ca.vertcat(theta, inputs[LOAD_INPUT], z)
         self._remembered = remembered if z.numel() and ca.depends_on(expression, z) else None
         through = remembered.depends if self._remembered is not None else np.zeros(theta.numel(), dtype=bool)
         used = [i for i in range(theta.numel()) if derivative[0, i].nnz() or through[i]]
@@ -63,11 +95,15 @@ class Term:
         self.nonlinear = tuple(i for i in used if i not in self.linear)
         rest = ca.substitute(expression, _part(theta, self.linear), ca.SX.zeros(len(self.linear)))
         rest = ca.simplify(rest)
-        self.loaded = bool(ca.depends_on(expression, inputs[LOAD]))
+        self.loaded = bool(ca.depends_on(expression, inputs[LOAD_INPUT]))
         self.has_rest = bool(self.nonlinear) or not rest.is_zero()
         self.empty = not self.linear and not self.has_rest
         self._columns = OverTime(_part(derivative.T, self.linear), inputs, theta)
-        outputs = [rest, *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear), ca.jacobian(rest, inputs[LOAD])]
+        outputs = [
+            rest,
+            *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear),
+            ca.jacobian(rest, inputs[LOAD_INPUT]),
+        ]
         if self._remembered is not None:
             outputs += ca.horzsplit(ca.jacobian(rest, z))
             inputs = ca.vertcat(inputs, z)
@@ -154,9 +190,9 @@ class JointFunctions:
     """
 
     names: tuple[str, ...]
-    torque: tuple[Term, ...]
-    inner_torque: Term
-    offset: Term
+    torque: tuple[TorqueTerm, ...]
+    inner_torque: TorqueTerm
+    offset: TorqueTerm
     sensor: Sensor
     link: Change | None
     remembers: bool
@@ -189,8 +225,8 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     columns = columns_of(effects)
     inputs, shape = ca.SX.sym("w", len(INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
-    time, q, v, a, direction, load, *inner, on = symbols[:TOLD]
-    told = Told(*symbols[TOLD : len(INPUTS)])
+    time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT]
+    told = Told(*symbols[COMMAND_INPUT : len(INPUTS)])
     recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
     before, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
     joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)
@@ -212,8 +248,8 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     return JointFunctions(
         names=names,
         torque=_terms(added, inputs, theta, remembered, columns),
-        inner_torque=Term(joint.inner_torque, inputs, theta, remembered, columns),
-        offset=Term(joint.offset, inputs, theta, remembered, columns),
+        inner_torque=TorqueTerm(joint.inner_torque, inputs, theta, remembered, columns),
+        offset=TorqueTerm(joint.offset, inputs, theta, remembered, columns),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
         link=Change(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
         remembers=bool(joint.memory),
@@ -226,12 +262,12 @@ def _terms(
     theta: Expression,
     remembered: InternalStates,
     columns: tuple[RecordedColumn, ...],
-) -> tuple[Term, ...]:
+) -> tuple[TorqueTerm, ...]:
     """One term for all that is linear, and one for each expression that is not."""
-    terms = [Term(expression, inputs, theta, remembered, columns) for expression in added]
+    terms = [TorqueTerm(expression, inputs, theta, remembered, columns) for expression in added]
     linear = [expression for expression, term in zip(added, terms, strict=True) if not term.has_rest]
     rest = [term for term in terms if term.has_rest]
-    return (Term(sum(linear, ca.SX(0)), inputs, theta, remembered, columns), *rest)
+    return (TorqueTerm(sum(linear, ca.SX(0)), inputs, theta, remembered, columns), *rest)
 
 
 def _part(vector: Expression, indices: Sequence[int]) -> Expression:

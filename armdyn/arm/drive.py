@@ -40,14 +40,14 @@ RIDGE = 1e-10
 """Ridge as a share of a column's square; a coefficient without information stays zero."""
 ROUNDING = 1e-10
 """Size of a column, as a share of the largest, below which it is rounding: gravity on a joint with a vertical axis."""
-MIN_NOISE_RATIO = 6.0
+MIN_FILTER_RATIO = 6.0
 """Amplitude density of the noise below the cut-off over that after the low-pass, median over joints, from which drives
 have a low-pass. Of generated robots it is up to 4 without one, and 10 with one."""
 MIN_JOINTS = 3
 """Number of joints that must show it: the residual of one alone is its model's error as often as a low-pass."""
 MIN_DRIVE_CUTOFF, MAX_DRIVE_CUTOFF_SHARE = 3.0, 0.2
 """Lowest cut-off, Hz, and highest as a share of the sampling rate: below is motion, above too little of the band."""
-CUTOFFS_TRIED = 40
+DRIVE_CUTOFFS_TRIED = 40
 WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Weights of a difference of fourth order, which keeps the variance of white noise."""
 RELATIVE_FREQUENCIES = np.linspace(0.005, 6.0, 1200)
@@ -103,7 +103,7 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
         model: the described arm.
         frequencies: (f,) frequencies of the torques' spectra, Hz.
     """
-    found, alone, most = dict[str, _Seen](), dict[str, float](), MAX_NOISE_SAMPLES // len(recordings)
+    most = MAX_NOISE_SAMPLES // len(recordings)
 
     @lru_cache(maxsize=2 * len(recordings))
     def moved(recording: int, stamps: bytes) -> MotionSamples:
@@ -111,41 +111,34 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
         time = np.frombuffer(stamps)
         return MotionSamples(model, recordings[recording].motion.at(time), time)
 
+    noises: dict[str, _Noise] = {}
     for name in dict.fromkeys(name for recorded in recordings for name in recorded.torques):
         torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
-        seen = _seen(torques, moved, frequencies, most)
-        if isinstance(seen, _Seen):
-            found[name] = seen
-        else:
-            alone[name] = seen
-    if len(found) < MIN_JOINTS or np.median([one.ratio for one in found.values()]) < MIN_NOISE_RATIO:
-        return {name: Drive(np.inf, one.noise) for name, one in found.items()}
-    cutoff = float(np.median([one.smoothed.cutoff for one in found.values()]))
-    below = float(np.median([one.smoothed.noise / one.noise for one in found.values()]))
-    drives = {name: one.smoothed._replace(cutoff=cutoff) for name, one in found.items()}
-    return drives | {name: Drive(cutoff, below * noise) for name, noise in alone.items() if noise > 0.0}
+        noises[name] = _noise(torques, moved, frequencies, most)
+    shown = {name: (one.std, one.filtered) for name, one in noises.items() if one.filtered is not None}
+    if len(shown) < MIN_JOINTS or np.median([noises[name].ratio for name in shown]) < MIN_FILTER_RATIO:
+        return {name: Drive(np.inf, std) for name, (std, _) in shown.items()}
+    cutoff = float(np.median([drive.cutoff for _, drive in shown.values()]))
+    below = float(np.median([drive.noise / std for std, drive in shown.values()]))
+    drives = {name: Drive(cutoff, drive.noise) for name, (_, drive) in shown.items()}
+    others = {name: one.std for name, one in noises.items() if one.filtered is None and one.std > 0.0}
+    return drives | {name: Drive(cutoff, below * std) for name, std in others.items()}
 
 
-class _Seen(NamedTuple):
-    """Noise of one torque.
+class _Noise(NamedTuple):
+    """Noise of a torque: without a low-pass its standard deviation; else the low-pass, and the densities' ratio."""
 
-    Attributes:
-        noise: standard deviation without a low-pass.
-        smoothed: the low-pass, if there is one.
-        ratio: amplitude density of the noise below the cut-off over that above.
-    """
-
-    noise: float
-    smoothed: Drive
-    ratio: float
+    std: float
+    filtered: Drive | None = None
+    ratio: float = 0.0
 
 
-def _seen(
+def _noise(
     torques: Sequence[tuple[int, Torque]],
     moved: Callable[[int, bytes], MotionSamples],
     frequencies: np.ndarray,
     most: int,
-) -> _Seen | float:
+) -> _Noise:
     """Noise of one joint's torques; of too few samples only the noise that neighbouring ones show.
 
     Args:
@@ -172,7 +165,7 @@ def _seen(
     uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording
     used = np.convolve(uncertain, np.ones(2 * round(UNCERTAIN_SECONDS / step) + 1), "same")[: len(uncertain)] < 0.5
     apart = DISTANCES[DISTANCES * step <= MAX_DISTANCE_SECONDS]
-    alone = _level(np.concatenate(values), np.ones(len(used), dtype=bool), 1)
+    alone = _Noise(_level(np.concatenate(values), np.ones(len(used), dtype=bool), 1))
     if np.count_nonzero(used) < MIN_NOISE_SAMPLES or len(apart) < 3:
         return alone
     of_links = np.concatenate([part.regressor[:, joint, joint:] for part in parts]).reshape(len(used), -1)
@@ -185,9 +178,9 @@ def _seen(
         return alone
     own_noise, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
     below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
-    noise = float(np.sqrt(variance[0] - brought_in[0]))
     ratio = below / max(own_noise, np.finfo(float).tiny)
-    return _Seen(noise, Drive(cutoff, float(np.hypot(own_noise, below))), ratio)
+    std = float(np.sqrt(variance[0] - brought_in[0]))
+    return _Noise(std, Drive(cutoff, float(np.hypot(own_noise, below))), ratio)
 
 
 def _one_after_the_other(motions: Sequence[Motion], step: float) -> Motion:
@@ -252,7 +245,9 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
         variance: (h,) variances of the differences.
         brought_in: (h,) the part of them that the positions' noise causes.
     """
-    cutoffs = np.geomspace(MIN_DRIVE_CUTOFF, max(MAX_DRIVE_CUTOFF_SHARE / apart[0], MIN_DRIVE_CUTOFF), CUTOFFS_TRIED)
+    cutoffs = np.geomspace(
+        MIN_DRIVE_CUTOFF, max(MAX_DRIVE_CUTOFF_SHARE / apart[0], MIN_DRIVE_CUTOFF), DRIVE_CUTOFFS_TRIED
+    )
     wanted = (variance - brought_in) / variance
     fits = [nnls(np.column_stack([1.0 / variance, _shared(cutoff * apart) / variance]), wanted) for cutoff in cutoffs]
     best = int(np.argmin([left for _, left in fits]))

@@ -61,8 +61,8 @@ MAX_LIMIT_SHARE = 0.95
 MODEL_ERROR_FACTOR = 3.0
 """Factor on the standard deviations for frictions that no column describes: gains of a Go2's thighs had errors of 28 %
 with a standard deviation of 2 to 3 %; the reported one of an SO-101 hardly changes by it."""
-LOAD_FRICTION, OWN = 4, 7
-CARRIED = slice(OWN, OWN + SIZE)
+LOAD_FRICTION, OWN_COLUMNS = 4, 7
+CARRIED = slice(OWN_COLUMNS, OWN_COLUMNS + SIZE)
 """Columns: that of the friction in proportion to the load, the number of a joint's own, and those of the load."""
 USUAL_MASS, USUAL_DISTANCE = payload.quantities["mass"].typical, payload.quantities["x"].spread or 0.0
 USUAL_LOAD = USUAL_MASS * USUAL_DISTANCE ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
@@ -81,7 +81,7 @@ RELATIVE_ROUNDING = 1e-12
 that of gravity on a joint with a vertical axis."""
 MIN_SERVO_CORRELATION, MAX_SERVO_LAGS = 0.05, 60
 """Autocorrelation of a residual from which on it counts in the correlation time, and the largest number of lags."""
-NOT_NEGATIVE = (True, True, True, True, True, False, True, True) + (SIZE - 1) * (False,)
+NOT_NEGATIVE_COLUMNS = (True, True, True, True, True, False, True, True) + (SIZE - 1) * (False,)
 """Whether the coefficient of each column is not negative."""
 
 
@@ -147,7 +147,7 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
         servo = found[name]
         if servo.gain is not None and servo.gain.std is None:
             continue
-        unit = gain_unit(servo.law, arm.slides[arm.joints.index(servo.joints[0])])
+        unit = gain_unit(servo.law, arm.sliding[servo.joints[0]])
         if not 0.0 < std < compliance:
             raise InputError(
                 f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of "
@@ -240,7 +240,7 @@ def _own_regression(X: np.ndarray, y: np.ndarray) -> tuple[float, float, tuple[f
     if len(y) <= X.shape[1] or not np.any(y):
         return 0.0, 0.0, (0.0, np.inf)
     A = X.T @ X
-    solution = _bounded(A, X.T @ y, NOT_NEGATIVE)
+    solution = _bounded(A, X.T @ y, NOT_NEGATIVE_COLUMNS)
     residual = y - X @ solution.x
     lags = min(MAX_SERVO_LAGS, len(y) // 4)
     correlated = correlation_time([residual - residual.mean()], lags, MIN_SERVO_CORRELATION)
@@ -299,9 +299,11 @@ class _JointFit:
         self._rows, self._kinds, self._gains = rows, list(gains), gains
         count = len(gains)
         self._first = first = count + SIZE
-        values = np.zeros(first + (OWN - 1) * len(rows))
+        values = np.zeros(first + (OWN_COLUMNS - 1) * len(rows))
         values[:count] = [_first_guess(rows, kind, gain) for kind, gain in gains.items()]
-        positive = [True] * count + list(NOT_NEGATIVE[CARRIED]) + list(NOT_NEGATIVE[1:OWN]) * len(rows)
+        positive = (
+            [True] * count + list(NOT_NEGATIVE_COLUMNS[CARRIED]) + list(NOT_NEGATIVE_COLUMNS[1:OWN_COLUMNS]) * len(rows)
+        )
         load = np.zeros(len(values), dtype=bool)
         load[count:first] = True
         for _ in range(GAUSS_NEWTON_STEPS):
@@ -330,14 +332,14 @@ class _JointFit:
             use = row.part != left_out
             A += X[use].T @ X[use]
             b += X[use].T @ y[use]
-            friction = self._first + (OWN - 1) * k + LOAD_FRICTION - 1
+            friction = self._first + (OWN_COLUMNS - 1) * k + LOAD_FRICTION - 1
             A[friction, friction] += 1.0 / (USUAL_LOAD_FRICTION * values[self._kinds.index(row.drive)]) ** 2
         return A, b
 
     def _linearised(self, k: int, values: np.ndarray, carried: bool) -> tuple[np.ndarray, np.ndarray]:
         """(n, unknowns) derivatives and (n,) right-hand side of a joint, in units of its noise."""
         row, i = self._rows[k], self._kinds.index(self._rows[k].drive)
-        own, first = OWN - 1, self._first
+        own, first = OWN_COLUMNS - 1, self._first
         m, P, X = values[len(self._kinds) : first], row.X[:, CARRIED], np.zeros((len(row.y), len(values)))
         X[:, i] = row.X[:, 0] + P @ m
         X[:, len(self._kinds) : first] = values[i] * P if carried else 0.0

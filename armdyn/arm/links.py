@@ -15,7 +15,7 @@ radius of gyration, their product, or mean moment of inertia. Beyond it a value 
 MAX_MASS_RATIO = 5.0
 """Largest ratio of a link's mass to that in the URDF, or its inverse, for a wrong description: beyond it the mass
 represents something else, or is not identifiable."""
-QUANTITIES = (
+LINK_QUANTITIES = (
     ("mass", "kg"),
     *((f"centre_{axis}", "m") for axis in "xyz"),
     *((f"inertia_{axes}", "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
@@ -30,7 +30,7 @@ class LinkQuantity:
     """One value of a link.
 
     Attributes:
-        name: a name of `QUANTITIES`.
+        name: a name of `LINK_QUANTITIES`.
         unit: its SI unit.
         described: value in the URDF.
         value: value in the model.
@@ -52,7 +52,7 @@ class LinkChange:
 
     Attributes:
         joint: joint that moves it.
-        quantities: its values, in the order of `QUANTITIES`.
+        quantities: its values, in the order of `LINK_QUANTITIES`.
         physical: whether a body with these inertial parameters can exist.
     """
 
@@ -104,7 +104,7 @@ def link_changes(
         quantities = tuple(
             LinkQuantity(name, unit, float(d), float(v), float(s), bool(m and a < MAX_STD_SHARE * size))
             for (name, unit), d, v, s, a, size, m in zip(
-                QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
+                LINK_QUANTITIES, _described_by(described)[0], value, std, alone, sizes, moves, strict=True
             )
         )
         found.append(LinkChange(model.arm.joints[i], quantities, is_physical(inertial)))
@@ -127,7 +127,7 @@ def _sizes(value: np.ndarray) -> np.ndarray:
 
 
 def _described_by(inertial: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(13,) `QUANTITIES` of (10,) inertial parameters, and (13, 10) the derivatives.
+    """(13,) `LINK_QUANTITIES` of (10,) inertial parameters, and (13, 10) the derivatives.
 
     c = h / m, I_c = I - m (|c|^2 1 - c c'); a link without mass has its centre at the origin.
     """

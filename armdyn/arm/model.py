@@ -69,8 +69,7 @@ class ArmModel(Model):
 
     def described(self, folder: Path) -> Mapping[str, Any]:
         """Entries for the arm's file or name, and its drives; see `Model.described`."""
-        slides = dict(zip(self.arm.joints, self.arm.slides, strict=True))
-        drives = {name: servo.entries(slides[servo.joints[0]]) for name, servo in self.drives.items()}
+        drives = {name: servo.entries(self.arm.sliding[servo.joints[0]]) for name, servo in self.drives.items()}
         own = {**super().described(folder), **({"drives": drives} if drives else {})}
         if self.arm.file is None:
             return own
@@ -142,8 +141,7 @@ class ArmModel(Model):
 
     def with_drives(self, table: Mapping[str, Any]) -> Self:
         """The model with the drives of a table ``[drives]``; see `read_drives`."""
-        slides = dict(zip(self.arm.joints, self.arm.slides, strict=True))
-        return replace(self, drives=MappingProxyType(read_drives(table, slides))) if table else self
+        return replace(self, drives=MappingProxyType(read_drives(table, self.arm.sliding))) if table else self
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
         """Joints on which an effect can act, ``("",)`` for one on the base; see `Model.reachable`.
@@ -200,7 +198,7 @@ class ArmModel(Model):
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Position, velocity and acceleration of every joint; see `Model.covariates`."""
         del theta
-        return motion_channels(run, self.arm.joints, self.arm.slides)
+        return motion_channels(run, self.arm.sliding)
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
         """The measured torques, with their joints; see `Model.force_channels`."""
@@ -208,7 +206,7 @@ class ArmModel(Model):
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
         """The measured torques of the arm's joints; see `Model.predicted_channels`."""
-        return torque_channels(run, self.arm.joints, self.arm.slides, self.arm.carried)
+        return torque_channels(run, self.arm.sliding, self.arm.carried)
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run with low-passed and thinned torques, or the given run if it is prepared; see `Model.prepared`."""

@@ -1,6 +1,6 @@
 """The motion of an arm in a run: positions, smoothed according to their noise and differentiated."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
-from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, Curve
+from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
@@ -69,7 +69,7 @@ class JointCurve:
         moves: (k + 1,) bool, whether it certainly moves between two turns: smoothed positions oscillate after a stop.
     """
 
-    curve: Curve
+    curve: SplineCurve
     choice: Choice
     interval: float
     speed_noise: float
@@ -184,43 +184,42 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     return seen & (way_there > noise)
 
 
-def motion_channels(run: Run, joints: Sequence[str], slides: Sequence[bool]) -> dict[str, Channel]:
+def motion_channels(run: Run, sliding: Mapping[str, bool]) -> dict[str, Channel]:
     """Position ``q``, velocity ``v`` and acceleration ``a`` of every joint, at the stamps of the first one's position.
+
+    `sliding` is whether each joint slides, by its name.
 
     Raises:
         InputError: a position is missing, or its samples are too few.
     """
-    motion = measured_motion(run.recording, tuple(joints))
-    first = run.recording.channels[f"q.{joints[0]}"]
+    motion = measured_motion(run.recording, tuple(sliding))
+    first = run.recording.channels[f"q.{next(iter(sliding))}"]
     time = first.time[(first.time >= motion.start) & (first.time <= motion.end)]
     at = motion.at(time)
-    units = ["m" if slide else "rad" for slide in slides]
     return {
-        f"{kind}.{joint}": Channel(time, values[:, i], f"{unit}{per}")
-        for i, (joint, unit) in enumerate(zip(joints, units, strict=True))
+        f"{kind}.{joint}": Channel(time, values[:, i], f"{'m' if slides else 'rad'}{per}")
+        for i, (joint, slides) in enumerate(sliding.items())
         for kind, values, per in (("q", at.q, ""), ("v", at.v, "/s"), ("a", at.a, "/s^2"))
     }
 
 
-def torque_channels(
-    run: Run, joints: Sequence[str], slides: Sequence[bool], carried: Collection[str] = ()
-) -> tuple[str, ...]:
+def torque_channels(run: Run, sliding: Mapping[str, bool], carried: Collection[str]) -> tuple[str, ...]:
     """Channels with the torques of an arm's joints, without those of `carried` joints.
 
     Raises:
         InputError: the run has no such torque, or lacks a position, or one is in the unit of another kind of joint.
     """
-    asked = [joint for joint in joints if joint not in carried]
+    asked = [joint for joint in sliding if joint not in carried]
     channels = tuple(f"tau.{joint}" for joint in asked if f"tau.{joint}" in run.channels)
     where = run.source or run.name
     if not channels:
         raise InputError(
             f"{where}: holds no torque of {', '.join(asked)}, so there is nothing to compare: record 'tau.<joint>'"
         )
-    for joint, sliding in zip(joints, slides, strict=True):
+    for joint, slides in sliding.items():
         unit = _position(run, joint).unit
-        if (unit == "m") != sliding:
-            moves = "slides" if sliding else "turns"
+        if (unit == "m") != slides:
+            moves = "slides" if slides else "turns"
             raise InputError(f"{where}: 'q.{joint}' is in {unit}, but the joint {moves}: mend the column's unit")
     return channels
 

@@ -6,15 +6,15 @@ import numpy as np
 
 from armdyn.arm.arm import Arm
 from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
-from armdyn.arm.composition import LOAD, JointFunctions, Term
+from armdyn.arm.composition import LOAD_INPUT, JointFunctions, TorqueTerm
 from armdyn.arm.drive import Drive, Recorded, smoothing_drives
 from armdyn.arm.motion import MeasuredMotion, standing_joints
 from armdyn.arm.prepared import FREQUENCIES, PreparedRun, direction_known, interior, motion_in, prepare, recorded
-from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, Signal
+from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, TorqueSum
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.readout import Interpolated, LowPassed, Sampler
-from armdyn.recording.channels import Reading
+from armdyn.recording.channels import DriveReading
 from armdyn.recording.spikes import without_spikes
 from armdyn.run import Channel, Run
 
@@ -84,7 +84,7 @@ class ChannelPredictor:
         *,
         of_bodies: bool = True,
         of_joints: bool = True,
-    ) -> Signal:
+    ) -> TorqueSum:
         """The sensor's reading without lag and delay: the sum of rigid bodies and effects in the joints."""
         j, own = self._joint, functions[self._joint]
         outer = [
@@ -95,7 +95,7 @@ class ChannelPredictor:
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
         if bodies.gravity is not None:
             widths[OF_BASE] = bodies.derivatives[OF_BASE].shape[1]
-        total = Signal(len(reduced.described), widths)
+        total = TorqueSum(len(reduced.described), widths)
         if of_bodies:
             total.value += reduced.described
         if of_joints:
@@ -118,7 +118,7 @@ class ChannelPredictor:
         return total
 
     def _add_gravity(
-        self, total: Signal, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: Reduction
+        self, total: TorqueSum, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: Reduction
     ) -> None:
         """Add the torque by the change of gravity."""
         columns = reduced.per_gravity
@@ -132,7 +132,7 @@ class ChannelPredictor:
         total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
 
     def _add(
-        self, total: Signal, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
+        self, total: TorqueSum, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
     ) -> None:
         """Add a term of a joint's functions."""
         if term.empty:
@@ -152,7 +152,9 @@ class ChannelPredictor:
             for i, slopes in rest.slopes.items():
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
-    def _rest(self, term: Term, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction) -> NonlinearTerm:
+    def _rest(
+        self, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
+    ) -> NonlinearTerm:
         """Nonlinear rest of a term; the last one is reused while the values that it depends on do not change."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
         changes = [bodies.links[i] for i in carried]
@@ -165,7 +167,7 @@ class ChannelPredictor:
         inputs = reduced.inputs(joint, term.recorded)
         if changes:
             inputs = inputs.copy()
-            inputs[LOAD] += reduced.signal(self._stretch.rigid(joint, bodies))
+            inputs[LOAD_INPUT] += reduced.signal(self._stretch.rigid(joint, bodies))
         rest = term.rest(inputs, theta)
         per_load, slopes = rest[:, -1:], {}
         if per_load.any():
@@ -254,5 +256,7 @@ def _stretch(run: Run, arm: Arm, name: str) -> MotionSamples:
     motion = motion_in(run, arm.joints)
     time = channel.time if recording is run else channel.time[interior(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
-    drives = {key: c for key, c in recording.channels.items() if key.startswith("enabled.") or isinstance(c, Reading)}
+    drives = {
+        key: c for key, c in recording.channels.items() if key.startswith("enabled.") or isinstance(c, DriveReading)
+    }
     return MotionSamples(arm.model, motion.at(time), time - start, {**recording.extra, **drives})

@@ -21,11 +21,11 @@ from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
-from armdyn.recording.channels import MIN_SAMPLES, Channel, Reading
+from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
 from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, Curve, LowPass, Samples
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineCurve, SplineSamples
 
 STIFF_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
@@ -122,12 +122,12 @@ class PreparedRun(Run):
 
     @property
     def recording(self) -> Run:
-        """See `Run.recording`."""
+        """The recording; see `Run.recording`."""
         return self.original
 
     @property
     def preparations(self) -> Mapping[str, Preparation]:
-        """See `Run.preparations`."""
+        """Processing by torque channel; see `Run.preparations`."""
         return self.done
 
 
@@ -152,7 +152,7 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
         if name in run.channels:
             run.require_informative(name)
             stamps, values = _inside(run, name, motion)
-            reading = isinstance(run.channels[name], Reading)
+            reading = isinstance(run.channels[name], DriveReading)
             physics = _physics(model, motion, j, stamps) if reading else np.zeros((0, 0))
             torques[name] = Torque(j, stamps, values, brought_in[j], physics)
     return Recorded(torques, motion)
@@ -171,7 +171,7 @@ def prepare(
         standing: whether each joint mostly rests in all recordings together.
     """
     # At rest a drive's reading is held by friction of any size, up to breakaway.
-    reading = [isinstance(run.channels.get(f"tau.{joint}"), Reading) for joint in joints]
+    reading = [isinstance(run.channels.get(f"tau.{joint}"), DriveReading) for joint in joints]
     stands = [still and not reads for still, reads in zip(standing, reading, strict=True)]
     motion = own.motion.standing(stands)
     channels, noise, preparations, at_rest = dict(run.channels), dict(run.noise), {}, set[str]()
@@ -181,7 +181,7 @@ def prepare(
         drive = drives.get(name, Drive(np.inf, choice.noise))
         smoothed = bool(np.isfinite(drive.cutoff))
         cutoff = min(cutoff, WITHIN * drive.cutoff)
-        if isinstance(raw, Reading):
+        if isinstance(raw, DriveReading):
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
         known = direction_known(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
@@ -191,13 +191,13 @@ def prepare(
             motion = motion.standing(stands)
             known = direction_known(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
-        low = LowPass(Samples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
+        low = LowPass(SplineSamples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
         # The noise is that of the recording at its own rate, because thinned samples vary too much to show it. To a
         # smooth curve steps of friction look like noise; behind a low-pass there is more noise than samples show.
         sensor = run.noise.get(name) or (drive.noise if smoothed else min(drive.noise, choice.noise))
         noise[name] = float(np.sqrt(low.noise_gain(time) * sensor**2 + _below(cutoff, brought_in)))
-        if isinstance(raw, Reading):
+        if isinstance(raw, DriveReading):
             left = _unexplained(low.curve(physics[known])(time), channels[name].value)
             if left < MAX_UNEXPLAINED_SHARE * float(np.std(values)):
                 noise[name] = float(np.hypot(max(noise[name], left), raw.off))
@@ -338,7 +338,7 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     return time[~beside]
 
 
-def _smooth_channels(q: Channel, joint: str, curve: Curve) -> dict[str, Channel]:
+def _smooth_channels(q: Channel, joint: str, curve: SplineCurve) -> dict[str, Channel]:
     units = (q.unit, f"{q.unit}/s", f"{q.unit}/s^2")
     return {
         f"{kind}.{joint}": Channel(q.time, curve(q.time, k)[:, 0], unit)

@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 from armdyn.arm.drives import Servo
 from armdyn.arm.motion import measured_motion
 from armdyn.kept import cached_with_first_argument
-from armdyn.recording.channels import Reading
+from armdyn.recording.channels import DriveReading
 from armdyn.run import Run
 
 DELAY_STD = 2e-4
@@ -114,7 +114,7 @@ def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) 
 
 def _reading(
     run: Run, joints: tuple[str, ...], joint: str, servo: Servo, gain: float, gain_std: float
-) -> Reading | None:
+) -> DriveReading | None:
     """Reading of one drive; None where its command is constant."""
     q, delay = run.channels[f"q.{joint}"], servo.delay or 0.0
     edges = _midpoints(q.time) - delay
@@ -142,4 +142,4 @@ def _reading(
     # Effects are functions of the smooth torque: otherwise they would contain the noise of what they predict.
     told = np.array([smooth_given, rate, total, velocity, servo.over_reference(run, joint, q.time)])
     unit = "N" if q.unit == "m" else "N m"
-    return Reading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))), told)
+    return DriveReading(q.time, given, unit, float(np.sqrt(np.mean((share * off) ** 2))), told)

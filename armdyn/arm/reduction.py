@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import DIRECTION, Term
+from armdyn.arm.composition import DIRECTION_INPUT, TorqueTerm
 from armdyn.arm.motion import MeasuredMotion
 from armdyn.parameter import RecordedColumn
 
 
-class Signal:
+class TorqueSum:
     """Sum of the parts of a torque, with derivatives by the parameters of the joints on which it depends.
 
     Args:
@@ -68,8 +68,8 @@ class Reduction:
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
         # No method: a circle of references would keep the large arrays until Python collects circles.
         self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
-        self.linear: dict[Term, np.ndarray] = {}
-        self.rests: dict[Term, NonlinearTerm] = {}
+        self.linear: dict[TorqueTerm, np.ndarray] = {}
+        self.rests: dict[TorqueTerm, NonlinearTerm] = {}
 
     @cached_property
     def described(self) -> np.ndarray:
@@ -109,7 +109,7 @@ class Earlier:
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
         """(15 + c, n) inputs of a joint's functions."""
         found = self.signal(self._stretch.inputs(joint, columns).T).T
-        found[DIRECTION] = self._motion.direction(joint, self._time)
+        found[DIRECTION_INPUT] = self._motion.direction(joint, self._time)
         return found
 
 

@@ -19,7 +19,7 @@ from armdyn.arm.simulator import Drives, simulate
 from armdyn.kept import cached_with_first_argument
 from armdyn.run import Run
 
-STEP, COARSE_STEP = 0.001, 0.004
+ROLLOUT_STEP, COARSE_STEP = 0.001, 0.004
 """Longest step of a simulation, s, and of one that only leads a fit near its optimum. In arms that stick and slide, the
 error of the first is below an encoder's noise; that of the second is up to ten times larger and biases frictions."""
 MAX_STIFF_STEP_SHARE = 0.5
@@ -132,7 +132,7 @@ def rolled(
     theta: np.ndarray,
     window: Window,
     servos: Sequence[Servo | None] | None = None,
-    longest: float = STEP,
+    longest: float = ROLLOUT_STEP,
 ) -> np.ndarray:
     """(n, nj) simulated positions at the stamps of a window.
 

@@ -10,7 +10,7 @@ import casadi as ca
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.control.questions import Question
-from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, Dynamics
+from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
 from armdyn.physics.simulate import runge_kutta
 
 SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
@@ -19,7 +19,7 @@ SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barri
 
 @lru_cache(maxsize=16)
 def horizon_functions(
-    dynamics: tuple[Dynamics, ...], name: str, question: Question, steps: int, dt: float
+    dynamics: tuple[PendulumDynamics, ...], name: str, question: Question, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
     """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
 

@@ -16,7 +16,7 @@ def _collect() -> Mapping[str, Effect]:
 
 CATALOGUE: Mapping[str, Effect] = _collect()
 STAGES: tuple[str, ...] = tuple(dict.fromkeys((*(item.acts_on for item in CATALOGUE.values()), "tension")))
-"""What effects of the catalogue act on, and the string's tension, which only effects of a user's own change.
+"""Stages of the catalogue's effects, and the string's tension, on which only a user's own effects act.
 
 A user's own physics may have other stages.
 """

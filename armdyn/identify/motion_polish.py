@@ -17,7 +17,7 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import COARSE_STEP, STEP, can_roll_out, closed, encoder_step, rolled, windows
+from armdyn.arm.rollout import COARSE_STEP, ROLLOUT_STEP, can_roll_out, closed, encoder_step, rolled, windows
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import solve_bounded
 from armdyn.recording.units import Known
@@ -92,7 +92,7 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
-    for length, step in (*((length, COARSE_STEP) for length in lengths), (lengths[-1], STEP)):
+    for length, step in (*((length, COARSE_STEP) for length in lengths), (lengths[-1], ROLLOUT_STEP)):
         values, spread = _Descent(model, usable, unknowns, length, step).down(values)
     moved = _with(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of == "parameter" and std > 0.0}
@@ -226,7 +226,7 @@ class _Descent:
         lower, upper = (np.array([getattr(u, k) for u in self._unknowns]) for k in ("lower", "upper"))
         typical = np.array([u.typical for u in self._unknowns])
         mean, spread = np.array([u.prior for u in self._unknowns]).T
-        for _ in range(MAX_WINDOW_STEPS if self._longest == STEP else MAX_COARSE_STEPS):
+        for _ in range(MAX_WINDOW_STEPS if self._longest == ROLLOUT_STEP else MAX_COARSE_STEPS):
             size = np.maximum(self._robust * np.median(np.abs(errors), axis=0), self._step)
             independent = max(len(errors) / _correlation_time(errors / size), 1.0)
             weight, held = 1.0 / spread**2 / independent, 1.0 / self._known**2 / independent

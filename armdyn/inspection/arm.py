@@ -20,6 +20,7 @@ from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, ev
 from armdyn.inspection.kinematics import averages
 from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
+from armdyn.readout import lagged
 from armdyn.run import Run
 
 ARM_MOMENTS = 120
@@ -118,13 +119,9 @@ def turned_up(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
     """(J, n, ...) values after a first-order lag, exact for straight lines between the times (n,)."""
-    found = np.empty_like(value)
-    found[:, 0] = value[:, 0]
-    for k, h in enumerate(np.diff(time).tolist(), start=1):
-        keep = np.exp(-h / lag)
-        mean = lag / h * (1.0 - keep)
-        found[:, k] = keep * found[:, k - 1] + (mean - keep) * value[:, k - 1] + (1.0 - mean) * value[:, k]
-    return found
+    series = np.moveaxis(value, 1, 0)
+    found, _ = lagged(series.reshape(len(time), -1), lag, np.diff(time))
+    return np.moveaxis(found.reshape(series.shape), 0, 1)
 
 
 AS_DESCRIBED = Description()
@@ -159,7 +156,7 @@ class ArmRun:
 
     def slides(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
-        return self.model.arm.slides[self.model.arm.joints.index(joint)]
+        return self.model.arm.sliding[joint]
 
     @cached_property
     def channels(self) -> tuple[str, ...]:

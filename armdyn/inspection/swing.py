@@ -33,7 +33,7 @@ from armdyn.model import Model
 from armdyn.pendulum.start import swing_shown
 from armdyn.run import Run
 from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smoothed
-from armdyn.smoothing.spline import Curve
+from armdyn.smoothing.spline import SplineCurve
 
 SWING_MOMENTS = 240
 """Number of moments at which a recording is evaluated."""
@@ -126,8 +126,8 @@ class SwingRun:
         return np.linspace(begin + edge, end - edge, SWING_MOMENTS)
 
     @cached_property
-    def _curves(self) -> dict[str, Curve]:
-        found: dict[str, Curve] = {}
+    def _curves(self) -> dict[str, SplineCurve]:
+        found: dict[str, SplineCurve] = {}
         for name in (self.swing, "gripper_x"):
             if name is not None and name in self.run.channels:
                 whole = self.run.channels[name]

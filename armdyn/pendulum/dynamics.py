@@ -44,7 +44,7 @@ PENDULUM_OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Dynamics(System):
+class PendulumDynamics(System):
     """The equations as functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
 
     The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
@@ -65,7 +65,7 @@ class Dynamics(System):
     rate: ca.Function
 
 
-def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynamics:
+def derive_dynamics(composition: Composition, *, planar: bool = False) -> PendulumDynamics:
     """Derive the equations of motion, readings and tension of a composition.
 
     Args:
@@ -185,7 +185,7 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Dynami
     timing = zip(
         PENDULUM_OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True
     )
-    return Dynamics(
+    return PendulumDynamics(
         names=composition.names,
         states=state.numel(),
         starts=PLANAR_STATE_SIZE,

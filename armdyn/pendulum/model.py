@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from pathlib import Path as File
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -15,12 +15,12 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
 from armdyn.pendulum.composition import PENDULUM_STAGES, Composition
-from armdyn.pendulum.dynamics import Dynamics, derive_dynamics
+from armdyn.pendulum.dynamics import PendulumDynamics, derive_dynamics
 from armdyn.pendulum.path import GripperPath, run_path, trailing
 from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
 from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, start_values, swing_shown
 from armdyn.pendulum.variational import VariationalStep, derive_variational
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulated import (
     LOCAL_FIT_PERIODS,
     SimulatedModel,
@@ -138,7 +138,7 @@ class PendulumModel(SimulatedModel):
         """Identifier of the equations; see `SimulatedModel.formulation`."""
         return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
 
-    def dynamics(self) -> Dynamics:
+    def dynamics(self) -> PendulumDynamics:
         """Continuous equations with two states and four inputs, for sequential action control."""
         return _dynamics(natural_order(self.effects), planar=True)
 
@@ -161,7 +161,7 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -MAX_REST_ANGLE, MAX_REST_ANGLE, xtol=1e-12))
 
-    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
+    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The path of the string's upper end, from the recorded path of the gripper; see `SimulatedModel`."""
         trails = self.system.input_lag is not None
         return super().driven_by(trailing(path, self.gripper_lag(physics)) if trails else path, physics)
@@ -213,13 +213,13 @@ class PendulumModel(SimulatedModel):
         return found
 
     @cached_property
-    def system(self) -> Dynamics:
+    def system(self) -> PendulumDynamics:
         """The equations with their effects; see `SimulatedModel.system`."""
         return _dynamics(natural_order(self.effects))
 
 
 @lru_cache(maxsize=128)
-def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> Dynamics:
+def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> PendulumDynamics:
     return derive_dynamics(Composition(effects), planar=planar)
 
 
@@ -266,7 +266,7 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
     return model
 
 
-def read_base(table: Mapping[str, Any], folder: File) -> tuple[PendulumModel, dict[str, Any]]:
+def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PendulumModel, dict[str, Any]]:
     """The model without effects, and further entries of the file that belong to the base."""
     del table, folder
     return pendulum_model(0.35, 0.1), {}

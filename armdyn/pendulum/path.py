@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.kept import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
-from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, Path, elapsed, smoothed_input
+from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, elapsed, smoothed_input
 from armdyn.readout import lagged
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import (
@@ -27,7 +27,7 @@ SETTLED_SAMPLES = 60
 """Number of samples after which later ones no longer change the smoothed path noticeably."""
 
 
-class GripperPath(Path):
+class GripperPath(InputPath):
     """Path of the gripper along its line on an even grid of K nodes.
 
     Its inputs are the time since the recording began, x, v, a along the line, z, vz, az of the height, and the jerk
@@ -42,7 +42,7 @@ class GripperPath(Path):
         height: (3, K) height m, its velocity m/s and acceleration m/s^2; by default a level line.
         elapsed: time from the beginning of the recording to the first node, s; 0 except in a later piece of a
             recording.
-        extra: further recorded quantities, see `Path`.
+        extra: further recorded quantities, see `InputPath`.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> t
     return np.vstack([t, along, level, jerk]), np.vstack(between)
 
 
-def trailing(path: Path, lag: float) -> Path:
+def trailing(path: InputPath, lag: float) -> InputPath:
     """The path of a body that follows a gripper with a lag, and its derivative with respect to the lag.
 
     It solves tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
@@ -131,7 +131,7 @@ def trailing(path: Path, lag: float) -> Path:
     t, level = path.nodes[0], path.nodes[4:7]
     values = _inputs(t, np.hstack(along).T, level, path.dt)
     by = _inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt)
-    return Path(path.start, path.dt, *values, by_lag=by, extra=path.extra)
+    return InputPath(path.start, path.dt, *values, by_lag=by, extra=path.extra)
 
 
 def fixed_path(

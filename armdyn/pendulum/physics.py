@@ -22,7 +22,7 @@ STANDARD_GRAVITY = 9.81
 GRAVITY_SPREAD = 0.02
 """Standard deviation of gravity on Earth about that value, m/s^2: 9.780 at the equator and 9.832 at the poles, less
 0.003 for every kilometre of height."""
-STANDSTILL_RATE = 0.02
+STANDSTILL_SWING_RATE = 0.02
 """Swing rate over which dry friction changes its sign where forces must be smooth, rad/s."""
 SPEED_FLOOR = 1e-9
 """Speed, m/s, added in quadrature to the speed of the load, so that its derivative exists at rest."""
@@ -35,7 +35,7 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
 
 def smoothly_resisted(torque: Expression, dry: Expression, rate: Expression) -> Expression:
     """A torque with smooth dry friction of size `dry`, N m, where derivatives are needed and slow creep is allowed."""
-    return torque - dry * smooth_sign(rate, STANDSTILL_RATE)
+    return torque - dry * smooth_sign(rate, STANDSTILL_SWING_RATE)
 
 
 @dataclass(frozen=True)

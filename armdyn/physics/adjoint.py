@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
 from armdyn.smoothing.even import slope
 
@@ -37,7 +37,7 @@ class Adjoint:
         self._back = Buffered(compile_functions(f"adjoint_{name}", {"back": _back(system, rows)})["back"])
 
     def gradient(
-        self, path: Path, theta: np.ndarray, states: np.ndarray, weights: np.ndarray
+        self, path: InputPath, theta: np.ndarray, states: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient of the weighted sum of outputs with respect to the inputs.
 

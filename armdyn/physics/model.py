@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
-from pathlib import Path as File
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -18,7 +18,7 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import Path, moves_in_steps, recorded_inputs
+from armdyn.physics.recorded import InputPath, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
 from armdyn.physics.stiff import longest_step
 from armdyn.recording.channels import MIN_SAMPLES
@@ -46,14 +46,14 @@ class PhysicsModel(SimulatedModel):
 
     physics: Physics
     own_effects: tuple[Effect, ...] = ()
-    file: File | None = None
+    file: Path | None = None
 
     @property
     def base(self) -> str:
         """Name of the physics, which is the base of its model."""
         return self.physics.name
 
-    def described(self, folder: File) -> Mapping[str, Any]:
+    def described(self, folder: Path) -> Mapping[str, Any]:
         """Entries of a model file for this base: the path of the user's file; see `Model.described`.
 
         Raises:
@@ -61,7 +61,7 @@ class PhysicsModel(SimulatedModel):
         """
         if self.file is None:
             raise InputError(f"the physics '{self.base}' comes from no file: read it with load_base to keep its model")
-        return {"base": File(os.path.relpath(self.file, folder.resolve())).as_posix()}
+        return {"base": Path(os.path.relpath(self.file, folder.resolve())).as_posix()}
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -243,14 +243,9 @@ class PhysicsModel(SimulatedModel):
         return {name: row[np.isfinite(row)] for name, row in zip(self.physics.states, np.asarray(found), strict=False)}
 
     @property
-    def guessed(self) -> tuple[str, ...]:
-        """Parameters with guessed values: those of the physics; see `SimulatedModel.guessed`."""
-        return tuple(p.name for p in self.physics.parameters)
-
-    @property
     def first_guesses(self) -> tuple[str, ...]:
         """Parameters with first guesses: all of the physics, and the start; see `Model.first_guesses`."""
-        return (*self.guessed, *self.start_names)
+        return (*(p.name for p in self.physics.parameters), *self.start_names)
 
     def swing(self, run: Run, theta: np.ndarray) -> float:
         """Period of the motion as the physics states it, s; see `SimulatedModel.swing`."""
@@ -259,12 +254,11 @@ class PhysicsModel(SimulatedModel):
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
-        if not self.physics.states:
-            return super().measured_motion(run, times, theta, swing)
+        del theta
         found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
-        return np.column_stack([found[name] for name in self.physics.states])
+        return np.array([found[name] for name in self.physics.states]).reshape(-1, len(times)).T
 
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
@@ -288,7 +282,7 @@ class PhysicsModel(SimulatedModel):
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 
-    def path(self, run: Run) -> Path:
+    def path(self, run: Run) -> InputPath:
         """Recorded inputs on an even grid; see `SimulatedModel.path`."""
         return _recorded(run, self.physics, longest_step(self.physics, self.effects))
 
@@ -308,7 +302,7 @@ class PhysicsModel(SimulatedModel):
 
 
 def physics_model(
-    physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: File | None = None
+    physics: Physics, effects: Iterable[Effect] = (), own_effects: Sequence[Effect] = (), file: Path | None = None
 ) -> PhysicsModel:
     """Build a model from a physics, with effects at their null values.
 
@@ -360,5 +354,5 @@ def _remembers(physics: Physics, effect: Effect) -> bool:
 
 
 @cached_with_first_argument
-def _recorded(run: Run, physics: Physics, step: float) -> Path:
+def _recorded(run: Run, physics: Physics, step: float) -> InputPath:
     return recorded_inputs(run, physics.inputs, physics.held, physics.outputs, step)

@@ -12,9 +12,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.shooting import piece_simulator, shoot
-from armdyn.physics.simulate import System, evaluated
+from armdyn.physics.simulate import System
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
@@ -40,18 +40,18 @@ class Linearised:
         ends: (J, n) states at the ends of the pieces.
         definition: (2, J, n, k) derivatives of the states at the beginnings and at the ends by these parameters for a
             fixed motion: a momentum is a mass times a rate.
-        samples: samples and predictions by channel; see `Samples`.
+        samples: samples and predictions by channel; see `ChannelSamples`.
     """
 
     transition: np.ndarray
     by_theta: np.ndarray
     ends: np.ndarray
     definition: np.ndarray
-    samples: dict[str, "Samples"]
+    samples: dict[str, "ChannelSamples"]
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class ChannelSamples:
     """The samples of one channel, with their predictions from the pieces.
 
     Attributes:
@@ -87,7 +87,7 @@ class Pieces:
         self.model, self.run = model, run
         self.channels = model.predicted_channels(run)
         self._path = model.path(run)
-        self._driven: tuple[bytes, Path] | None = None
+        self._driven: tuple[bytes, InputPath] | None = None
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
         path = self._path
@@ -149,8 +149,6 @@ class Pieces:
             state: (n,) state there; None means that of the model's start.
         """
         system, physics, path = self._given(theta)
-        if not system.states:
-            return np.zeros((len(self) - first, 0))
         if state is None:
             state = self.beginning(theta)[0]
         a = self.edges[first]
@@ -198,7 +196,7 @@ class Pieces:
     def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `Linearised`."""
         result = np.zeros((*states.shape, len(wanted)))
-        if len(wanted) and np.isfinite(states).all():
+        if len(wanted) and states.size and np.isfinite(states).all():
             own, of_physics = self._physical(wanted)
             _, by_start, by_physics = self._inverted(theta, states, nodes)
             free = np.abs(by_start).sum(axis=2) > 0.0
@@ -219,7 +217,7 @@ class Pieces:
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
-    def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, Path]:
+    def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, InputPath]:
         physics = theta[self.model.places[1]]
         if self._driven is None or self._driven[0] != physics.tobytes():
             self._driven = physics.tobytes(), self.model.driven_by(self._path, physics)
@@ -235,8 +233,6 @@ class Pieces:
         """
         system, physics, path = self._given(theta)
         wanted = np.arange(len(theta)) if wanted is None else wanted
-        if not system.states:
-            return self._algebra(system, path, physics, wanted)
         simulator = piece_simulator(system, self.model.formulation, self.channels)
         n, q, J = system.states, len(physics), len(self)
         shot = shoot(simulator, path, self.edges, physics, states)
@@ -254,7 +250,7 @@ class Pieces:
         by_theta = np.zeros((J, n, len(wanted)))
         by_theta[:, :, own] = shot.by_theta[:, :, of_physics]
         edges = np.concatenate([self.edges[:-1], self.edges[1:]])
-        definition = self._defined(theta, np.concatenate([states, ends]), edges, wanted).reshape(2, J, n, -1)
+        definition = self._defined(theta, np.concatenate([states, ends]), edges, wanted).reshape(2, J, n, len(wanted))
         # A sample that also depends on a neighbouring piece depends on its motion, at another state.
         following = np.append(definition[0, 1:], definition[1, -1:], axis=0)
         join = _Join(transition, by_theta - definition[1] + following, ends - np.append(states[1:], ends[-1:], axis=0))
@@ -268,26 +264,15 @@ class Pieces:
         order = np.argsort(physics)
         return own, order[np.searchsorted(physics[order], wanted[own])]
 
-    def _algebra(self, system: System, path: Path, physics: np.ndarray, wanted: np.ndarray) -> Linearised:
-        """Linearise a run without states, whose pieces are independent."""
-        found, J = evaluated(system, path, physics, self.channels), len(self)
-        inside = slice(self.edges[0], self.edges[-1] + 1)
-        join = _Join(np.zeros((J, 0, 0)), np.zeros((J, 0, len(wanted))), np.zeros((J, 0)))
-        signals = np.concatenate([found.outputs[inside, :, None], found.sensitivities[inside]], axis=2)
-        samples = {c: self._samples(c, signals[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
-        none = np.zeros((2, *join.by_theta.shape))
-        return Linearised(join.transition, join.by_theta, join.gap, none, samples)
-
     def _samples(
         self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
-    ) -> Samples:
+    ) -> ChannelSamples:
         """Sensor readings of (K, 1 + q + NEXT_TO n) signals at the pieces' nodes, with `wanted` derivatives."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
+        read = None
         if sensor.lags or sensor.delays:
             nodes = self._path.start + self._path.dt * np.arange(self.edges[0], self.edges[-1] + 1)
             read = sensor.read(signal, Interpolated(nodes, given.time, self.run.spread.get(channel, 0.0)), physics)
-        else:
-            read = None
         N, n = len(given), join.by_theta.shape[1]
         value, by_state, by_theta = np.empty(N), np.empty((N, n)), np.zeros((N, len(wanted)))
         back = pseudo_inverse(join.transition)
@@ -300,7 +285,7 @@ class Pieces:
             around = these[:, 1 + len(own) :].reshape(len(these), PIECES_PER_SAMPLE, n)
             value[some], by_state[some], more = join.seen(self._of[channel][some], these[:, 0], around, back)
             by_theta[some] += more
-        return Samples(self._of[channel], given.time, given.value, value, by_state, by_theta)
+        return ChannelSamples(self._of[channel], given.time, given.value, value, by_state, by_theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,7 +348,7 @@ def _beginning(system: System) -> ca.Function:
     start = [ca.SX.sym(f"start{i}") for i in range(system.starts)]
     given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
     state = system.initial(*start, given, theta)
-    by_start = ca.densify(ca.jacobian(state, ca.vertcat(*start)))
+    by_start = ca.densify(ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))
     return ca.Function(
         "beginning", [*start, given, theta], [ca.densify(state), by_start, ca.densify(ca.jacobian(state, theta))]
     )

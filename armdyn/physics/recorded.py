@@ -18,7 +18,7 @@ MIN_GRID_STEP, MAX_GRID_STEP = 0.005, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class InputPath:
     """Inputs of a simulation on an even grid of K nodes.
 
     Attributes:
@@ -67,14 +67,16 @@ class Path:
         filled = [np.hstack([part, np.tile(last, size - part.shape[1])]) for part in (nodes, middle, ends)]
         return np.vstack(filled), steps
 
-    def part(self, first: int, last: int | None = None) -> "Path":
+    def part(self, first: int, last: int | None = None) -> "InputPath":
         """The part of the path from one node to another, by default to its end."""
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         ends = None if self.ends is None else self.ends[:, middle]
-        return Path(self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut, ends=ends)
+        return InputPath(
+            self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut, ends=ends
+        )
 
-    def with_columns(self, columns: Sequence[RecordedColumn]) -> "Path":
+    def with_columns(self, columns: Sequence[RecordedColumn]) -> "InputPath":
         """The path with further quantities as its last inputs, which have no lag."""
         if not columns:
             return self
@@ -86,12 +88,12 @@ class Path:
             by_lag = np.vstack([own[0], others[0]]), np.vstack([own[1], others[1]])
         inputs = np.vstack([self.nodes, nodes]), np.vstack([self.middle, middle])
         ends = None if self.ends is None else np.vstack([self.ends, nodes[:, 1:]])
-        return Path(self.start, self.dt, *inputs, by_lag, self.extra, ends)
+        return InputPath(self.start, self.dt, *inputs, by_lag, self.extra, ends)
 
 
 def recorded_inputs(
     run: Run, inputs: Iterable[str], held: Collection[str], outputs: Iterable[str], step: float
-) -> Path:
+) -> InputPath:
     """Time since the start of a run, then value, rate and acceleration of each input.
 
     The grid starts with the outputs and ends where an input ends; without inputs it covers the outputs.
@@ -139,7 +141,7 @@ def recorded_inputs(
         nodes.append(motion)
         middle.append(halfway(motion, dt))
         ends.append(motion[:, 1:])
-    return Path(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, ends=np.vstack(ends))
+    return InputPath(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, ends=np.vstack(ends))
 
 
 def smoothed_input(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt: float) -> np.ndarray:

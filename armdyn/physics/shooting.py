@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.codegen import Buffered
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_BLOCK, Simulator, System
 
 PIECES_PER_CALL = 64
@@ -50,7 +50,7 @@ def _steps(simulator: Simulator, pieces: int) -> Buffered:
     return Buffered(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
 
 
-def shoot(simulator: Simulator, path: Path, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
+def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
     """Simulate each piece from its edge to the next.
 
     Args:
@@ -88,6 +88,6 @@ def shoot(simulator: Simulator, path: Path, edges: np.ndarray, theta: np.ndarray
             by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
             sensitivities[target] = by.transpose(0, 2, 1)
         ends[these] = state.T
-        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, -1).transpose(1, 0, 2)
+        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, len(s.active)).transpose(1, 0, 2)
     by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
     return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)

@@ -11,7 +11,7 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
 from armdyn.physics.dry import MOMENTUM, DryFriction
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
 from armdyn.smoothing.even import slope
@@ -75,22 +75,6 @@ class Rollout(NamedTuple):
     sensitivities: np.ndarray
 
 
-def evaluated(system: System, path: Path, theta: np.ndarray, channels: tuple[str, ...]) -> Rollout:
-    """The outputs of a system without states, which is algebraic at every node; for the arguments see `Simulator`."""
-    nodes, _, _ = path.rows(system.inputs)
-    at, K = _algebra(system), nodes.shape[1]
-    values, slopes = (np.asarray(a) for a in at.map(K)(nodes, np.repeat(theta[:, None], K, axis=1)))
-    rows = [system.outputs.index(name) for name in channels]
-    by_theta = slopes.T.reshape(K, len(theta), len(system.outputs)).transpose(0, 2, 1)
-    return Rollout(np.zeros((K, 0)), np.zeros((0, len(theta))), values.T[:, rows], by_theta[:, rows])
-
-
-def _algebra(system: System) -> ca.Function:
-    w, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
-    y = system.output(ca.SX(0, 1), w, theta)
-    return ca.Function("algebra", [w, theta], [y, ca.densify(ca.vec(ca.jacobian(y, theta)))])
-
-
 class Simulator:
     """Integrates one system by the classical Runge-Kutta method; sensitivities are those of the integrator.
 
@@ -120,7 +104,7 @@ class Simulator:
         self._start = Buffered(_start(system, self.active))
         self._advance = Buffered(_repeated(self.steps, "block", STEPS_PER_CALL // STEPS_PER_BLOCK))
 
-    def rollout(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+    def rollout(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """Simulate along recorded inputs.
 
         Args:
@@ -132,7 +116,7 @@ class Simulator:
         outputs, sensitivities = self.with_impulse(found.outputs, found.sensitivities, theta, path.dt)
         return found._replace(outputs=outputs, sensitivities=sensitivities)
 
-    def integrated(self, path: Path, theta: np.ndarray, *start: float) -> Rollout:
+    def integrated(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
         inputs, step = path.packed(self.system.inputs, STEPS_PER_CALL)
         starts, (width, padded) = self.system.starts, inputs.shape

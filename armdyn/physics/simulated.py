@@ -10,8 +10,8 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.model import Model, Prediction, join_channels
-from armdyn.physics.recorded import Path
-from armdyn.physics.simulate import Rollout, Simulator, System, evaluated
+from armdyn.physics.recorded import InputPath
+from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
@@ -50,9 +50,9 @@ class SimulatedModel(Model):
         """Parameters of the start of the motion, in the order of the simulator."""
 
     @property
+    @abstractmethod
     def forced(self) -> Mapping[int, str | None]:
         """Indices of the `start_names` that a force changes, the speeds, each with its state; None for the only one."""
-        return dict.fromkeys(range(len(self.start_names)))
 
     @property
     @abstractmethod
@@ -71,19 +71,14 @@ class SimulatedModel(Model):
             return lean
         return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
 
-    @property
-    def guessed(self) -> tuple[str, ...]:
-        """Parameters whose values are only guesses, so that a fit starts from other values as well."""
-        return ()
-
+    @abstractmethod
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """(J, starts) start values of the motion at (J,) times, s, from measured channels; None without such channels.
 
         `theta` are (p,) parameters in the order of `names`, and `swing` is the period of the swing, s.
         """
-        del run, theta, swing
-        return None if self.start_names else np.zeros((len(times), 0))
 
+    @abstractmethod
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
@@ -91,8 +86,6 @@ class SimulatedModel(Model):
 
         `motion` are (J, starts) start values at (J,) times, s, and `theta` (p,) parameters in the order of `names`.
         """
-        del run, time, motion, speed, theta
-        return {}
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """Time, s, at which an undriven motion with a period of `swing` s rests; then friction hides all forces."""
@@ -124,10 +117,10 @@ class SimulatedModel(Model):
         """Identifier of the equations; models that share it differ only in numbers."""
 
     @abstractmethod
-    def path(self, run: Run) -> Path:
+    def path(self, run: Run) -> InputPath:
         """The recorded inputs of a run on an even grid."""
 
-    def driven_by(self, path: Path, physics: np.ndarray) -> Path:
+    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The inputs that drive the motion when `path` was recorded; `physics` is (p,) as `physics_theta`."""
         del physics
         return path.with_columns(self.system.columns)
@@ -137,12 +130,10 @@ class SimulatedModel(Model):
         """Parameters of the equations and sensors, in the order of theta there: all but those of the start."""
         return self.system.names
 
-    def rollout(self, path: Path, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
+    def rollout(self, path: InputPath, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
         """Simulate `channels` (None means all) along recorded inputs; `theta` is (p,) in the order of `names`."""
         system, physics = self.system, theta[self.places[1]]
         channels = system.outputs if channels is None else channels
-        if not system.states:
-            return evaluated(system, self.driven_by(path, physics), physics, channels)
         start = (float(theta[self.names.index(name)]) for name in self.start_names)
         return _simulator(system, self.formulation, channels).rollout(self.driven_by(path, physics), physics, *start)
 
@@ -169,7 +160,7 @@ class SimulatedModel(Model):
         return self.readings(run, path, self.rollout(path, theta, channels), theta, channels)
 
     def readings(
-        self, run: Run, path: Path, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
+        self, run: Run, path: InputPath, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
     ) -> Prediction:
         """Sensor readings of a rollout of `channels` along a path, at the stamps of a run."""
         columns, places = self.places

@@ -238,7 +238,7 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reading(Channel):
+class DriveReading(Channel):
     """A torque estimated from a drive's own position error; it lacks what the smoothing of positions removes.
 
     It is therefore compared only within the positions' band, with the noise of differentiated positions.
@@ -252,9 +252,9 @@ class Reading(Channel):
     told: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __reduce__(self) -> Any:
-        return Reading, (self.time, self.value, self.unit, self.off, self.told)
+        return DriveReading, (self.time, self.value, self.unit, self.off, self.told)
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> "Reading":
+    def kept(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
         """The samples for which (n,) `which` is True; see `Channel.kept`."""
         told = self.told[:, which] if len(self.told) else self.told
         return replace(self, time=self.time[which], value=self.value[which], told=told)

@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, PENALTY_ORDER, Curve, LowPass, Samples, basis_matrix
+from armdyn.smoothing.spline import (
+    MAX_UNDISTORTED_CUTOFF,
+    PENALTY_ORDER,
+    LowPass,
+    SplineCurve,
+    SplineSamples,
+    basis_matrix,
+)
 
 SPLINE_ORDERS = (4, 3, 5, 6)
 MAX_CUTOFF_SHARE = 0.3
@@ -46,9 +53,9 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
-        near = Samples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
+        near = SplineSamples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
         others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
-        all_alike = Samples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
+        all_alike = SplineSamples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
         best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
         for choice in others:
             score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
@@ -65,7 +72,7 @@ def resolution(values: np.ndarray) -> float:
 
 def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> Choice:
     """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
-    samples = Samples(time, None, order)
+    samples = SplineSamples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
     low, high = samples.lowest, MAX_CUTOFF_SHARE / samples.interval
     while True:
@@ -73,11 +80,11 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order
         choice = _best_of(cutoffs, samples, values, least_noise)
         if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
-        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
+        samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
         low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
-def _best_near(samples: Samples, around: float, values: np.ndarray, least_noise: float) -> Choice:
+def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> Choice:
     """The most probable of the cut-offs near `around`, Hz."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
     low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
@@ -85,7 +92,7 @@ def _best_near(samples: Samples, around: float, values: np.ndarray, least_noise:
     return _best_of(cutoffs, samples, values, least_noise)
 
 
-def _best_of(cutoffs: np.ndarray, samples: Samples, values: np.ndarray, least_noise: float) -> Choice:
+def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, least_noise: float) -> Choice:
     """The most probable of (k,) cut-offs, or one between it and its neighbours.
 
     Every third is tried, then the neighbours of the best so far; the first one is tried only where it could be the
@@ -117,7 +124,7 @@ def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
     return float(choice.noise * spread)
 
 
-def _score(samples: Samples, cutoff: float, values: np.ndarray, least_noise: float) -> float:
+def _score(samples: SplineSamples, cutoff: float, values: np.ndarray, least_noise: float) -> float:
     return LowPass(samples, cutoff).evidence(values, least_noise)[0]
 
 
@@ -139,7 +146,7 @@ class Rates(NamedTuple):
     derivative: int
 
 
-def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequence[Rates] = ()) -> Curve:
+def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequence[Rates] = ()) -> SplineCurve:
     """Fit a curve through a noisy signal and its measured derivatives, each weighted by its agreement.
 
     The noise of a derivative is its difference from the curve through the other signals: a derivative that is filtered
@@ -152,9 +159,9 @@ def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequen
         rates: measured derivatives of the signal.
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
-    samples = Samples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
+    samples = SplineSamples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
     while samples.lowest > choice.cutoff:
-        samples = Samples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
+        samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)
     if not rates or choice.noise == 0.0:
         return curve
@@ -170,5 +177,5 @@ def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequen
             right = right + weight * (matrix.T @ rate.values)
         factor = cholesky_banded(bands, lower=True, check_finite=False)
         c = cho_solve_banded((factor, True), right, check_finite=False)
-        curve = Curve(samples.start, samples.step, c[:, None] + offset)
+        curve = SplineCurve(samples.start, samples.step, c[:, None] + offset)
     return curve

@@ -42,7 +42,7 @@ WHITE_RATE_SHARE = 0.896
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class SplineCurve:
     """One or more spline curves with the same knots.
 
     Attributes:
@@ -89,7 +89,7 @@ def _pieces(derivative: int) -> np.ndarray:
     return pieces
 
 
-class Samples:
+class SplineSamples:
     """Time stamps of samples, with a spline basis for them.
 
     Args:
@@ -113,7 +113,7 @@ class Samples:
         self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + SPLINE_DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
 
-    def of_order(self, order: int) -> "Samples":
+    def of_order(self, order: int) -> "SplineSamples":
         """The same samples with another order of the penalised differences."""
         other, bands = copy(self), max(SPLINE_DEGREE, order) + 1
         other.order = order
@@ -171,12 +171,12 @@ class LowPass:
         cutoff: frequency of half the amplitude, Hz.
     """
 
-    def __init__(self, samples: Samples, cutoff: float) -> None:
+    def __init__(self, samples: SplineSamples, cutoff: float) -> None:
         self.samples, self.cutoff = samples, cutoff
         self.strength = samples.strength(cutoff)
         self.factor = cholesky_banded(samples.normal + self.strength * samples.penalty, lower=True, check_finite=False)
 
-    def curve(self, values: np.ndarray) -> Curve:
+    def curve(self, values: np.ndarray) -> SplineCurve:
         """Smooth curves through (n,) or (n, m) values."""
         columns = values.reshape(len(values), -1)
         # Minus its first value a constant is exactly zero, and a position loses no digits to its offset.
@@ -189,7 +189,7 @@ class LowPass:
                 np.diff(c, order, axis=0), order
             )
             c = c + cho_solve_banded((self.factor, True), missing, check_finite=False)
-        return Curve(self.samples.start, self.samples.step, c + offset)
+        return SplineCurve(self.samples.start, self.samples.step, c + offset)
 
     def noise_gain(self, time: np.ndarray) -> float:
         """Mean variance, at (k,) times, of smoothed white noise of unit variance; at most 50 times are used."""

@@ -4,7 +4,7 @@ from scipy.interpolate import BSpline
 
 from armdyn.errors import InputError
 from armdyn.smoothing.choice import SPLINE_ORDERS, Rates, best_smoothing, derivative_noise, smoothed
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, Curve, LowPass, Samples
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineCurve, SplineSamples
 
 
 def uneven(n=1500, interval=0.01, seed=0):
@@ -23,7 +23,7 @@ def swing(t, derivative=0):
 
 @pytest.mark.parametrize("derivative", range(4))
 def test_a_basis_function_is_that_of_scipy(derivative):
-    ours = Curve(0.0, 0.5, np.eye(12))
+    ours = SplineCurve(0.0, 0.5, np.eye(12))
     theirs = BSpline.basis_element(0.5 * np.arange(7))
     x = np.linspace(0.01, 2.99, 50)  # the seventh begins at its first knot
     expected = theirs(x) if derivative == 0 else theirs.derivative(derivative)(x)
@@ -34,7 +34,7 @@ def test_a_basis_function_is_that_of_scipy(derivative):
 def test_a_polynomial_below_the_order_passes_unchanged(order):
     t = uneven(400)
     x = np.polynomial.Polynomial([0.3, -1.0, 0.2, 0.1, 0.05, -0.01][:order])
-    curve = LowPass(Samples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0).curve(x(t))
+    curve = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0).curve(x(t))
     for k in range(3):
         assert np.abs(curve(t, k)[:, 0] - x.deriv(k)(t)).max() < 1e-6
 
@@ -43,7 +43,7 @@ def test_a_polynomial_below_the_order_passes_unchanged(order):
 def test_the_amplitude_is_halved_at_the_cutoff_without_phase_shift(order):
     t = np.arange(4000) / 100
     wave = np.exp(2j * np.pi * 2.0 * t)
-    low = LowPass(Samples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0)
+    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / 4.0, order), 2.0)
     passed = (low.curve(wave.real)(t) + 1j * low.curve(wave.imag)(t))[1000:3000, 0] / wave[1000:3000]
     assert np.mean(passed).real == pytest.approx(0.5, abs=0.02)
     assert np.abs(passed.imag).max() < 0.01
@@ -118,7 +118,7 @@ def test_a_gap_is_bridged():
 
 def test_white_noise_is_white_again_after_low_pass_and_thinning():
     rng, t, cutoff = np.random.default_rng(6), np.arange(40000) / 100, 4.0
-    low = LowPass(Samples(t, MAX_UNDISTORTED_CUTOFF / cutoff), cutoff).curve(rng.standard_normal(len(t)))
+    low = LowPass(SplineSamples(t, MAX_UNDISTORTED_CUTOFF / cutoff), cutoff).curve(rng.standard_normal(len(t)))
     step = 1 / (2 * WHITE_RATE_SHARE * cutoff)
     kept = low(np.arange(2.0, 398.0, step))[:, 0]
     lags = [np.corrcoef(kept[k:], kept[:-k])[0, 1] for k in (1, 2, 3)]
@@ -137,7 +137,7 @@ def test_a_signal_that_does_not_move_has_no_noise_and_no_rate():
 
 def test_too_few_samples_are_refused():
     with pytest.raises(InputError, match="7 samples cannot be smoothed"):
-        Samples(np.arange(7.0))
+        SplineSamples(np.arange(7.0))
 
 
 @pytest.mark.parametrize("order", SPLINE_ORDERS)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.physics.pieces import Samples
+from armdyn.physics.pieces import ChannelSamples
 
 MAX_ROWS_PER_PIECE = 100
 """Samples of a channel in one piece; where there are more, neighbours are averaged: half a swing contains no more
@@ -82,7 +82,7 @@ class Rows:
 
     def __init__(
         self,
-        samples: Samples,
+        samples: ChannelSamples,
         pieces: int,
         columns: np.ndarray,
         unknowns: int,

@@ -41,7 +41,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         values: (P,) values of the model.
     """
     model = simulated(problem.model)
-    guessed = wanted & problem.of(model.guessed) & ~problem.per_run
+    guessed = wanted & problem.of(model.first_guesses) & ~problem.per_run
     if not guessed.any():
         return []
     acting = wanted | (values != problem.null)

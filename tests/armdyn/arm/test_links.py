@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from worlds.baxter import generate
 
-from armdyn.arm.links import QUANTITIES, link_changes
+from armdyn.arm.links import LINK_QUANTITIES, link_changes
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import find
 from armdyn.identify.repair import links_of
@@ -12,7 +12,7 @@ from armdyn.identify.study import Study
 
 from . import urdfs
 
-NAMES = [name for name, _ in QUANTITIES]
+NAMES = [name for name, _ in LINK_QUANTITIES]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from armdyn.control.sac import SacSettings, SacState, SequentialActionControl, n
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.pendulum.model import pendulum_model
-from armdyn.physics.recorded import Path
+from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Simulator
 
 BIAS = CATALOGUE["sensor_bias"]
@@ -134,7 +134,7 @@ def held(x, v, a, dt):
     """A gripper whose acceleration is held over each step."""
     t, still = dt * np.arange(len(x)), np.zeros((3, len(x)))
     half = np.vstack([t[:-1] + dt / 2, x[:-1] + v[:-1] * dt / 2 + a[:-1] * dt**2 / 8, v[:-1] + a[:-1] * dt / 2])
-    return Path(0.0, dt, np.vstack([t, x, v, a, still]), np.vstack([half, a[:-1], still[:, 1:]]))
+    return InputPath(0.0, dt, np.vstack([t, x, v, a, still]), np.vstack([half, a[:-1], still[:, 1:]]))
 
 
 def test_a_motion_tells_what_it_was_asked_for():
