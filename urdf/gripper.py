@@ -6,7 +6,6 @@ from xml.etree import ElementTree as ET
 
 import pinocchio as pin
 
-from urdf.mend import complete_limits
 from urdf.validate import MOVING_JOINT_TYPES
 
 LIGHT = 1 / 15
@@ -47,10 +46,12 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
 def _model(root: ET.Element) -> pin.Model:
     """Masses along the moving joints of a URDF; links that are fixed to each other are one body."""
     copy = deepcopy(root)
-    complete_limits(copy, ())
     for joint in copy.findall("joint"):
         if joint.get("type") not in MOVING_JOINT_TYPES:
             joint.set("type", "fixed")
+        for element in [part for part in joint if part.tag not in ("origin", "parent", "child", "axis")]:
+            joint.remove(element)
+        ET.SubElement(joint, "limit", lower="-1", upper="1", velocity="1", effort="1")  # urdfdom asks for some
     return pin.buildModelFromXML(ET.tostring(copy, encoding="unicode"))
 
 
