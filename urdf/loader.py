@@ -310,11 +310,10 @@ def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
 
 def _weightless(model: pin.Model) -> list[str]:
     """A sentence per joint that moves no mass, whose acceleration under a torque is undefined."""
-    carried = [inertia.mass for inertia in model.inertias]
-    for joint in range(model.njoints - 1, 0, -1):
-        carried[model.parents[joint]] += carried[joint]
+    data = model.createData()
+    pin.computeSubtreeMasses(model, data)
     return [
         f"joint '{model.names[joint]}' carries no mass; left as it is, so that its motion under a torque is undefined"
         for joint in range(1, model.njoints)
-        if carried[joint] <= 0.0
+        if data.mass[joint] <= 0.0
     ]

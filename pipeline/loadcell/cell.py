@@ -108,7 +108,6 @@ class LoadCell(Closing):
         baud: baud rate of the microcontroller's program.
         clock: gives the time of reception [s].
         silent_after: time without a sample that counts as silence [s].
-        queue: largest number of waiting samples; the oldest are dropped first.
 
     Raises:
         InputError: the port cannot be opened.
@@ -122,14 +121,13 @@ class LoadCell(Closing):
         baud: int = BAUD,
         clock: Callable[[], float] = time.monotonic,
         silent_after: float = 0.2,
-        queue: int = QUEUE,
     ) -> None:
         self._calibration, self._clock = calibration, clock
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
         self._decoder, self._times = Decoder(), ReceptionTimes()
         self._detector = FaultDetector(count_limits(calibration, silent_after))
-        self._samples: deque[CountSample] = deque(maxlen=queue)
+        self._samples: deque[CountSample] = deque(maxlen=QUEUE)
         self._events: deque[FaultEvent] = deque(maxlen=QUEUE)
         self._faults: Counter[Fault] = Counter()
         self._received = 0

@@ -99,8 +99,8 @@ class Bridge(Closing):
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
 
-    def call(self, service: str, arguments: Message | None = None, patience: float = CONNECTING) -> Message:
-        """Call a service, such as ``/rosapi/topics``, and wait for its answer, `patience` [s] at most.
+    def call(self, service: str) -> None:
+        """Call a service without arguments, and wait for its answer.
 
         Raises:
             InputError: no answer, or the service failed.
@@ -110,17 +110,15 @@ class Bridge(Closing):
             self._calls += 1
             number = f"call {self._calls}"
             self._answers[number] = None
-        self._send({"op": "call_service", "id": number, "service": service, "args": dict(arguments or {})})
+        self._send({"op": "call_service", "id": number, "service": service, "args": {}})
         with self._answered:
-            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, patience)
+            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, CONNECTING)
             answer = self._answers.pop(number)
         if answer is None:
             self._require_connected()
-            raise InputError(f"{self.uri}: service {service} did not answer within {patience:g} s: is it running?")
+            raise InputError(f"{self.uri}: service {service} did not answer within {CONNECTING:g} s: is it running?")
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
-        values = answer.get("values")
-        return values if isinstance(values, Mapping) else {}
 
     def close(self) -> None:
         """Close the connection and end the thread; a second call does nothing."""
