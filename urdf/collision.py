@@ -7,7 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import Array, Robot, UrdfError
 
 
@@ -25,7 +25,7 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     Raises:
         UrdfError: a mesh cannot be read.
     """
-    with told(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
+    with library_errors(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
         full = pin.buildModelFromXML(robot.urdf_xml)
         # Directories are passed by name: in pin 4.1 the third positional argument has another meaning.
         shapes = pin.buildGeomFromUrdfString(
@@ -105,7 +105,7 @@ class CollisionModel:
         Raises:
             UrdfError: it cannot be read.
         """
-        with told(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
+        with library_errors(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
             pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
 
     def _leave_out(self, exclusions: tuple[tuple[str, str], ...]) -> None:

@@ -12,7 +12,7 @@ from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
-PURSUIT = 0.2
+PURSUIT_SECONDS = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
@@ -96,7 +96,7 @@ class LineSmoother:
                 break
             if self._meet(self._planner.draw_back(targets[m - 1]), m):
                 return self._state
-        later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
+        later = targets[min(round(PURSUIT_SECONDS / self._dt), len(targets) - 1)]
         return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:

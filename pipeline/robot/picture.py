@@ -103,9 +103,9 @@ Pixels = npt.NDArray[np.uint8]
 
 SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
-TRAIL_EVERY = 4
+TRAIL_STRIDE = 4
 """Entries of the history between two dots of the load's trail."""
-TRAIL = (0.004, (0.8, 0.1, 0.1, 0.35))
+TRAIL_DOT = (0.004, (0.8, 0.1, 0.1, 0.35))
 """Radius [m] and colour of the dots where the load has been."""
 
 
@@ -177,7 +177,7 @@ def _frames(
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
-            yield draw(data, camera, history.load[: index + 1 : TRAIL_EVERY])
+            yield draw(data, camera, history.load[: index + 1 : TRAIL_STRIDE])
 
 
 def _camera(line: urdf.Line) -> mujoco.MjvCamera:
@@ -227,7 +227,7 @@ def _drawing(
 
 def _add_trail(scene: mujoco.MjvScene, points: Vector) -> None:
     """Add dots at the given points (k, 3) [m] to the scene."""
-    radius, colour = TRAIL
+    radius, colour = TRAIL_DOT
     for point in points[: scene.maxgeom - scene.ngeom]:
         mujoco.mjv_initGeom(
             scene.geoms[scene.ngeom],

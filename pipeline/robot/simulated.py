@@ -17,11 +17,11 @@ from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start
 from pipeline.robot.truth import History, swing_angle
 
-IN_BOX_FOR = 0.2
+LANDED_SECONDS = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
-HISTORY_EVERY = 10
+HISTORY_STRIDE = 10
 """Steps between two entries of the history."""
-DIVERGED = 1e8
+MAX_SQUARED_SPEED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 
 
@@ -139,7 +139,7 @@ class SimulatedRobot:
 
     def load_in_box(self) -> bool:
         """Whether the load has been between the walls and below the rim for the last 0.2 s."""
-        return self._steps_in_box * TIME_STEP >= IN_BOX_FOR
+        return self._steps_in_box * TIME_STEP >= LANDED_SECONDS
 
     def history(self) -> History:
         """True motion since time 0 every 10 ms, for reports and pictures only."""
@@ -159,7 +159,7 @@ class SimulatedRobot:
         q = data.qpos[plant.dofs]
         mujoco.mj_step2(plant.model, data)
         # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
-        if not data.qvel @ data.qvel < DIVERGED:
+        if not data.qvel @ data.qvel < MAX_SQUARED_SPEED:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
@@ -168,7 +168,7 @@ class SimulatedRobot:
         angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
-        if self._steps % HISTORY_EVERY == 0:
+        if self._steps % HISTORY_STRIDE == 0:
             self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))
         self._steps += 1
 

@@ -21,11 +21,11 @@ Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
 """``(message, time of its reception [s])``; called in the bridge's thread, so it must be quick."""
 
-SEND = 0.02
+SEND_TIMEOUT_SECONDS = 0.02
 """Longest time that the operating system may take to accept one message [s]; two control cycles."""
-GOODBYE = 1.0
+CLOSE_TIMEOUT_SECONDS = 1.0
 """Longest time that the other side may take to end the connection [s]."""
-RECEIVE = 1 << 16
+RECEIVE_BYTES = 1 << 16
 """Bytes that are read at once."""
 
 
@@ -128,7 +128,7 @@ class Bridge(Closing):
             self._protocol.send_close()
             self._flush()
         # The other side closes when it has read everything; an earlier end may lose messages.
-        self._thread.join(GOODBYE)
+        self._thread.join(CLOSE_TIMEOUT_SECONDS)
         self._lose("it was closed here")
         self._thread.join(CONNECTING)
 
@@ -167,11 +167,11 @@ class Bridge(Closing):
         if self._protocol.handshake_exc is not None:
             self._socket.close()
             raise InputError(f"{self.uri}: what answers is not a rosbridge ({self._protocol.handshake_exc})")
-        self._socket.settimeout(SEND)
+        self._socket.settimeout(SEND_TIMEOUT_SECONDS)
 
     def _read(self) -> bytes:
         """Read once and acknowledge at once; empty where the other side has ended the connection."""
-        data = self._socket.recv(RECEIVE)
+        data = self._socket.recv(RECEIVE_BYTES)
         if hasattr(socket, "TCP_QUICKACK"):  # Linux only; the option must be set again after every read
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         return data
@@ -189,7 +189,7 @@ class Bridge(Closing):
                 if data:
                     self._socket.sendall(data)
         except TimeoutError:
-            self._lose(f"it accepted nothing for {1e3 * SEND:.0f} ms")
+            self._lose(f"it accepted nothing for {1e3 * SEND_TIMEOUT_SECONDS:.0f} ms")
         except OSError as error:
             self._lose(error.strerror or str(error))
 

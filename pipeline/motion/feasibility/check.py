@@ -16,11 +16,11 @@ from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
-FINER = 5
+CHECKS_PER_SAMPLE = 5
 """How many times a motion is looked at per sample, so that no peak between two samples is missed."""
-OFF_LINE, TILT = 1e-4, 1e-3
+MAX_LINE_DISTANCE, MAX_TILT = 1e-4, 1e-3
 """Farthest that the tool point may be from the line [m], and the tool be turned from the line's orientation [rad]."""
-START = 0.02
+MAX_START_DISTANCE = 0.02
 """Farthest that a joint may be, at the start, from where the arm is [rad]."""
 
 
@@ -114,10 +114,10 @@ def check_joints(
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-    """The samples (n, ...) and `FINER` - 1 instants between each two: x and v by cubics, a by straight lines."""
+    """The samples (n, ...) and `CHECKS_PER_SAMPLE` - 1 between each two: x and v by cubics, a by straight lines."""
     if time.size == 1:
         return time, x, v, a
-    fine = np.interp(np.arange(FINER * (time.size - 1) + 1) / FINER, np.arange(time.size), time)
+    fine = np.interp(np.arange(CHECKS_PER_SAMPLE * (time.size - 1) + 1) / CHECKS_PER_SAMPLE, np.arange(time.size), time)
     return (
         fine,
         CubicHermiteSpline(time, x, v)(fine),
@@ -181,8 +181,8 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=OFF_LINE),
-        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=TILT),
+        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
+        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
 
 
@@ -195,7 +195,11 @@ def _start_and_collision(
         if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
             raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
         apart = fine.q[:1] - here
-        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, -START, START))
+        series.append(
+            Bounded.between(
+                "start", _unit(robot), robot.joint_names, fine.time[:1], apart, -MAX_START_DISTANCE, MAX_START_DISTANCE
+            )
+        )
     if settings.collision:
         series += collision_series(robot, fine, settings.obstacles)
     return series

@@ -16,17 +16,17 @@ from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes, hull, link_of_shape
 from urdf.robot import Array
 
-CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
+MIN_CLEARANCE, MIN_SWING_CLEARANCE = 0.01, 0.02
 """Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
-TABLE = (1.6, 0.7, 0.04)
+TABLE_SIZE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
-SHARE = 0.25
+CHECKED_DISTANCE_SHARE = 0.25
 """Share of the distance by which the arm may move before the next look, so that no contact is missed."""
-STEP = 5e-3
+MIN_CHECK_TRAVEL = 5e-3
 """Move after which the next look is taken where two parts already touch [m]."""
-TIE = 1e-9
+DISTANCE_TIE = 1e-9
 """Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
-HAND = 0.15
+HAND_REACH = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
 
@@ -49,12 +49,12 @@ class Obstacle:
 
 def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
     """An open box on a table, under the line: four walls, the floor and the table top."""
-    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE[2] / 2.0])
+    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE_SIZE[2] / 2.0])
     blocks = [
         ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.centre, 2.0 * plate.half)
         for plate in box.plates(line)
     ]
-    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE))])
+    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE_SIZE))])
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Surroundings:
         """Smallest distance at a posture (n,), 0 or less where they touch [m], of which link, and to which body."""
         pin.computeDistances(self._model, self._data, self._shapes, self._distances, q)
         apart = np.array([result.min_distance for result in self._distances.distanceResults])
-        first = int(np.flatnonzero(apart <= apart.min() + TIE)[0])
+        first = int(np.flatnonzero(apart <= apart.min() + DISTANCE_TIE)[0])
         pair = self._shapes.collisionPairs[first]
         part, body = (self._shapes.geometryObjects[end] for end in (pair.first, pair.second))
         return float(apart[first]), link_of_shape(part), body.name
@@ -132,7 +132,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 
     series = []
     if itself.pairs:  # a URDF whose meshes are missing has none
-        series += _where_it_matters("self_collision", motion.time, travel, to_itself, CLEARANCE)
+        series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_CLEARANCE)
     if obstacles:
         around = Surroundings(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
         for number, block in enumerate(obstacles):
@@ -142,7 +142,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
             distance, part, block = around.closest(motion.q[k])
             return distance, f"{part} - {block}"
 
-        series += _where_it_matters("collision", motion.time, travel, to_obstacles, CLEARANCE)
+        series += _where_it_matters("collision", motion.time, travel, to_obstacles, MIN_CLEARANCE)
     return series
 
 
@@ -170,7 +170,7 @@ def swing_series(
 
     travel = _travel(robot, motion.q)
     travel += np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))]) * (swing.length + swing.radius)
-    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, SWING_CLEARANCE)]
+    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, MIN_SWING_CLEARANCE)]
 
 
 def _where_it_matters(
@@ -192,7 +192,7 @@ def _where_it_matters(
         found.setdefault(pair, []).append((float(time[k]), apart))
         if k == last:
             break
-        room = max(SHARE * (apart - least), STEP)
+        room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
         Bounded.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
@@ -204,7 +204,7 @@ def _travel(robot: urdf.Robot, q: Array) -> Array:
     """Upper bound of the distance that any point of the arm has moved until each posture (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
-    lengths.append(float(np.linalg.norm(tool)) + HAND)
+    lengths.append(float(np.linalg.norm(tool)) + HAND_REACH)
     # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ reach)])

@@ -15,7 +15,7 @@ from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
-ORDER = 6
+NOISE_DIFFERENCE_ORDER = 6
 """Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
 
 
@@ -29,10 +29,10 @@ def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
     def column(x: Array) -> tuple[Array, Array, Array]:
         if np.ptp(x) == 0.0:
             return x, np.zeros_like(x), np.zeros_like(x)
-        if time.size < ORDER:
+        if time.size < NOISE_DIFFERENCE_ORDER:
             v = np.gradient(x, time)
             return x, v, np.gradient(v, time)
-        std = quiet_std(time, x, ORDER)
+        std = quiet_std(time, x, NOISE_DIFFERENCE_ORDER)
         # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
         if std < 1e-10 * np.max(np.abs(x)):
             spline = make_interp_spline(time, x, k=5)
@@ -58,7 +58,7 @@ def is_line_csv(path: Path) -> bool:
     return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
 
 
-FAR_BEYOND = 2.0
+DEGREES_RANGE_FACTOR = 2.0
 """Times its range beyond which a joint position is taken for degrees."""
 
 
@@ -133,7 +133,7 @@ def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
         channel = channels[f"q.{name}"]
         if channel.unit == "rad" and np.isfinite(lower) and np.isfinite(upper):
             far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
-            if far > FAR_BEYOND * widest:
+            if far > DEGREES_RANGE_FACTOR * widest:
                 reached[name] = far, widest
             turned = np.radians(channel.value)
             within = within and bool(np.all((turned >= lower) & (turned <= upper)))

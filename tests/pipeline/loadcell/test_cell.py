@@ -169,7 +169,7 @@ def test_an_unplugged_cell_is_noticed_and_its_last_samples_can_be_read(wire, cel
 
 
 def test_a_reader_that_does_not_read_loses_the_oldest_samples_and_is_told_once(wire, clock, until, monkeypatch):
-    monkeypatch.setattr("pipeline.loadcell.cell.QUEUE", 10)
+    monkeypatch.setattr("pipeline.loadcell.cell.QUEUE_LENGTH", 10)
     with LoadCell(wire.port, CALIBRATION, clock=clock) as cell:
         for counts in COUNTS[:50]:
             assert wire.send(wire.line(counts), 10.0)

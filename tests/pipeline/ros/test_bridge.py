@@ -94,7 +94,7 @@ def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, unt
 
 
 def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch):
-    monkeypatch.setattr(bridge_module, "SEND", 0.02)
+    monkeypatch.setattr(bridge_module, "SEND_TIMEOUT_SECONDS", 0.02)
     loopback.stall()
     large = {"data": "x" * 500_000}  # after a few of them more than the buffers of both systems
 
