@@ -91,13 +91,9 @@ def on_cluster(
 ) -> Iterator[tuple[Item, Result | Lost]]:
     """Do work on a dask cluster; yield items and results as they are finished. Items of lost workers go to others.
 
-    Args:
-        work: function that the workers can import or unpickle; it is sent with every item, so that a lost worker loses
-            nothing.
-        items: items of work.
-        scheduler: address, such as ``tcp://host:8786``.
-        extra: the extra of armdyn that installs dask.
-        stopped: function that returns True to stop; see `in_processes`.
+    The workers must be able to import or unpickle `work`, which is sent with every item, so that a lost worker loses
+    nothing. The scheduler has an address such as ``tcp://host:8786``; `extra` is the extra of armdyn that installs
+    dask; for `stopped` see `in_processes`.
 
     Raises:
         InputError: dask is missing, or the scheduler does not answer.

@@ -43,12 +43,9 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
 
 
 class CollisionModel:
-    """The collision shapes of a robot and the pairs of them that are worth checking.
+    """The collision shapes of a robot, fixed at its neutral posture but for the arm, and the pairs worth checking.
 
     Pairs that its SRDF or its settings exclude are left out, and so are links joined by one joint.
-
-    Args:
-        robot: the arm; the rest of the robot is fixed at its neutral posture.
     """
 
     def __init__(self, robot: Robot) -> None:

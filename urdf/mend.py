@@ -100,12 +100,8 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
     0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
-    too small is left alone, as it does little harm and an author may mean a point mass: it is listed.
-
-    Args:
-        root: the URDF.
-        path: file of the URDF, to find meshes; without it meshes are not measured.
-        directories: directories that contain packages.
+    too small is left alone, as it does little harm and an author may mean a point mass: it is listed. Meshes are found
+    from the path of the URDF and the directories that contain packages; without a path they are not measured.
 
     Returns:
         A judgement per link with a defect.

@@ -50,12 +50,8 @@ def captured_output() -> Iterator[Captured]:
 def library_errors(what: str, remedy: str) -> Iterator[None]:
     """Run a library in the block without printing; its messages become part of the error where it fails.
 
-    Args:
-        what: sentence on what is wrong in that case.
-        remedy: sentence on what to do.
-
     Raises:
-        UrdfError: `what`, the library's own words without where in its source it noticed, and the remedy.
+        UrdfError: `what` is wrong, the library's own words without where in its source it noticed, and the remedy.
     """
     said = Captured()
     try:

@@ -19,10 +19,9 @@ MAX_LISTED_PROBLEMS = 12
 
 
 class TableFileError(ValueError):
-    """A TOML file that cannot be used: the message, which lacks the file's name, says what is wrong and what to do.
+    """A TOML file that cannot be used, for one problem or more, each about another entry.
 
-    Args:
-        problems: one sentence or more, each about another entry.
+    The message, which lacks the file's name, says what is wrong and what to do.
     """
 
     def __init__(self, *problems: str) -> None:

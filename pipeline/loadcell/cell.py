@@ -100,17 +100,11 @@ class LoadCell(Closing):
 
     It reads in a thread of its own from creation to `close`; use it as a context manager. Every method may be called
     from any thread. After a disconnection nothing more arrives: a cell that was unplugged in the middle of a motion
-    must not come back unnoticed.
-
-    Args:
-        port: serial port, such as ``/dev/ttyUSB0`` or ``COM3``.
-        calibration: calibration of this cell; None where only counts are to be read.
-        baud: baud rate of the microcontroller's program.
-        clock: gives the time of reception [s].
-        silent_after: time without a sample that counts as silence [s].
+    must not come back unnoticed. Without a calibration it gives only counts. The clock gives the time of reception [s];
+    a time without a sample [s] counts as silence.
 
     Raises:
-        InputError: the port cannot be opened.
+        InputError: the port, such as ``/dev/ttyUSB0`` or ``COM3``, cannot be opened.
     """
 
     def __init__(

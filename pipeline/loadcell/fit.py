@@ -253,16 +253,10 @@ def calibrate(
     progress: Callable[[Weight, int], None],
     wait: Callable[[float], None],
 ) -> CalibrationFit:
-    """Take `samples` samples at each of `weights` and fit a line.
+    """Take so many samples at each of the known weights and fit a line; the method is for the file.
 
-    Args:
-        cell: whose counts are taken.
-        weights: known weights in the order in which the user hangs them.
-        samples: number of samples per weight.
-        source: method of the calibration, for the file.
-        ask: asks the user to hang a weight, and returns when it hangs still.
-        progress: called with the weight and its present number of samples.
-        wait: waits some seconds.
+    `ask` asks the user to hang a weight, and returns when it hangs still; `progress` is called with the weight and its
+    present number of samples; `wait` waits some seconds.
 
     Raises:
         TaskFailedError: the cell fails, or its counts give no calibration.

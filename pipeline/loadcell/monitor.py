@@ -134,8 +134,7 @@ def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[st
             {
                 "time": event.time - start,
                 "fault": event.fault.name.lower(),
-                "began": event.began,
-                "count": event.count,
+                **fields(event, "began count"),
                 "sentence": event.fault.value,
             }
             for event in seen.events

@@ -133,15 +133,10 @@ def excitation(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> Excitation:
-    """Design a motion that determines or distinguishes the effects of a goal as well as possible.
+    """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
 
-    Args:
-        goal: which unknowns are wanted, or which effects are to be distinguished.
-        seconds: duration of the whole motion.
-        random: number of random motions to start from and to compare with.
-        compare: whether the motion with the least condition number is looked for as well.
-        seed: seed of the random motions.
-        say: reports the progress.
+    It begins with so many random motions, and is compared with the best of them and, with `compare`, with the motion of
+    the least condition number. `say` reports the progress.
 
     Raises:
         TaskFailedError: no feasible motion was found.

@@ -49,13 +49,8 @@ def fit_to_arm(
 ) -> FeasibleMotion | None:
     """The motion, its mirror image or a smaller copy that the arm can make; None where none is large enough.
 
-    Args:
-        motion: designed motion of the gripper.
-        hypotheses: models that predict the swing; the load stays clear of the box in all of them, and clear of the arm
-            in the first, which is the most probable.
-        robot: the arm.
-        table: of its line.
-        load_radius: m.
+    The load stays clear of the box by all models that predict the swing, and clear of the arm by the first, which is
+    the most probable. Its radius is in m.
     """
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))

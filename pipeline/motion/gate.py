@@ -131,10 +131,8 @@ class LineGate:
     ) -> Refusal | None:
         """The first limit that a reference violates; None where the reference may be sent.
 
-        Args:
-            reference: reference of the next cycle.
-            previous: reference of the cycle before, which the next one must continue; None at the start of a motion.
-            measured: joint positions now (n,); None where they are not watched [rad].
+        It must continue the reference of the cycle before, if there was one, and be near the measured joint positions
+        (n,) [rad], where they are watched.
         """
         if not reference.is_finite:
             return Refusal(RefusalReason.NOT_A_NUMBER)

@@ -19,7 +19,7 @@ ACCELERATION_FADE_SECONDS = 0.1
 
 
 class LineSmoother:
-    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle.
+    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle [s].
 
     *Look-ahead catch-up*: of the motions that meet the reference m = 1, 2, 3, ... cycles ahead, exactly on that sample,
     the first that the limits allow is begun. A feasible reference is met at m = 1 and reproduced exactly; after an
@@ -29,13 +29,8 @@ class LineSmoother:
     *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
     does so too. That motion is stored, and continued where nothing better is found in the next cycle.
 
-    Args:
-        limits: limits along the line; those of a table are ``LineLimits.from_table(table)``.
-        dt: control cycle [s].
-        state: present state of the tool.
-
     Raises:
-        InputError: if `state` cannot be brought to rest within the limits.
+        InputError: if the tool cannot be brought to rest within the limits from its present state.
     """
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:

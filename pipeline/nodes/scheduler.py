@@ -22,15 +22,15 @@ class ClockError(TaskFailedError):
 
 
 class Node(Protocol):
-    """A task that the loop runs at a fixed rate."""
+    """A task that the loop runs at a fixed rate.
 
-    @property
-    def name(self) -> str:
-        """Name of the node for tables and messages."""
+    Attributes:
+        name: of the node, for tables and messages.
+        period: time between steps [s].
+    """
 
-    @property
-    def period(self) -> float:
-        """Time between steps [s]."""
+    name: str
+    period: float
 
     def step(self, now: float) -> None:
         """Run the node's task once; `now` is the time at which this step was due [s]."""

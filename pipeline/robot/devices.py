@@ -111,14 +111,9 @@ def _share_per_step(time_constant: float) -> float:
 
 
 class SimulatedCell:
-    """Samples the string tension at a fixed period and delivers the samples with a latency.
+    """Samples the string tension at a fixed period, with a zero error [N], and delivers the samples with a latency [s].
 
-    Args:
-        settings: noise, resolution, range.
-        hidden: value of every effect.
-        bias: zero error [N].
-        latency: time from the force to the reception of its sample, sensor_delay not counted [s].
-        rng: source of the noise.
+    The hidden delay of the sensor comes on top of the latency.
     """
 
     def __init__(

@@ -120,14 +120,7 @@ def render_swing(
 ) -> None:
     """Draw a motion: ``.gif`` gives an animation at true speed, ``.png`` a sheet of six moments.
 
-    Args:
-        robot: the arm.
-        settings: load, string and box of the plant.
-        history: motion to draw, such as a part of `SimulatedRobot.history`.
-        path: file to write.
-        frames_per_second: of the animation.
-        size: width and height of one picture [pixels].
-        progress: called with the number of drawn pictures and the total.
+    One picture has a width and height [pixels]; `progress` is called with the number of drawn pictures and the total.
 
     Raises:
         InputError: another file type, nothing to draw, or this machine cannot draw without a screen.

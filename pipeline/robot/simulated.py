@@ -29,17 +29,12 @@ class SimulatedRobot:
     """A robot arm with a load on a string, as `RobotInterface` sees it; it starts hanging at rest at time 0.
 
     The arm follows the commands with a lag, because its servo is soft, its joints rub and its links are heavier or
-    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit.
-
-    Args:
-        robot: the arm; its line says where the box stands and which way is along.
-        q_start: joint positions at time 0 (n,) [rad].
-        settings: load, string, servo, sensors, box.
-        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
-        seed: of everything that is drawn.
+    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit. Its
+    line says where the box stands and which way is along. Hidden effects are those of `hidden.HIDDEN_EFFECTS`; None
+    stands for the typical value.
 
     Raises:
-        InputError: a posture outside the joint limits, or settings that do not fit the robot.
+        InputError: a posture (n,) [rad] outside the joint limits, or settings that do not fit the robot.
         UnknownNameError: a hidden effect that the plant does not have.
     """
 

@@ -34,14 +34,11 @@ class BridgeError(ArmdynError):
 
 
 class Bridge(Closing):
-    """One connection to rosbridge. Any thread may publish; messages that arrive are handed out in a separate thread.
+    """One connection to rosbridge, such as ``ws://robot:9090``; its clock gives the times of reception [s].
 
-    Nothing is queued: a message is handed to the operating system at once, or the connection ends. A connection that
-    was lost stays lost, so that nothing moves again because a cable was plugged in.
-
-    Args:
-        uri: address, such as ``ws://robot:9090``.
-        clock: gives the times of reception [s].
+    Any thread may publish; messages that arrive are handed out in a separate thread. Nothing is queued: a message is
+    handed to the operating system at once, or the connection ends. A connection that was lost stays lost, so that
+    nothing moves again because a cable was plugged in.
 
     Attributes:
         failure: a sentence once the connection is lost, otherwise None.

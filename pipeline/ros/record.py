@@ -38,17 +38,10 @@ def record_run(
     calibration: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Run, tuple[str, ...]]:
-    """Record joint states and load cell for some seconds, and write the run.
+    """Record joint states and load cell for some seconds, and write the run as a CSV file with its settings beside it.
 
-    Args:
-        uri: address of the bridge.
-        arm: arm whose joints are recorded; where it has a line, the tool's coordinate and height are recorded too.
-        topics: names of the arm's topics.
-        output: the CSV file; its settings are written beside it.
-        seconds: duration of the recording [s].
-        port: serial port of the load cell; None where there is none.
-        calibration: calibration of the load cell; the user's own if not given.
-        progress: called with the share that is done.
+    Where the arm has a line, the tool's coordinate and height are recorded too. Without a serial port there is no load
+    cell; its calibration is the user's own if not given. `progress` is called with the share that is done.
 
     Returns:
         The run, which a signal may have ended early, and a sentence on what became of the messages and on everything

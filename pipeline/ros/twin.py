@@ -40,17 +40,9 @@ OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0"
 
 
 class Twin(Closing):
-    """A simulated Baxter on ROS; `run` keeps it alive.
+    """A simulated Baxter on ROS, in an initial posture (n,) [rad]; `run` keeps it alive.
 
-    Args:
-        uri: address of the bridge.
-        description: the arm.
-        topics: topics of the arm, which must be Baxter's.
-        q_start: initial posture (n,) [rad].
-        settings: settings of the plant.
-        hidden: hidden effects, which the user's model does not contain.
-        seed: seed of everything random.
-        stamp_offset: by how much the robot's clock is ahead of this computer's [s].
+    It has effects that the user's model does not contain. Its clock is ahead of this computer's by `stamp_offset` [s].
 
     Attributes:
         robot: the plant.

@@ -53,13 +53,8 @@ def check_line(
 ) -> FeasibilityReport:
     """Judge a motion along the line: whether it stays on the line, and whether the joints can follow.
 
-    Args:
-        table: from the line to the joints.
-        robot: the arm.
-        trajectory: the motion.
-        settings: what the check takes into account.
-        swing: of the load; None where nothing hangs.
-        at: where the arm is (n,); None where nobody knows [rad].
+    The check includes the swing of a load, where one hangs, and a start at joint positions `at` (n,) [rad], where it is
+    known where the arm is.
     """
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
@@ -72,9 +67,7 @@ def check_line(
     fine = _finer(*samples)
     motion, between = joints(*samples), joints(*fine)
     series = [Bounded.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
-    series += _joint_series(robot, motion, between, settings)
-    series += _off_line_series(robot, table.line, between)
-    series += _start_and_collision(robot, between, settings, at)
+    series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_series(robot, table.line, between, swing, settings.collision)
     return FeasibilityReport.of(series)
@@ -87,14 +80,9 @@ def check_joints(
     line: urdf.Line | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
-    """Judge a motion of the joints.
+    """Judge a motion of the joints, of a tool that must stay on `line` where one is given.
 
-    Args:
-        robot: the arm.
-        trajectory: the motion.
-        settings: what the check takes into account.
-        line: on which the tool must stay; None where it is free.
-        at: where the arm is (n,); None where nobody knows [rad].
+    The check includes a start at joint positions `at` (n,) [rad], where it is known where the arm is.
 
     Raises:
         InputError: if the trajectory is of other joints.
@@ -107,10 +95,29 @@ def check_joints(
         )
     fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
     between = JointTrajectory(*fine, robot.joint_names)
-    series = _joint_series(robot, trajectory, between, settings)
+    return FeasibilityReport.of(_series(robot, trajectory, between, settings, line, at))
+
+
+def _series(
+    robot: urdf.Robot,
+    motion: JointTrajectory,
+    fine: JointTrajectory,
+    settings: CheckSettings,
+    line: urdf.Line | None,
+    at: ArrayLike | None,
+) -> list[Bounded]:
+    """All that is limited of a motion of the joints, from its samples and from finer ones."""
+    series = _joint_series(robot, motion, fine, settings)
     if line is not None:
-        series += _off_line_series(robot, line, between)
-    return FeasibilityReport.of([*series, *_start_and_collision(robot, between, settings, at)])
+        series += _off_line_series(robot, line, fine)
+    if at is not None:
+        here = np.asarray(at, dtype=float)
+        if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
+            raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
+        start = -MAX_START_DISTANCE, MAX_START_DISTANCE
+        apart = fine.q[:1] - here
+        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
+    return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
@@ -184,25 +191,6 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
         Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
-
-
-def _start_and_collision(
-    robot: urdf.Robot, fine: JointTrajectory, settings: CheckSettings, at: ArrayLike | None
-) -> list[Bounded]:
-    series = []
-    if at is not None:
-        here = np.asarray(at, dtype=float)
-        if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
-            raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        apart = fine.q[:1] - here
-        series.append(
-            Bounded.between(
-                "start", _unit(robot), robot.joint_names, fine.time[:1], apart, -MAX_START_DISTANCE, MAX_START_DISTANCE
-            )
-        )
-    if settings.collision:
-        series += collision_series(robot, fine, settings.obstacles)
-    return series
 
 
 def _unit(robot: urdf.Robot) -> str:

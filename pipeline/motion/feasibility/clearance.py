@@ -89,9 +89,7 @@ class Swing:
 class Surroundings:
     """Distances of the arm's links from other bodies, with convex hulls in place of meshes: they err on the safe side.
 
-    Args:
-        robot: the arm.
-        bodies: their names and shapes, each with the joint whose links it may touch, -1 for none.
+    A body has a name, a shape, and the joint whose links it may touch, -1 for none.
     """
 
     def __init__(self, robot: urdf.Robot, bodies: Sequence[tuple[str, coal.CollisionGeometry, int]]) -> None:
@@ -178,12 +176,8 @@ def _where_it_matters(
 ) -> list[Bounded]:
     """Distances at the instants that matter, a series per pair that was the closest at one of them.
 
-    Args:
-        limit: what is limited.
-        time: of all samples (m,) [s].
-        travel: upper bound of the distance that any point of the arm has moved until each sample (m,) [m].
-        distance: at a sample: how far apart which two are [m].
-        least: distance that is asked for [m].
+    No point of the arm has moved farther than `travel` (m,) [m] until a sample; `distance` gives, at a sample, how far
+    apart which two are [m], which must be `least` [m].
     """
     found: dict[str, list[tuple[float, float]]] = {}
     k, last = 0, time.size - 1

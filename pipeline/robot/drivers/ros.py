@@ -47,17 +47,11 @@ SDK_SPEED_RATIO = 0.3
 
 
 class RosRobot(Closing):
-    """An arm behind rosbridge with a load cell on a serial line; use it in a ``with`` block.
+    """An arm behind rosbridge, ``ws://HOST:9090``, with a load cell on a serial line; use it in a ``with`` block.
 
     Every command passes one gate (`StreamGate`); what it withholds ends the run: `fault` says why, `command` raises
-    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding.
-
-    Args:
-        uri: of the bridge, ``ws://HOST:9090``.
-        description: the arm.
-        topics: what it is called.
-        cell: the load cell, read on the clock that is given here; None where there is none.
-        clock: our clock [s], the one that the load cell uses.
+    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding. A load
+    cell is read on the same clock [s].
 
     Attributes:
         statistics: what was measured.
