@@ -12,7 +12,10 @@ from pipeline.robot.protocol import ForceSample
 
 
 class Fault(Enum):
-    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first."""
+    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first.
+
+    Down to `DRIFTING` they last, and make the force unreliable until they are over; the others are single events.
+    """
 
     DISCONNECTED = "the serial port is gone: plug the cable in and start again"
     SILENT = "no sample arrives any more: check the cable, and that the microcontroller runs and sees the HX711"
@@ -28,11 +31,6 @@ class Fault(Enum):
     DROPPED = "samples were lost on their way from the microcontroller: check the cable and the load of this computer"
     REPEATED = "a sample came more than once, and was taken once: check the microcontroller's program"
     OVERFLOW = "samples were thrown away because they were not read in time: read more often"
-
-    @property
-    def lasts(self) -> bool:
-        """Whether the fault lasts and makes the force unreliable until it is over; other faults are single events."""
-        return self.name in {"DISCONNECTED", "SILENT", "SATURATED", "FROZEN", "SPIKES", "NEGATIVE", "DRIFTING"}
 
 
 @dataclass(frozen=True)
