@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import connection, get_context
@@ -16,19 +16,13 @@ PARENT_GONE_STATUS = 1
 
 
 @contextmanager
-def worker_pool(
-    workers: int, start: str | None = None, begin: Callable[..., object] | None = None, *arguments: Any
-) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(workers: int, start: str | None = None) -> Iterator[ProcessPoolExecutor]:
     """A pool whose workers are ended at once where the block ends by an exception, such as Ctrl-C.
 
-    Args:
-        workers: how many processes.
-        start: how they begin, as `multiprocessing` calls it; Python's usual way when not given. Where pools come and
-            go, ``"forkserver"``: a forked copy of a process with threads can hang.
-        begin: called once in each worker.
-        arguments: of `begin`.
+    They begin as `multiprocessing` calls it, in Python's usual way when not given. Where pools come and go,
+    ``"forkserver"``: a forked copy of a process with threads can hang.
     """
-    pool = ProcessPoolExecutor(workers, get_context(start), begin_child, (begin, arguments))
+    pool = ProcessPoolExecutor(workers, get_context(start), begin_child)
     try:
         yield pool
     except BaseException:
@@ -40,18 +34,16 @@ def worker_pool(
     pool.shutdown()
 
 
-def begin_child(begin: Callable[..., object] | None = None, arguments: tuple[Any, ...] = ()) -> None:
+def begin_child() -> None:
     """To be called first in a process that `multiprocessing` has started."""
     from armdyn.threads import keep_one_thread  # takes half a second, which a parent may not need
 
-    leave_signals_to_parent()
-    end_with_parent()
+    _leave_signals_to_parent()
+    _end_with_parent()
     keep_one_thread()
-    if begin is not None:
-        begin(*arguments)
 
 
-def leave_signals_to_parent() -> None:
+def _leave_signals_to_parent() -> None:
     """Ignore Ctrl-C and hang-up, which a terminal sends to a whole group, so that the parent alone acts on them."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
@@ -59,7 +51,7 @@ def leave_signals_to_parent() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def end_with_parent() -> None:
+def _end_with_parent() -> None:
     """End this process when its parent does.
 
     Each child holds one end of a pipe whose other end only the parent has. On Linux the kernel kills the child when the

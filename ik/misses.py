@@ -9,7 +9,7 @@ from ik.solver import Solver
 from urdf import CollisionModel, Robot
 from urdf.robot import Array
 
-ALL_STARTS = 200  # starting postures that a search without joint limits may use
+UNLIMITED_STARTS_PER_TARGET = 200  # starting postures that a search without joint limits may use
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def find_misses(robot: Robot, path: Path, s: Array, collisions: CollisionModel) 
     solver = Solver(robot)
     answers = solver.solve(rotation, position)
     missed = np.flatnonzero(~answers.reached)
-    free = Solver(robot, limited=False).solve(rotation[missed], position[missed], starts=ALL_STARTS)
+    free = Solver(robot, limited=False).solve(rotation[missed], position[missed], starts=UNLIMITED_STARTS_PER_TARGET)
     without_limits = dict(zip(missed.tolist(), zip(free.reached, free.q, strict=True), strict=True))
     misses = []
     for index, at in enumerate(s):

@@ -11,7 +11,7 @@ from armdyn.errors import InputError
 from urdf.robot import Array, freeze
 
 MAX_PATH_LENGTH = 20.0  # m of path; no arm on a fixed base follows a longer one
-UNASKED_CORE_SPEED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
+UNREQUIRED_CORE_SPEED = 1e-3  # m/s, slower than any arm: no speed is asked of the core
 
 
 class Path(Protocol):
@@ -51,7 +51,7 @@ class _WithoutCore:
 
     s_min: float
     s_max: float
-    core_speed = UNASKED_CORE_SPEED
+    core_speed = UNREQUIRED_CORE_SPEED
 
     @property
     def core(self) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError
-from ik.path import MAX_PATH_LENGTH, UNASKED_CORE_SPEED, CirclePath, Path, SplinePath
+from ik.path import MAX_PATH_LENGTH, UNREQUIRED_CORE_SPEED, CirclePath, Path, SplinePath
 from urdf import Line, UrdfError
 from urdf.robot import Array, rotation_of
 from urdf.table_file import TableFileError, check_keys, read_table
@@ -100,7 +100,7 @@ def _path_of(content: dict[str, Any]) -> Path:
         s_min=first,
         s_max=last,
         core=(low, high),
-        core_speed=float(content.get("core_speed", UNASKED_CORE_SPEED)),
+        core_speed=float(content.get("core_speed", UNREQUIRED_CORE_SPEED)),
     )
 
 

@@ -26,12 +26,9 @@ from urdf.robot import Array, freeze
 
 
 class JointTorque:
-    """Motor torques for a motion of the arm, with a load as a point mass at the tool point.
+    """Motor torques for a motion of the arm, with a mass of a load [kg] as a point at the tool.
 
-    Args:
-        robot: the arm.
-        load_mass: mass of a load at the tool point [kg].
-        springs: whether to include the springs of the robot's settings; by default as the settings say.
+    The springs of the robot's settings help as the settings say, unless it is given whether they do.
 
     Raises:
         InputError: if the mass is negative or not a number.

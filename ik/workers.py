@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 from armdyn.errors import InputError, TaskFailedError
 from ik.children import worker_pool
 
-LOOK = 0.2
+STOP_CHECK_SECONDS = 0.2
 """Interval at which the user's wish to stop is checked, s."""
-AHEAD = 2
+ITEMS_PER_WORKER = 2
 """Number of items in hand per worker: one is there when another is done. Where a worker dies, they are suspects."""
-DEATHS = 2
+MAX_DEATHS_PER_ITEM = 2
 """Number of times that a worker may die of one item, the second time alone, before the item is given up."""
-CONNECT = 10.0
+CONNECT_TIMEOUT_SECONDS = 10.0
 """Longest wait for a scheduler, s."""
 
 Item = TypeVar("Item")
@@ -60,12 +60,12 @@ def in_processes(
         try:
             with worker_pool(crew, start) as pool:
                 while source or running:
-                    while source and len(running) < (AHEAD * crew if together else 1):
+                    while source and len(running) < (ITEMS_PER_WORKER * crew if together else 1):
                         number, item = source.popleft()
                         running[pool.submit(work, item)] = number, item
                     if stopped():
                         raise _StoppedError
-                    for future in wait(running, LOOK, FIRST_COMPLETED).done:
+                    for future in wait(running, STOP_CHECK_SECONDS, FIRST_COMPLETED).done:
                         result = future.result()
                         yield running.pop(future)[1], result
         except _StoppedError:
@@ -76,7 +76,7 @@ def in_processes(
                     yield item, future.result()
                     continue
                 deaths[number] += 1
-                if deaths[number] >= DEATHS and not together:
+                if deaths[number] >= MAX_DEATHS_PER_ITEM and not together:
                     yield item, Lost(f"the process that worked on it died {deaths[number]} times")
                 else:
                     alone.append((number, item))
@@ -91,13 +91,9 @@ def on_cluster(
 ) -> Iterator[tuple[Item, Result | Lost]]:
     """Do work on a dask cluster; yield items and results as they are finished. Items of lost workers go to others.
 
-    Args:
-        work: function that the workers can import or unpickle; it is sent with every item, so that a lost worker loses
-            nothing.
-        items: items of work.
-        scheduler: address, such as ``tcp://host:8786``.
-        extra: the extra of armdyn that installs dask.
-        stopped: function that returns True to stop; see `in_processes`.
+    The workers must be able to import or unpickle `work`, which is sent with every item, so that a lost worker loses
+    nothing. The scheduler has an address such as ``tcp://host:8786``; `extra` is the extra of armdyn that installs
+    dask; for `stopped` see `in_processes`.
 
     Raises:
         InputError: dask is missing, or the scheduler does not answer.
@@ -114,7 +110,7 @@ def on_cluster(
         try:
             while futures and not stopped():
                 try:
-                    future = done.get(timeout=LOOK)
+                    future = done.get(timeout=STOP_CHECK_SECONDS)
                 except queue.Empty:
                     continue
                 item = futures.pop(future)
@@ -142,6 +138,6 @@ def _client(scheduler: str, extra: str) -> Any:
     except ImportError as error:
         raise InputError(f"--scheduler needs dask: run 'pip install armdyn[{extra}]'") from error
     try:
-        return Client(scheduler, timeout=CONNECT, set_as_default=False)
+        return Client(scheduler, timeout=CONNECT_TIMEOUT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"{scheduler}: no dask scheduler answers there; start one with 'dask scheduler'") from error

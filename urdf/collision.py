@@ -7,7 +7,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import Array, Robot, UrdfError
 
 
@@ -25,7 +25,7 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     Raises:
         UrdfError: a mesh cannot be read.
     """
-    with told(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
+    with library_errors(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
         full = pin.buildModelFromXML(robot.urdf_xml)
         # Directories are passed by name: in pin 4.1 the third positional argument has another meaning.
         shapes = pin.buildGeomFromUrdfString(
@@ -43,12 +43,9 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
 
 
 class CollisionModel:
-    """The collision shapes of a robot and the pairs of them that are worth checking.
+    """The collision shapes of a robot, fixed at its neutral posture but for the arm, and the pairs worth checking.
 
     Pairs that its SRDF or its settings exclude are left out, and so are links joined by one joint.
-
-    Args:
-        robot: the arm; the rest of the robot is fixed at its neutral posture.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -105,7 +102,7 @@ class CollisionModel:
         Raises:
             UrdfError: it cannot be read.
         """
-        with told(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
+        with library_errors(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
             pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
 
     def _leave_out(self, exclusions: tuple[tuple[str, str], ...]) -> None:

@@ -36,13 +36,8 @@ def package_dirs(urdf_path: Path, uris: Iterable[str]) -> tuple[Path, ...]:
         *urdf_path.resolve().parents,
         *map(Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(":"))),
     ]
-    found: list[Path] = []
-    for name in sorted(names):
-        for directory in searched:
-            if (directory / name).is_dir():
-                found.append(directory)
-                break
-    return tuple(dict.fromkeys(found))
+    found = (next((place for place in searched if (place / name).is_dir()), None) for name in sorted(names))
+    return tuple(dict.fromkeys(place for place in found if place is not None))
 
 
 def locate_mesh(uri: str, urdf_path: Path, directories: tuple[Path, ...]) -> Path | None:

@@ -8,19 +8,19 @@ import numpy as np
 import pinocchio as pin
 
 from urdf.gripper import gripper_joints
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
 from urdf.validate import MOVING_JOINT_TYPES, link_of
 
-SPEED_UP = 0.1  # s from rest to full speed
-JERK_TIME = 0.02  # s from none to full acceleration
-SOURCE = (
+SPEED_UP_SECONDS = 0.1  # s from rest to full speed
+JERK_SECONDS = 0.02  # s from none to full acceleration
+LIMITS_SOURCE = (
     "No settings file gives them: an assumption, that each joint reaches its full speed in 0.1 s and its full "
     "acceleration in 20 ms."
 )
 RANDOM_POSTURES = 2000  # random postures among which a home is chosen
-GRIPPERS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
+GRIPPER_NAME_PARTS = ("gripper", "finger", "knuckle", "thumb", "jaw", "claw")
 """Parts of names that a recording gives to what holds things; of a description, `urdf.gripper` asks for its kind."""
 
 
@@ -43,7 +43,7 @@ def infer(
     chains = _chains(root)
     said: list[str] = []
     if joints is None:
-        with told(f"{path}: Pinocchio cannot read it", "correct it"):
+        with library_errors(f"{path}: Pinocchio cannot read it", "correct it"):
             grippers = gripper_joints(root)
         counted = [[name for name in chain if name in moving and name not in grippers] for chain, _ in chains]
         longest = max(counted, key=len)
@@ -65,7 +65,7 @@ def infer(
         urdf=UrdfFile(str(path)),
         arm=Arm(joints, home=()),
         tool=Tool(tool, (0.0, 0.0, 0.0)),
-        limits=AssumedLimits((), (), SOURCE),
+        limits=AssumedLimits((), (), LIMITS_SOURCE),
     )
     return settings, tuple(said)
 
@@ -81,7 +81,7 @@ def copied(root: ET.Element) -> dict[str, str]:
 
 def is_gripper(name: str) -> bool:
     """Whether a name is that of a part of a gripper."""
-    return any(part in name.lower() for part in GRIPPERS)
+    return any(part in name.lower() for part in GRIPPER_NAME_PARTS)
 
 
 def assumed_home(model: pin.Model, tool_frame: int) -> Array:

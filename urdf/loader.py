@@ -15,7 +15,7 @@ import pinocchio as pin
 from urdf import infer, validate
 from urdf.find import distribution_file, find_meshes, leave_out_shapes, make_absolute
 from urdf.mend import Judged, add_frames, complete_limits, mend_inertias, tell_apart
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import IN_A_URDF, DescriptionWarning, Dynamics, Limits, Robot, UrdfError, missing_limits
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, read_settings
 from urdf.validate import MJCF, check_plain
@@ -133,7 +133,9 @@ def _read(path: Path) -> _Description:
     check_plain(root, path)
     if mjcf is None:
         changed = validate.check_schema(path)
-    return _Description(path, root, mjcf.sentences if mjcf else validate.odd(root), (*changed, *tell_apart(root)), mjcf)
+    return _Description(
+        path, root, mjcf.sentences if mjcf else validate.suspicious_entries(root), (*changed, *tell_apart(root)), mjcf
+    )
 
 
 def _locate(settings: Settings, source: Path) -> tuple[Path, Path | None]:
@@ -245,7 +247,7 @@ def _assemble(described: _Description, srdf: Path | None, settings: Settings, te
 
 def _reduced(xml: str, joints: tuple[str, ...], path: Path, dynamics: Dynamics) -> tuple[pin.Model, list[str]]:
     """Model of the arm alone, with joints in order from base to tool and carried joints fixed."""
-    with told(f"{path}: Pinocchio cannot read it", "correct it"):
+    with library_errors(f"{path}: Pinocchio cannot read it", "correct it"):
         full = pin.buildModelFromXML(xml)
     locked = [index for index in range(1, full.njoints) if full.names[index] not in joints]
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
@@ -285,13 +287,13 @@ def _limits(model: pin.Model, given: AssumedLimits) -> Limits | None:
     if missing_limits(model):
         return None
     velocity = np.array(model.velocityLimit)
-    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP
+    acceleration = np.array(given.acceleration) if given.acceleration else velocity / infer.SPEED_UP_SECONDS
     return Limits(
         lower=np.array(model.lowerPositionLimit),
         upper=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=acceleration,
-        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_TIME,
+        jerk=np.array(given.jerk) if given.jerk else acceleration / infer.JERK_SECONDS,
         effort=np.array(model.effortLimit),
     )
 
@@ -310,11 +312,10 @@ def _warnings(model: pin.Model, judged: Sequence[Judged]) -> list[str]:
 
 def _weightless(model: pin.Model) -> list[str]:
     """A sentence per joint that moves no mass, whose acceleration under a torque is undefined."""
-    carried = [inertia.mass for inertia in model.inertias]
-    for joint in range(model.njoints - 1, 0, -1):
-        carried[model.parents[joint]] += carried[joint]
+    data = model.createData()
+    pin.computeSubtreeMasses(model, data)
     return [
         f"joint '{model.names[joint]}' carries no mass; left as it is, so that its motion under a torque is undefined"
         for joint in range(1, model.njoints)
-        if carried[joint] <= 0.0
+        if data.mass[joint] <= 0.0
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from urdf.bounds import LARGEST_MESH
 from urdf.find import locate_mesh
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import Frame
 from urdf.validate import LIMIT_NAMES, MOVING_JOINT_TYPES
@@ -69,11 +69,13 @@ def complete_limits(root: ET.Element, joints: tuple[str, ...]) -> list[str]:
     return sentences
 
 
-PLACEHOLDER = 0.01  # m; smaller shapes are placeholders
-SMALLEST_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
-LIGHTEST = 1e-3  # kg; lighter links only mark a place
-SUSPICIOUS = 0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
-BALANCE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
+MIN_SHAPE_EXTENT = 0.01  # m; smaller shapes are placeholders
+MIN_GYRATION_SHARE = 0.1  # share of the radius of gyration that a link's shapes suggest; less is a point mass
+MIN_LINK_MASS = 1e-3  # kg; lighter links only mark a place
+MIN_MEASURED_GYRATION = (
+    0.25  # m of gyration from which a mesh is opened to measure it; primitive shapes are always measured
+)
+MOMENT_TOLERANCE_SHARE = 1e-6  # relative slack of the triangle inequality, for numbers that were rounded when written
 MOMENT_NAMES = ("ixx", "iyy", "izz")
 PRODUCTS = ("ixy", "ixz", "iyz")
 
@@ -98,12 +100,8 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 
     The radius of gyration sqrt(I/m) of a body never exceeds its largest extent. Baxter's fingers break this rule:
     0.01 kg m^2 at 20 g is a ring of 0.7 m radius. Such inertias get the value of a solid of the link's shapes. One far
-    too small is left alone, as it does little harm and an author may mean a point mass: it is listed.
-
-    Args:
-        root: the URDF.
-        path: file of the URDF, to find meshes; without it meshes are not measured.
-        directories: directories that contain packages.
+    too small is left alone, as it does little harm and an author may mean a point mass: it is listed. Meshes are found
+    from the path of the URDF and the directories that contain packages; without a path they are not measured.
 
     Returns:
         A judgement per link with a defect.
@@ -135,7 +133,7 @@ def mend_inertias(root: ET.Element, path: Path | None = None, directories: tuple
 def _judge(name: str, mass: float, moments: list[float], products: list[float], boxes: list[Box]) -> Judged | None:
     """Judge one link's inertia; None where nothing is wrong."""
     largest, extent = max(moments), max((float(np.linalg.norm(size)) for _, size in boxes), default=0.0)
-    solid = _inertia_of_boxes(mass, boxes) if extent >= PLACEHOLDER and mass > 0 else None
+    solid = _inertia_of_boxes(mass, boxes) if extent >= MIN_SHAPE_EXTENT and mass > 0 else None
     if solid is not None and math.sqrt(max(largest, 0.0) / mass) > extent:
         body = 2 * math.sqrt(largest / mass)
         sentence = (
@@ -148,7 +146,7 @@ def _judge(name: str, mass: float, moments: list[float], products: list[float], 
     wrong = no_body(tensor)
     if wrong:
         return Judged(name, f"link '{name}': {wrong}; left as they are: correct its <inertia>", possible=False)
-    if solid is not None and mass >= LIGHTEST and largest < SMALLEST_SHARE**2 * max(solid):
+    if solid is not None and mass >= MIN_LINK_MASS and largest < MIN_GYRATION_SHARE**2 * max(solid):
         size = 2e3 * math.sqrt(max(largest, 0.0) / mass)
         sentence = (
             f"link '{name}': inertia {largest:g} kg m^2 at {mass:g} kg is that of a body of {size:.2g} mm, its "
@@ -164,7 +162,7 @@ def no_body(inertia: Array) -> str:
     A principal moment is a sum of squares over the body, and at most the sum of the two others.
     """
     principal = np.linalg.eigvalsh(inertia, UPLO="U")
-    slack = BALANCE * max(principal[2], 0.0)
+    slack = MOMENT_TOLERANCE_SHARE * max(principal[2], 0.0)
     if principal[0] >= -slack and principal[2] <= principal[0] + principal[1] + slack:
         return ""
     values = ", ".join(f"{value:.3g}" for value in principal)
@@ -189,7 +187,7 @@ def _boxes(
             yield centre, np.array([width, width, float(cylinder.get("length", "0"))])
         elif sphere is not None:
             yield centre, np.full(3, 2 * float(sphere.get("radius", "0")))
-        elif mesh is not None and path is not None and mass > 0 and largest > mass * SUSPICIOUS**2:
+        elif mesh is not None and path is not None and mass > 0 and largest > mass * MIN_MEASURED_GYRATION**2:
             found = locate_mesh(mesh.get("filename", ""), path, directories)
             if found is not None:
                 low, high = _mesh_bounds(found, _vector(mesh.get("scale", "1 1 1")))
@@ -200,7 +198,7 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) [m] of a mesh."""
     import coal
 
-    with told(f"mesh {path} cannot be read", "mend or replace it"):
+    with library_errors(f"mesh {path} cannot be read", "mend or replace it"):
         mesh = coal.MeshLoader().load(str(path), scale)
         mesh.computeLocalAABB()
     if path.stat().st_size > LARGEST_MESH or not np.isfinite(mesh.vertices()).all():

@@ -16,14 +16,14 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.quiet import told
+from urdf.quiet import library_errors
 from urdf.robot import ASSUMED_PREFIX, Array, UrdfError
 from urdf.write import add_joint, inertial_element, numbers_text
 
-SPEED = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
+ASSUMED_SPEEDS = {"revolute": 1.0, "continuous": 1.0, "prismatic": 0.25}
 """rad/s or m/s that are assumed: an MJCF has no speed limits; 0.25 m/s is the reduced speed of ISO 10218-1."""
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 """Transmissions of actuators that drive one joint."""
 
 
@@ -62,7 +62,10 @@ def read_mjcf(path: Path) -> Mjcf:
     _check_numbers(path, model, bodies, joints)
     tree = _Tree(path.stem, model, bodies, joints)
     sentences = [*tree.held, *noticed]
-    sentences.append(f"it has no speed limits; {SPEED['revolute']:g} rad/s and {SPEED['prismatic']:g} m/s were assumed")
+    sentences.append(
+        f"it has no speed limits; {ASSUMED_SPEEDS['revolute']:g} rad/s and {ASSUMED_SPEEDS['prismatic']:g} m/s were "
+        "assumed"
+    )
     if model.opt.density or model.opt.viscosity:
         sentences.append("the drag of what the robot moves in is left out")
     return Mjcf(path, model, bodies, joints, tree.root, tuple(f"{ASSUMED_PREFIX}{sentence}" for sentence in sentences))
@@ -74,7 +77,7 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: noticed.append(f"MuJoCo warns: {' '.join(str(text).split())}"))
     try:
-        with told(f"{path}: MuJoCo refuses it", "correct it"):
+        with library_errors(f"{path}: MuJoCo refuses it", "correct it"):
             model = mujoco.MjModel.from_xml_path(str(path))
             _tell_of_parts(path)
     finally:
@@ -204,7 +207,7 @@ class _Tree:
         kind = "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if m.jnt_limited[j] else "continuous"
         element = self._join(kind, self._joints[j], inner, link, placement)
         ET.SubElement(element, "axis", xyz=numbers_text(m.jnt_axis[j]))
-        limit = ET.SubElement(element, "limit", velocity=repr(SPEED[kind]))
+        limit = ET.SubElement(element, "limit", velocity=repr(ASSUMED_SPEEDS[kind]))
         if j in self._efforts:
             limit.set("effort", repr(self._efforts[j]))
         if m.jnt_limited[j]:
@@ -239,7 +242,7 @@ def _efforts(model: Any) -> dict[int, float]:
             size = float(np.abs(model.actuator_forcerange[i]).max())
         elif model.actuator_ctrllimited[i] and model.actuator_biastype[i] == int(mujoco.mjtBias.mjBIAS_NONE):
             size = float(np.abs(model.actuator_ctrlrange[i]).max() * abs(model.actuator_gainprm[i, 0]))
-        if size and model.actuator_trntype[i] in OF_JOINTS:
+        if size and model.actuator_trntype[i] in JOINT_TRANSMISSIONS:
             j = int(model.actuator_trnid[i, 0])
             found[j] = max(found.get(j, 0.0), size * abs(float(model.actuator_gear[i, 0])))
     limited = np.flatnonzero(model.jnt_actfrclimited).tolist()

@@ -9,18 +9,18 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from urdf.mjcf import HINGE, OF_JOINTS, SLIDE, Mjcf
+from urdf.mjcf import HINGE, JOINT_TRANSMISSIONS, SLIDE, Mjcf
 from urdf.robot import Array, Dynamics, JointDynamics, Spring, UrdfError
 
-STATES = 5
+CHECKED_STATES = 5
 """Random states at which the torques are held against MuJoCo's."""
 TORQUE_TOLERANCE = 1e-9
 """Of the largest torque, at least 1 N m or N; the programs differ by 1e-14 where they mean the same."""
 DISABLED_FLAGS = mujoco.mjtDisableBit
-OF_JOINT, OF_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
-SHAPED = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
+WRAPS_JOINT, WRAPS_SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
+WRAPPED_SHAPES = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 """What parts of a tendon are."""
-TIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+BODY_EQUALITIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 """Equality constraints between bodies."""
 
 
@@ -61,7 +61,7 @@ def check_torques(mjcf: Mjcf, model: pin.Model, dynamics: Dynamics) -> None:
     at = [mjcf.joints.index(name) for name in names]
     data, rng = _at_zero(compiled), np.random.default_rng(0)
     damping = np.array([dynamics.joints[name].damping for name in names])
-    for _ in range(STATES):
+    for _ in range(CHECKED_STATES):
         q, v, a = rng.uniform(-1.0, 1.0, (3, len(names)))
         data.qpos[compiled.jnt_qposadr[at]] = q
         data.qvel[compiled.jnt_dofadr[at]] = v
@@ -116,7 +116,7 @@ class _Reader:
         if not (m.actuator_armature[i] or m.actuator_damping[i] or m.actuator_dampingpoly[i].any()):
             return
         what = self._called(mujoco.mjtObj.mjOBJ_ACTUATOR, "actuator", i)
-        if m.actuator_trntype[i] not in OF_JOINTS:
+        if m.actuator_trntype[i] not in JOINT_TRANSMISSIONS:
             raise self._no_place(what, "it has an inertia or a damping of its own and drives no single joint")
         name = self._mjcf.joints[m.actuator_trnid[i, 0]]
         if name in self._arm:
@@ -132,7 +132,7 @@ class _Reader:
         what = self._called(mujoco.mjtObj.mjOBJ_TENDON, "tendon", i)
         parts = list(range(m.tendon_adr[i], m.tendon_adr[i] + m.tendon_num[i]))
         low, high = m.tendon_lengthspring[i]
-        if m.wrap_type[parts[0]] == OF_JOINT:
+        if m.wrap_type[parts[0]] == WRAPS_JOINT:
             ratios = {self._mjcf.joints[m.wrap_objid[k]]: float(m.wrap_prm[k]) for k in parts}
             pulled = [name for name in ratios if name in self._arm and ratios[name]]
         else:
@@ -144,12 +144,12 @@ class _Reader:
         if len(pulled) > 1 or low != high:
             raise self._no_place(what, f"it pulls on {', '.join(pulled)}, or has a slack")
         (joint,) = pulled
-        if m.wrap_type[parts[0]] == OF_JOINT:
+        if m.wrap_type[parts[0]] == WRAPS_JOINT:
             self._add(joint, ratios[joint], *drive)
             self._add_spring(joint, m.tendon_stiffness[i] * ratios[joint] ** 2, low / ratios[joint])
             return
         turns = m.jnt_type[self._mjcf.joints.index(joint)] == HINGE
-        sites = len(parts) == 2 and all(m.wrap_type[k] == OF_SITE for k in parts)
+        sites = len(parts) == 2 and all(m.wrap_type[k] == WRAPS_SITE for k in parts)
         if not (turns and sites) or low or any(drive):
             raise self._no_place(what, "only a spring of length 0 between two sites across a hinge is known")
         self._add_gravity_spring(joint, float(m.tendon_stiffness[i]), [int(m.wrap_objid[k]) for k in parts])
@@ -157,7 +157,7 @@ class _Reader:
     def check_equality(self, i: int) -> None:
         """Refuse an equality constraint between a part of the arm and a part that moves differently."""
         m = self._m
-        if not m.eq_active0[i] or m.eq_type[i] not in TIES:
+        if not m.eq_active0[i] or m.eq_type[i] not in BODY_EQUALITIES:
             return
         ends = [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
         if m.eq_objtype[i] == int(mujoco.mjtObj.mjOBJ_SITE):
@@ -214,9 +214,9 @@ class _Reader:
     def _holder(self, wrap: int) -> int:
         """Index of the body that a part of a tendon is on; the world for a pulley."""
         m = self._m
-        if m.wrap_type[wrap] == OF_SITE:
+        if m.wrap_type[wrap] == WRAPS_SITE:
             return int(m.site_bodyid[m.wrap_objid[wrap]])
-        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in SHAPED else 0
+        return int(m.geom_bodyid[m.wrap_objid[wrap]]) if m.wrap_type[wrap] in WRAPPED_SHAPES else 0
 
     def _movers(self, body: int) -> set[str]:
         """Joints that move a body."""

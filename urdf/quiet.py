@@ -16,16 +16,16 @@ MAX_SHOWN_CHARACTERS = 200
 
 
 @dataclass
-class Said:
+class Captured:
     """Captured output in one line; complete when the block has ended."""
 
     text: str = ""
 
 
 @contextmanager
-def quiet() -> Iterator[Said]:
+def captured_output() -> Iterator[Captured]:
     """Capture all that the process prints on standard output and error in the block, as one line."""
-    said, kept = Said(), []
+    said, kept = Captured(), []
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
             stream.flush()
@@ -47,19 +47,15 @@ def quiet() -> Iterator[Said]:
 
 
 @contextmanager
-def told(what: str, remedy: str) -> Iterator[None]:
+def library_errors(what: str, remedy: str) -> Iterator[None]:
     """Run a library in the block without printing; its messages become part of the error where it fails.
 
-    Args:
-        what: sentence on what is wrong in that case.
-        remedy: sentence on what to do.
-
     Raises:
-        UrdfError: `what`, the library's own words without where in its source it noticed, and the remedy.
+        UrdfError: `what` is wrong, the library's own words without where in its source it noticed, and the remedy.
     """
-    said = Said()
+    said = Captured()
     try:
-        with quiet() as said:
+        with captured_output() as said:
             yield
     except CPP_ERRORS as error:
         text = str(error) if "message:" in str(error) or not said.text else said.text

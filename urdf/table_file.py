@@ -14,15 +14,14 @@ from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, g
 
 from urdf.bounds import DEEPEST_TABLE, LARGEST_INTEGER, LARGEST_SIZE, LARGEST_TEXT, shown
 
-MOST_TOLD = 12
+MAX_LISTED_PROBLEMS = 12
 """Problems of a file that its line lists."""
 
 
 class TableFileError(ValueError):
-    """A TOML file that cannot be used: the message, which lacks the file's name, says what is wrong and what to do.
+    """A TOML file that cannot be used, for one problem or more, each about another entry.
 
-    Args:
-        problems: one sentence or more, each about another entry.
+    The message, which lacks the file's name, says what is wrong and what to do.
     """
 
     def __init__(self, *problems: str) -> None:
@@ -31,11 +30,11 @@ class TableFileError(ValueError):
 
 
 def join_problems(problems: Sequence[str]) -> str:
-    """The first `MOST_TOLD` problems in one line; a longer line would not be read."""
+    """The first `MAX_LISTED_PROBLEMS` problems in one line; a longer line would not be read."""
     if len(problems) == 1:
         return problems[0]
-    told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MOST_TOLD], start=1))
-    more = f"; and {len(problems) - MOST_TOLD} more" if len(problems) > MOST_TOLD else ""
+    told = "; ".join(f"({i}) {text}" for i, text in enumerate(problems[:MAX_LISTED_PROBLEMS], start=1))
+    more = f"; and {len(problems) - MAX_LISTED_PROBLEMS} more" if len(problems) > MAX_LISTED_PROBLEMS else ""
     return f"{len(problems)} problems: {told}{more}"
 
 
@@ -111,14 +110,14 @@ def _check_spelling(text: str) -> None:
             raise TableFileError(f"{where} = {value.as_string()[:60]} is not a number: write its decimal digits alone")
 
 
-MOST_NAMES = 60
+MAX_LISTED_NAMES = 60
 """Names of a list that a message shows."""
 
 
 def hint(name: str, valid: Sequence[str]) -> str:
     """Advice for an unknown name: the most similar valid name, or a list of all."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
-    listed = ", ".join(valid[:MOST_NAMES]) + (", ..." if len(valid) > MOST_NAMES else "")
+    listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
 
 

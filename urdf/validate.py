@@ -19,9 +19,9 @@ LARGEST_NUMBER = 1e9
 """In SI units; a number beyond is no property of a robot."""
 MOVING_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING_JOINT_TYPES, "fixed", "floating", "planar")
-MAX_TURN = 2.0 * math.pi + 1e-3
+MAX_ANGLE = 2.0 * math.pi + 1e-3
 """rad beyond which nobody writes an angle, give or take a rounding."""
-RESERVED = ("universe",)
+RESERVED_JOINT_NAMES = ("universe",)
 """What Pinocchio calls the joint that everything hangs from."""
 NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -41,7 +41,7 @@ NUMBERS = {
 }
 """By element: its numbers, and how many each attribute holds."""
 LIMIT_NAMES = tuple(NUMBERS["limit"])
-NEEDED = {
+REQUIRED_ATTRIBUTES = {
     "mass": ("value",),
     "inertia": tuple(NUMBERS["inertia"]),
     "box": ("size",),
@@ -50,7 +50,7 @@ NEEDED = {
     "safety_controller": ("k_velocity",),
 }
 """Attributes without which a library leaves the element out."""
-NEVER_NEGATIVE = ("box", "cylinder", "capsule", "sphere", "mass")
+NON_NEGATIVE_ELEMENTS = ("box", "cylinder", "capsule", "sphere", "mass")
 
 
 def check_plain(root: ET.Element, path: Path) -> None:
@@ -71,7 +71,7 @@ def check_plain(root: ET.Element, path: Path) -> None:
             _check_shapes(part, where)
 
 
-def odd(root: ET.Element) -> tuple[str, ...]:
+def suspicious_entries(root: ET.Element) -> tuple[str, ...]:
     """Sentences on entries that are allowed but probably mistakes: angles beyond a turn, joints that no arm has."""
     said = []
     for part in (*root.findall("joint"), *root.findall("link")):
@@ -79,7 +79,7 @@ def odd(root: ET.Element) -> tuple[str, ...]:
         if part.get("type") in ("planar", "floating"):
             said.append(f"{where} is {part.get('type')}, which no joint of an arm is: it is held where it stands")
         for origin in part.iter("origin"):
-            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_TURN:
+            if max(abs(float(word)) for word in origin.get("rpy", "0 0 0").split()) > MAX_ANGLE:
                 said.append(f'{where} is turned by rpy="{origin.get("rpy")}" in rad: if that is in degrees, correct it')
     return tuple(said)
 
@@ -88,7 +88,7 @@ def _check_name(part: ET.Element, where: str) -> None:
     name = part.get("name", "")
     if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
         raise UrdfError(f"{where} has no usable name; give it one of 1 to {LONGEST_NAME} printable characters")
-    if part.tag == "joint" and name in RESERVED:
+    if part.tag == "joint" and name in RESERVED_JOINT_NAMES:
         raise UrdfError(f"{where}: Pinocchio uses this name itself; rename the joint")
 
 
@@ -96,7 +96,7 @@ def _check_numbers(element: ET.Element, where: str) -> None:
     for key, count in NUMBERS.get(element.tag, {}).items():
         text = element.get(key)
         if text is None:
-            if key in NEEDED.get(element.tag, ()):
+            if key in REQUIRED_ATTRIBUTES.get(element.tag, ()):
                 raise UrdfError(f"{where}: <{element.tag}> has no {key}; add it")
             continue
         try:
@@ -110,7 +110,7 @@ def _check_numbers(element: ET.Element, where: str) -> None:
             wrong = f"it must be {count} numbers"
         elif max(map(abs, values)) > LARGEST_NUMBER:
             wrong = "no robot has it, write SI units"
-        elif element.tag in NEVER_NEGATIVE and min(values) < 0.0:
+        elif element.tag in NON_NEGATIVE_ELEMENTS and min(values) < 0.0:
             wrong = "it must not be negative"
         if wrong:
             raise UrdfError(f'{where}: {element.tag} has {key}="{shown(text)}"; {wrong}')

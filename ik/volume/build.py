@@ -38,16 +38,10 @@ def build_volume(
 ) -> VolumeReport:
     """Solve every target of a grid on one consistent branch and keep the postures in a zarr directory.
 
-    A directory that an interrupted run left is continued; a finished one is returned as it is.
-
-    Args:
-        robot: the arm; its home posture picks the branch.
-        grid: the targets.
-        path: the zarr directory.
-        processes: how many processes of this machine work.
-        scheduler: address of a dask scheduler whose workers do it instead.
-        collisions: whether each posture is checked for touching something; the skeleton always is.
-        progress: called with the number of finished targets and of all.
+    The robot's home posture picks the branch. A directory that an interrupted run left is continued; a finished one is
+    returned as it is. So many processes of this machine work, or the workers of the dask scheduler at an address. With
+    `collisions` each posture is checked for touching something; the skeleton always is. `progress` is called with the
+    number of finished targets and of all.
 
     Raises:
         InputError: the directory cannot be written, or zarr, dask or the scheduler is missing.

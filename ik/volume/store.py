@@ -53,14 +53,9 @@ class VolumeTable:
 
     @classmethod
     def create(cls, path: Path, robot: Robot, grid: Grid, skeleton: Array, collisions: bool) -> Self:
-        """Make an empty volume, or open the one that another process has made meanwhile.
+        """Make an empty volume in a zarr directory, or open the one that another process has made meanwhile.
 
-        Args:
-            path: the zarr directory.
-            robot: the arm.
-            grid: the targets.
-            skeleton: postures on the coarse grid, (m, x, y, z, n).
-            collisions: whether touching postures are marked.
+        The skeleton has postures on the coarse grid, (m, x, y, z, n).
 
         Raises:
             InputError: zarr is missing, or the directory cannot be written.

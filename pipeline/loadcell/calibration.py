@@ -14,7 +14,7 @@ from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS
 from urdf.bounds import is_sane
 from urdf.table_file import Check, TableFileError, read_as, read_table
 
-UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
+QUANTITY_UNITS = {"offset": "count", "scale": "N/count", "noise": "N"}
 """Of the file's quantities; all but the noise have a standard deviation."""
 
 
@@ -22,7 +22,7 @@ _Number = Annotated[float, Check(is_sane, "give a size that a load cell has")]
 
 
 def _in_unit(name: str) -> Check:
-    return Check(lambda quantity: quantity.unit == UNITS[name], f"give it in {UNITS[name]}")
+    return Check(lambda quantity: quantity.unit == QUANTITY_UNITS[name], f"give it in {QUANTITY_UNITS[name]}")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,8 @@ class Calibration:
         """Offset, scale and noise with unit and, where there is one, standard deviation, as in files."""
         stds = {"offset": {"std": self.offset_std}, "scale": {"std": self.scale_std}}
         return {
-            name: {"value": getattr(self, name), **stds.get(name, {}), "unit": unit} for name, unit in UNITS.items()
+            name: {"value": getattr(self, name), **stds.get(name, {}), "unit": unit}
+            for name, unit in QUANTITY_UNITS.items()
         }
 
     def save(self, path: Path) -> None:

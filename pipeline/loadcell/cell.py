@@ -52,17 +52,17 @@ class ReceptionTimes:
         return stamps
 
 
-QUEUE = 1000
+QUEUE_LENGTH = 1000
 """Samples and events that wait to be taken; the oldest go first."""
-START_UP = 5.0
+START_UP_SECONDS = 5.0
 """Longest time to the first line [s]; a board with an Arduino boot loader takes about 2 s after its port is opened."""
-SMALLEST_NOISE = 0.5
+UNCALIBRATED_NOISE_COUNTS = 0.5
 """Counts; assumed of a cell that is not calibrated. The HX711's own is about 40 (90 nV of 20 mV at 80 samples/s)."""
-SPIKE = 1e-3
+SPIKE_RANGE_SHARE = 1e-3
 """Share of the converter's range by which a spike stands out at least, about 0.1 N of a 1 kg cell; and ..."""
-SPIKE_NOISE = 10.0
+SPIKE_NOISE_DEVIATIONS = 10.0
 """... so many standard deviations of the noise."""
-PUSH = 0.1
+MAX_PUSH_FORCE = 0.1
 """A string cannot push: a force below minus this [N] is more than the zero of a cell moves in a day."""
 MAX_DRIFT_RATE = 0.1
 """Faster than this [N/s] no cell creeps or warms up."""
@@ -70,16 +70,16 @@ MAX_DRIFT_RATE = 0.1
 
 def count_limits(calibration: Calibration | None = None, silent_after: float = 0.2) -> FaultLimits:
     """Fault limits for the counts of an HX711, and with a calibration for the forces too."""
-    noise = SMALLEST_NOISE if calibration is None else abs(calibration.noise / calibration.scale)
+    noise = UNCALIBRATED_NOISE_COUNTS if calibration is None else abs(calibration.noise / calibration.scale)
     limits = replace(
         FaultLimits.of(noise, 1.0, MINIMUM_COUNTS, MAXIMUM_COUNTS),
-        spike=SPIKE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE * noise,
+        spike=SPIKE_RANGE_SHARE * (MAXIMUM_COUNTS - MINIMUM_COUNTS) + SPIKE_NOISE_DEVIATIONS * noise,
         silent_after=silent_after,
-        start_up=START_UP,
+        start_up=START_UP_SECONDS,
     )
     if calibration is None:
         return limits
-    push, pull_raises = calibration.counts(-PUSH), calibration.scale > 0
+    push, pull_raises = calibration.counts(-MAX_PUSH_FORCE), calibration.scale > 0
     return replace(
         limits,
         drift=MAX_DRIFT_RATE / abs(calibration.scale),
@@ -100,18 +100,11 @@ class LoadCell(Closing):
 
     It reads in a thread of its own from creation to `close`; use it as a context manager. Every method may be called
     from any thread. After a disconnection nothing more arrives: a cell that was unplugged in the middle of a motion
-    must not come back unnoticed.
-
-    Args:
-        port: serial port, such as ``/dev/ttyUSB0`` or ``COM3``.
-        calibration: calibration of this cell; None where only counts are to be read.
-        baud: baud rate of the microcontroller's program.
-        clock: gives the time of reception [s].
-        silent_after: time without a sample that counts as silence [s].
-        queue: largest number of waiting samples; the oldest are dropped first.
+    must not come back unnoticed. Without a calibration it gives only counts. The clock gives the time of reception [s];
+    a time without a sample [s] counts as silence.
 
     Raises:
-        InputError: the port cannot be opened.
+        InputError: the port, such as ``/dev/ttyUSB0`` or ``COM3``, cannot be opened.
     """
 
     def __init__(
@@ -122,15 +115,14 @@ class LoadCell(Closing):
         baud: int = BAUD,
         clock: Callable[[], float] = time.monotonic,
         silent_after: float = 0.2,
-        queue: int = QUEUE,
     ) -> None:
         self._calibration, self._clock = calibration, clock
         self._line = open_port(port, baud)
         self._lock = threading.Lock()
         self._decoder, self._times = Decoder(), ReceptionTimes()
         self._detector = FaultDetector(count_limits(calibration, silent_after))
-        self._samples: deque[CountSample] = deque(maxlen=queue)
-        self._events: deque[FaultEvent] = deque(maxlen=QUEUE)
+        self._samples: deque[CountSample] = deque(maxlen=QUEUE_LENGTH)
+        self._events: deque[FaultEvent] = deque(maxlen=QUEUE_LENGTH)
         self._faults: Counter[Fault] = Counter()
         self._received = 0
         self._overflowing = False

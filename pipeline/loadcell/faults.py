@@ -12,7 +12,10 @@ from pipeline.robot.protocol import ForceSample
 
 
 class Fault(Enum):
-    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first."""
+    """Fault of a load cell; its value says what is wrong and what to do. The most serious ones come first.
+
+    Down to `DRIFTING` they last, and make the force unreliable until they are over; the others are single events.
+    """
 
     DISCONNECTED = "the serial port is gone: plug the cable in and start again"
     SILENT = "no sample arrives any more: check the cable, and that the microcontroller runs and sees the HX711"
@@ -28,11 +31,6 @@ class Fault(Enum):
     DROPPED = "samples were lost on their way from the microcontroller: check the cable and the load of this computer"
     REPEATED = "a sample came more than once, and was taken once: check the microcontroller's program"
     OVERFLOW = "samples were thrown away because they were not read in time: read more often"
-
-    @property
-    def lasts(self) -> bool:
-        """Whether the fault lasts and makes the force unreliable until it is over; other faults are single events."""
-        return self.name in {"DISCONNECTED", "SILENT", "SATURATED", "FROZEN", "SPIKES", "NEGATIVE", "DRIFTING"}
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class FaultLimits:
         spike: largest distance of a single sample from both of its neighbours, on the same side.
         least: smallest possible force, except for a moment.
         most: largest possible force, except for a moment.
-        drift: largest rate at which the mean may change in one direction for `STEADY` blocks [1/s].
+        drift: largest rate at which the mean may change in one direction for `DRIFT_BLOCKS` blocks [1/s].
         silent_after: time without a sample that counts as silence [s].
         start_up: extra time that the first sample may take [s]; most boards restart when the port is opened.
     """
@@ -101,13 +99,13 @@ def implausible_repeats(noise: float, resolution: float, false_alarms: float = 1
     return sys.maxsize if p >= 1.0 else max(3, 1 + math.ceil(math.log(false_alarms) / math.log(p)))
 
 
-RECENT = 100
+SPIKE_WINDOW_SAMPLES = 100
 """Samples among which spikes are counted."""
 MANY_SPIKES, FEW_SPIKES = 2, 1
 """With more of these spikes than `MANY_SPIKES` the cell is unreliable, until no more than `FEW_SPIKES` are left."""
-MOMENT = 10
+MAX_IMPOSSIBLE_SAMPLES = 10
 """Impossible forces in a row that are no longer a moment, such as a load that bounces."""
-BLOCK_SECONDS, STEADY = 0.5, 4
+BLOCK_SECONDS, DRIFT_BLOCKS = 0.5, 4
 """Length of a block [s] whose mean is compared with the next, and how many must go one way: a load that swings or is
 hung on goes back, or stops, within 2 s."""
 
@@ -135,7 +133,7 @@ class _Drift:
     def __init__(self, limit: float) -> None:
         self._least = limit * BLOCK_SECONDS
         self._begin, self._sum, self._count = math.nan, 0.0, 0
-        self._means: deque[float] = deque(maxlen=STEADY + 1)
+        self._means: deque[float] = deque(maxlen=DRIFT_BLOCKS + 1)
         self.steady = False
 
     def add(self, time: float, value: float) -> None:
@@ -144,7 +142,7 @@ class _Drift:
                 self._means.append(self._sum / self._count)
                 steps = [after - before for before, after in pairwise(self._means)]
                 one_way = all(s > self._least for s in steps) or all(s < -self._least for s in steps)
-                self.steady = len(steps) == STEADY and one_way
+                self.steady = len(steps) == DRIFT_BLOCKS and one_way
             self._begin, self._sum, self._count = time, 0.0, 0
         self._sum += value
         self._count += 1
@@ -161,7 +159,7 @@ class FaultDetector:
         self._patience = self._limits.start_up + self._limits.silent_after
         self._stuck, self._drift = _Stuck(self._limits.step), _Drift(self._limits.drift)
         self._latest: deque[float] = deque(maxlen=3)
-        self._spikes: deque[bool] = deque(maxlen=RECENT)
+        self._spikes: deque[bool] = deque(maxlen=SPIKE_WINDOW_SAMPLES)
         self._impossible = 0
 
     @property
@@ -193,7 +191,7 @@ class FaultDetector:
             self._drift.add(time, value)
             self._set(Fault.DRIFTING, self._drift.steady, time)
         self._impossible = 0 if limits.least <= value <= limits.most else self._impossible + 1
-        self._set(Fault.NEGATIVE, self._impossible >= MOMENT, time)
+        self._set(Fault.NEGATIVE, self._impossible >= MAX_IMPOSSIBLE_SAMPLES, time)
         # Written in this form, the comparison also finds nan out of range.
         self._set(Fault.SATURATED, not limits.lower < value < limits.upper, time)
 

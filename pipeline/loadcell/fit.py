@@ -60,15 +60,15 @@ def _parse(text: str, gravity: float) -> Weight:
     raise InputError(f"--weights: '{text}' is neither a mass nor a force: write '100 g', '100 g +/- 0.1 g' or '1 N'")
 
 
-FEWEST_SAMPLES = 40
-OUTLIER = 5.0
+MIN_PLATEAU_SAMPLES = 40
+OUTLIER_DEVIATIONS = 5.0
 """Robust standard deviations from the median beyond which a sample is left out."""
-MOST_OUTLIERS = 0.1
+MAX_OUTLIER_SHARE = 0.1
 """Share of the samples; more means that somebody touched the cell."""
-BLOCKS = 10
-CORRELATED = 1.5
+PLATEAU_BLOCKS = 10
+CORRELATION_FACTOR = 1.5
 """Times the standard deviation of the mean of independent samples; independent blocks exceed it once in 60 times."""
-QUANTISATION = 1.0 / math.sqrt(12.0)
+ROUNDING_STD_COUNTS = 1.0 / math.sqrt(12.0)
 """Standard deviation of rounding [counts]."""
 
 
@@ -96,51 +96,53 @@ class Plateau:
     def of(cls, weight: Weight, counts: npt.ArrayLike) -> "Plateau":
         """Robust mean of `counts` (n,), in the order of their arrival.
 
-        Samples farther than `OUTLIER` robust standard deviations (1.4826 times the median absolute deviation) from the
-        median are left out. The standard deviation of the mean is that of independent samples, unless the means of
-        `BLOCKS` consecutive blocks differ by clearly more than that allows: drift, creep, a slow swing.
+        Samples farther than `OUTLIER_DEVIATIONS` robust standard deviations (1.4826 times the median absolute
+        deviation) from the median are left out. The standard deviation of the mean is that of independent samples,
+        unless the means of `PLATEAU_BLOCKS` consecutive blocks differ clearly more: drift, creep, a slow swing.
 
         Raises:
             TaskFailedError: too few samples, a saturated or dead cell, or a cell that was touched.
         """
         values = np.asarray(counts, dtype=np.float64)
-        if len(values) < FEWEST_SAMPLES:
-            raise TaskFailedError(f"{weight.text}: {len(values)} samples are too few: take {FEWEST_SAMPLES} or more")
+        if len(values) < MIN_PLATEAU_SAMPLES:
+            raise TaskFailedError(
+                f"{weight.text}: {len(values)} samples are too few: take {MIN_PLATEAU_SAMPLES} or more"
+            )
         if values.min() <= MINIMUM_COUNTS or values.max() >= MAXIMUM_COUNTS:
             raise TaskFailedError(f"{weight.text}: the HX711 is at the end of its range: take lighter weights")
         median = float(np.median(values))
         # Where the noise is below one count, the median deviation is zero; the smallest measurable spread is one count.
         spread = max(1.4826 * float(np.median(np.abs(values - median))), 1.0)
-        kept = values[np.abs(values - median) <= OUTLIER * spread]
+        kept = values[np.abs(values - median) <= OUTLIER_DEVIATIONS * spread]
         outliers = len(values) - len(kept)
         if np.ptp(values) == 0.0:
             raise TaskFailedError(
                 f"{weight.text}: the counts stand still at {median:.0f}: check the wires between cell and HX711"
             )
-        if outliers > MOST_OUTLIERS * len(values):
+        if outliers > MAX_OUTLIER_SHARE * len(values):
             raise TaskFailedError(
                 f"{weight.text}: {outliers} of {len(values)} samples are far off: do not touch the cell, and try again"
             )
         noise = float(kept.std(ddof=1))
-        blocks = [block.mean() for block in np.array_split(kept, BLOCKS)]
-        mean_std = max(noise, QUANTISATION) / math.sqrt(len(kept))
-        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(BLOCKS)
-        if block_std > CORRELATED * mean_std:
+        blocks = [block.mean() for block in np.array_split(kept, PLATEAU_BLOCKS)]
+        mean_std = max(noise, ROUNDING_STD_COUNTS) / math.sqrt(len(kept))
+        block_std = float(np.std(blocks, ddof=1)) / math.sqrt(PLATEAU_BLOCKS)
+        if block_std > CORRELATION_FACTOR * mean_std:
             mean_std = block_std
         return cls(weight, float(kept.mean()), mean_std, noise, len(kept), outliers)
 
 
-LARGEST_NOISE = 0.05
+MAX_NOISE_SHARE = 0.05
 """Share of the span of the weights."""
 UNSTEADY_NOISE_FACTOR = 3.0
 """Times the noise of the quietest plateau."""
-VISIBLE = 1e-3
+MIN_NOISE_SHARE = 1e-3
 """Share of the span; less noise than this is no reason to refuse."""
 MIN_WEIGHT_STEP_DEVIATIONS = 5.0
 """Standard deviations of one sample by which two neighbouring weights must differ."""
-LARGEST_RESIDUAL = 0.01
+MAX_RESIDUAL_SHARE = 0.01
 """Share of the span; cells are linear to 0.05 %, so this is a wrong weight or a cell that touches something."""
-SIGNIFICANT = 5.0
+SIGNIFICANT_DEVIATIONS = 5.0
 """Standard deviations."""
 
 
@@ -183,7 +185,9 @@ def fit_calibration(plateaus: Sequence[Plateau], source: str) -> CalibrationFit:
     scale, (slope_std, offset_std) = 1.0 / float(slope), np.sqrt(np.diag(covariance))
     residuals = residual * scale
     worst = int(np.argmax(np.abs(residuals)))
-    if abs(residuals[worst]) > max(LARGEST_RESIDUAL * float(np.ptp(force)), SIGNIFICANT * std[worst] * abs(scale)):
+    if abs(residuals[worst]) > max(
+        MAX_RESIDUAL_SHARE * float(np.ptp(force)), SIGNIFICANT_DEVIATIONS * std[worst] * abs(scale)
+    ):
         raise TaskFailedError(
             f"the counts do not lie on a line: {plateaus[worst].weight.text} is off by "
             f"{1e3 * residuals[worst]:.1f} mN: check the weights, and that nothing touches the cell"
@@ -208,7 +212,7 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
     span = abs(last.mean - first.mean)
     steps = [(a, b) for a, b in pairwise(ordered) if b.weight.force > a.weight.force]
     for a, b in steps:
-        if abs(b.mean - a.mean) < SIGNIFICANT * math.hypot(a.mean_std, b.mean_std):
+        if abs(b.mean - a.mean) < SIGNIFICANT_DEVIATIONS * math.hypot(a.mean_std, b.mean_std):
             raise TaskFailedError(
                 f"{a.weight.text} and {b.weight.text} give the same counts ({a.mean:.0f}, {b.mean:.0f}): "
                 "was the weight changed? If so, take weights farther apart"
@@ -217,14 +221,14 @@ def _require_order(plateaus: Sequence[Plateau]) -> None:
         readings = ", ".join(f"{plateau.weight.text}: {plateau.mean:.0f}" for plateau in ordered)
         raise TaskFailedError(f"the counts do not follow the weights ({readings}): hang them in the order asked for")
     noisiest = max(plateaus, key=lambda plateau: plateau.noise)
-    if noisiest.noise > LARGEST_NOISE * span:
+    if noisiest.noise > MAX_NOISE_SHARE * span:
         share = 100 * noisiest.noise / span
         raise TaskFailedError(
             f"{noisiest.weight.text}: the noise is {share:.0f} % of the weights' span: "
             "let the weight come to rest, shield the wires, or take heavier weights"
         )
     quietest = min(plateau.noise for plateau in plateaus)
-    if noisiest.noise > max(UNSTEADY_NOISE_FACTOR * quietest, VISIBLE * span):
+    if noisiest.noise > max(UNSTEADY_NOISE_FACTOR * quietest, MIN_NOISE_SHARE * span):
         raise TaskFailedError(
             f"{noisiest.weight.text}: the counts move {noisiest.noise / quietest:.0f} times more than at the quietest "
             "weight: let it come to rest before you go on"
@@ -249,16 +253,10 @@ def calibrate(
     progress: Callable[[Weight, int], None],
     wait: Callable[[float], None],
 ) -> CalibrationFit:
-    """Take `samples` samples at each of `weights` and fit a line.
+    """Take so many samples at each of the known weights and fit a line; the method is for the file.
 
-    Args:
-        cell: whose counts are taken.
-        weights: known weights in the order in which the user hangs them.
-        samples: number of samples per weight.
-        source: method of the calibration, for the file.
-        ask: asks the user to hang a weight, and returns when it hangs still.
-        progress: called with the weight and its present number of samples.
-        wait: waits some seconds.
+    `ask` asks the user to hang a weight, and returns when it hangs still; `progress` is called with the weight and its
+    present number of samples; `wait` waits some seconds.
 
     Raises:
         TaskFailedError: the cell fails, or its counts give no calibration.

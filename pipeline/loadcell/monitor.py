@@ -17,14 +17,14 @@ from pipeline.robot.protocol import ForceSample
 
 LATEST_SECONDS = 1.0
 """Time over which the moving figures are taken [s]."""
-EVENTS = 1000
+KEPT_EVENTS = 1000
 
 
 class Monitor:
     """Collects statistics of samples and events, in constant memory.
 
     Attributes:
-        events: the latest `EVENTS` events, oldest first.
+        events: the latest `KEPT_EVENTS` events, oldest first.
         samples: number of samples.
         mean: mean of all forces [N].
         minimum: smallest force [N].
@@ -32,7 +32,7 @@ class Monitor:
     """
 
     def __init__(self) -> None:
-        self.events: deque[FaultEvent] = deque(maxlen=EVENTS)
+        self.events: deque[FaultEvent] = deque(maxlen=KEPT_EVENTS)
         self.samples = 0
         self.mean, self.minimum, self.maximum = math.nan, math.inf, -math.inf
         self._squares = 0.0
@@ -134,8 +134,7 @@ def monitor_json(seen: Monitor, status: LoadCellStatus, start: float) -> dict[st
             {
                 "time": event.time - start,
                 "fault": event.fault.name.lower(),
-                "began": event.began,
-                "count": event.count,
+                **fields(event, "began count"),
                 "sentence": event.fault.value,
             }
             for event in seen.events

@@ -28,9 +28,9 @@ MINIMUM_COUNTS = -0x800000
 MAXIMUM_COUNTS = 0x7FFFFF
 """What the HX711 gives when its input is above its range."""
 SEQUENCE_MODULUS = 0x10000
-LONGEST_LINE = 64
+MAX_LINE_BYTES = 64
 """Bytes; a sample takes at most 26, a remark should be no longer than this."""
-START = b"HX711 "
+LINE_START = b"HX711 "
 
 _LINE = re.compile(rb"(HX711 (\d{1,5}) (-?\d{1,7})) ([0-9A-Fa-f]{1,4})")
 
@@ -44,7 +44,7 @@ class Reading(NamedTuple):
 
 def encode(reading: Reading) -> bytes:
     """The line of one conversion, ended by a line feed."""
-    payload = START + b"%d %d" % reading
+    payload = LINE_START + b"%d %d" % reading
     return payload + b" %04X\n" % checksum(payload)
 
 
@@ -64,7 +64,7 @@ def checksum(payload: bytes) -> int:
     return binascii.crc_hqx(payload, 0)
 
 
-LONGEST_GAP = 1000
+MAX_SEQUENCE_GAP = 1000
 """Largest gap in the sequence numbers, 10 s at 100 Hz; a larger jump means that the microcontroller restarted."""
 
 
@@ -95,15 +95,15 @@ class Decoder:
         for line in lines:
             self._line(line, decoded)
             self._torn = self._too_long = False
-        if len(self._rest) > LONGEST_LINE:
+        if len(self._rest) > MAX_LINE_BYTES:
             # Noise without a line feed must not fill the memory; the end of it may be the start of a sample.
-            self._rest, self._too_long = self._rest[-LONGEST_LINE:], True
+            self._rest, self._too_long = self._rest[-MAX_LINE_BYTES:], True
         return decoded
 
     def _line(self, line: bytes, decoded: Decoded) -> None:
         line = line.rstrip(b"\r")
         # A sample that follows noise on the same line is still valid, because its checksum is right.
-        start = max(line.rfind(START), 0)
+        start = max(line.rfind(LINE_START), 0)
         reading = decode(line[start:])
         if (start > 0 or self._too_long or (reading is None and not _is_remark(line))) and not self._torn:
             decoded.faults[Fault.MALFORMED] += 1
@@ -115,7 +115,7 @@ class Decoder:
         step = 1 if last is None else (sequence - last) % SEQUENCE_MODULUS
         if step == 0:
             faults[Fault.REPEATED] += 1
-        elif step > LONGEST_GAP:
+        elif step > MAX_SEQUENCE_GAP:
             faults[Fault.RESTARTED] += 1
         elif step > 1:
             faults[Fault.DROPPED] += step - 1
@@ -127,12 +127,12 @@ def _is_remark(line: bytes) -> bool:
 
 
 BAUD = 115200
-POLL = 0.05
+READ_TIMEOUT_SECONDS = 0.05
 """How long a read waits for the first byte [s], and so how soon a reader notices that it shall end."""
 
 
 def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
-    """Open `port` for this program alone; its ``read`` waits for `POLL` s at most, and raises OSError once it is gone.
+    """Open `port` for this program alone; reading waits for `READ_TIMEOUT_SECONDS`, and raises OSError once it is gone.
 
     Raises:
         InputError: the port is missing, forbidden, in use, no serial port, or does not support the baud rate.
@@ -140,7 +140,7 @@ def open_port(port: str, baud: int = BAUD) -> "serial.Serial":
     import serial
 
     try:
-        line = serial.Serial(port, baud, timeout=POLL, exclusive=True)
+        line = serial.Serial(port, baud, timeout=READ_TIMEOUT_SECONDS, exclusive=True)
     except (OSError, ValueError) as error:
         raise InputError(f"{port}: {_reason(port, baud, error)}") from error
     # Without this an FTDI adapter collects bytes for 16 ms, and every ms of delay shifts the estimated length by

@@ -16,15 +16,15 @@ from armdyn.experiments.series import AxisMotion, Series
 from armdyn.run import Channel, Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
-from pipeline.motion.feasibility.clearance import CLEARANCE
+from pipeline.motion.feasibility.clearance import MIN_CLEARANCE
 from pipeline.motion.trajectory import JointTrajectory
 from urdf.robot import Array
 
 AMPLE_CLEARANCE = 0.1
 """m; links that are so much further apart than asked for are far from touching."""
-ASKED_MORE = 1.5
+DESIGN_CLEARANCE_FACTOR = 1.5
 """Times what the check asks for: a motion is designed on a grid, and checked in between."""
-REMEMBERED = 5000
+CACHED_POSTURES = 5000
 """Postures whose distances are kept: a motion is looked at twice, and meshes take milliseconds each time."""
 
 
@@ -34,7 +34,7 @@ class FreePostures:
     def __init__(self, robot: urdf.Robot, clearance: float) -> None:
         self.robot, self.clearance = robot, clearance
         self._collision = urdf.CollisionModel(robot)
-        self._distance = lru_cache(REMEMBERED)(
+        self._distance = lru_cache(CACHED_POSTURES)(
             lambda q: self._collision.clearance(np.frombuffer(q, dtype=np.float64).copy()).distance
         )
 
@@ -46,14 +46,14 @@ class FreePostures:
         """Distance between links beyond the required clearance, in units of `AMPLE_CLEARANCE`."""
         if not self._collision.pairs:
             return np.inf
-        return (self._distance(q.tobytes()) - ASKED_MORE * self.clearance) / AMPLE_CLEARANCE
+        return (self._distance(q.tobytes()) - DESIGN_CLEARANCE_FACTOR * self.clearance) / AMPLE_CLEARANCE
 
 
-REPAIRS = 4
+MAX_REPAIRS = 4
 """How often a motion that breaks a limit between the instants of its design is designed again with less room."""
-LESS = 0.99
+REPAIR_SHARE = 0.99
 """Share of the room that is kept beyond what a violation asks for."""
-SMALLER = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
+REDUCED_SIZES = (1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3)
 """Sizes that are tried at last."""
 
 
@@ -119,7 +119,7 @@ class Excitation:
         return float(np.trapezoid(power, self.trajectory.time))
 
 
-ONE_BY_ONE = CheckSettings(singular_value=0.0)
+SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
 """Joints that are led one by one race for no tool."""
 
 
@@ -133,21 +133,16 @@ def excitation(
     seed: int = 0,
     say: Say = lambda _: None,
 ) -> Excitation:
-    """Design a motion that determines or distinguishes the effects of a goal as well as possible.
+    """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
 
-    Args:
-        goal: which unknowns are wanted, or which effects are to be distinguished.
-        seconds: duration of the whole motion.
-        random: number of random motions to start from and to compare with.
-        compare: whether the motion with the least condition number is looked for as well.
-        seed: seed of the random motions.
-        say: reports the progress.
+    It begins with so many random motions, and is compared with the best of them and, with `compare`, with the motion of
+    the least condition number. `say` reports the progress.
 
     Raises:
         TaskFailedError: no feasible motion was found.
     """
     robot = goal.columns.arm.robot
-    postures = FreePostures(robot, CLEARANCE)
+    postures = FreePostures(robot, MIN_CLEARANCE)
     problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
@@ -207,16 +202,16 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
 
     def checked(x: Array) -> tuple[JointTrajectory, FeasibilityReport]:
         trajectory = sampled(problem, x)
-        return trajectory, check_joints(problem.columns.arm.robot, trajectory, ONE_BY_ONE)
+        return trajectory, check_joints(problem.columns.arm.robot, trajectory, SINGLE_JOINT_CHECK)
 
     say("checking the motion on the whole arm")
     trajectory, check = checked(x)
     first = check
-    for k in range(REPAIRS):
+    for k in range(MAX_REPAIRS):
         if check.feasible:
             break
         problem = _with_less_room(problem, check)
-        say(f"{k + 1} of {REPAIRS} repairs, as the {check.violations[0].broken}")
+        say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].broken}")
         x = improve(problem, x, first=len(problem.steps) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
@@ -224,7 +219,7 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scale(motion, size) for size in SMALLER):
+        for small in (scale(motion, size) for size in REDUCED_SIZES):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))
@@ -242,7 +237,7 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), LESS / margin.used)
+            limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

@@ -19,9 +19,9 @@ from pipeline.motion.feasibility import CheckSettings, Swing, box_and_table, che
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineTrajectory
 
-FACTORS = tuple(sign * size for size in (1.0, 0.9, 0.8, 0.65, 0.5) for sign in (1.0, -1.0))
+AMPLITUDE_FACTORS = tuple(sign * size for size in (1.0, 0.9, 0.8, 0.65, 0.5) for sign in (1.0, -1.0))
 """Of the motion, tried in this order: its mirror image tells as much, and swings to the other side."""
-AWAY = 0.03
+BOX_CLEARANCE = 0.03
 """m that the load keeps from the box beside its own radius."""
 
 
@@ -49,17 +49,12 @@ def fit_to_arm(
 ) -> FeasibleMotion | None:
     """The motion, its mirror image or a smaller copy that the arm can make; None where none is large enough.
 
-    Args:
-        motion: designed motion of the gripper.
-        hypotheses: models that predict the swing; the load stays clear of the box in all of them, and clear of the arm
-            in the first, which is the most probable.
-        robot: the arm.
-        table: of its line.
-        load_radius: m.
+    The load stays clear of the box by all models that predict the swing, and clear of the arm by the first, which is
+    the most probable. Its radius is in m.
     """
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
-    for factor in FACTORS:
+    for factor in AMPLITUDE_FACTORS:
         scaled = GripperPath(0.0, motion.dt, *factor * motion.along)
         s, v, a = scaled.along
         if np.abs(np.diff(a)).max() > limits.jerk * scaled.dt or not limits.respected_by(s, v, a):
@@ -108,5 +103,5 @@ def _clear_of(box: Box, motion: GripperPath, swing: Swing) -> bool:
     """Whether the load stays away from the box's near wall, or above its rim."""
     x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)
-    room = swing.radius + AWAY
+    room = swing.radius + BOX_CLEARANCE
     return bool(np.all((x < box.near_wall - room) | (below < box.rim - room)))

@@ -23,13 +23,13 @@ MAX_STATE_AGE_SECONDS = 0.05
 """Oldest joint state with which a command may be sent [s]."""
 STREAM_GAP_SECONDS = 0.05
 """Silence after which a stream of commands is a new one [s]."""
-SOONEST = 1e-6
+MIN_COMMAND_SPACING_SECONDS = 1e-6
 """Least time that is taken to lie between two commands [s]: a clock may show the same twice."""
 MAX_STREAM_START_OFFSET = 1e-6
 """How far from where the arm is a stream may begin [rad]: for rounding. A step would break every limit."""
 LIMIT_TOLERANCE_SHARE = 1e-3
 """Share by which a limit may be exceeded, for rounding and for tables between nodes."""
-TRACKING = 0.2
+MAX_TRACKING_ERROR = 0.2
 """Farthest that a joint may be from its command [rad]: Baxter's own server stops there."""
 REST_SPEED = 1e-3
 """Commanded speed below which a stream is at rest [rad/s]."""
@@ -91,7 +91,7 @@ class Gate:
         return None
 
     def _follows(self, q: Array, measured: Array) -> Refusal | None:
-        return self._most(RefusalReason.TRACKING, np.abs(q - measured), TRACKING, "rad")
+        return self._most(RefusalReason.TRACKING, np.abs(q - measured), MAX_TRACKING_ERROR, "rad")
 
     def _beyond(self, q: Array, v: Array, a: Array) -> Refusal | None:
         limits, more = self._limits, 1.0 + LIMIT_TOLERANCE_SHARE
@@ -131,10 +131,8 @@ class LineGate:
     ) -> Refusal | None:
         """The first limit that a reference violates; None where the reference may be sent.
 
-        Args:
-            reference: reference of the next cycle.
-            previous: reference of the cycle before, which the next one must continue; None at the start of a motion.
-            measured: joint positions now (n,); None where they are not watched [rad].
+        It must continue the reference of the cycle before, if there was one, and be near the measured joint positions
+        (n,) [rad], where they are watched.
         """
         if not reference.is_finite:
             return Refusal(RefusalReason.NOT_A_NUMBER)
@@ -196,7 +194,11 @@ class StreamGate(Gate):
         It needs the newest reading of the joints and the present time on its clock [s].
         """
         refusal = self._form(q, v, a) or self._arm(q, state, now) or self._beginning(q, v, state, now)
-        spacings = [*self._spacings[-2:], min(max(now - self._sent, SOONEST), PERIOD)] if self._last else [PERIOD] * 3
+        spacings = (
+            [*self._spacings[-2:], min(max(now - self._sent, MIN_COMMAND_SPACING_SECONDS), PERIOD)]
+            if self._last
+            else [PERIOD] * 3
+        )
         refusal = refusal or self._continued(q, v, a, np.array(spacings))
         if refusal is None:
             self._last = [*self._last[-2:], np.array(q, dtype=float)] if self._last else [np.array(q, dtype=float)] * 3

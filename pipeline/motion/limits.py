@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 LINE_JERK = 200.0
 """Jerk along the line [m/s^3]: below it the smoother can no longer follow the motions of SAC to 0.4 mm."""
-SPEEDS = np.linspace(-1.0, 1.0, 17)
+TORQUE_SPEED_SHARES = np.linspace(-1.0, 1.0, 17)
 """Of the largest speed, at which torques are asked; they are parabolas of it, and pass the limit by 3e-4 in between."""
-HEADROOM = 0.999
+PLANNED_LIMIT_SHARE = 0.999
 """Share of the limits that planned motions use, so that they also hold between the checked instants."""
 LIMIT_ROUNDING = 1e-10
 """What a planned motion may exceed a limit by [SI units]."""
@@ -85,8 +85,8 @@ class LineLimits:
         )
 
     def tight(self) -> LineLimits:
-        """The limits multiplied by `HEADROOM`, so that rounding cannot exceed them."""
-        return self.scaled(HEADROOM, HEADROOM)
+        """The limits multiplied by `PLANNED_LIMIT_SHARE`, so that rounding cannot exceed them."""
+        return self.scaled(PLANNED_LIMIT_SHARE, PLANNED_LIMIT_SHARE)
 
     def speed_at(self, s: ArrayLike) -> Array:
         """Largest speed at `s` [m/s]; beyond the ends, that of the end."""
@@ -148,7 +148,7 @@ class LineLimits:
 def _largest_by_torque(table: PathTable, torque: JointTorque) -> Array:
     """(m,) acceleration along the path within motor torques at every speed; infinite where they cannot hold the arm."""
     along, found = torque.along(table.q, table.dq_ds, table.d2q_ds2), np.full(len(table.s), np.inf)
-    for share in SPEEDS:
+    for share in TORQUE_SPEED_SHARES:
         low, high = along.acceleration_range(table.limits.effort, share * table.speed_limit, springs=True)
         most = np.minimum(high, -low)
         found = np.where(most > 0.0, np.minimum(found, most), found)

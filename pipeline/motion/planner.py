@@ -8,7 +8,7 @@ from pipeline.motion.limits import LineLimits
 from pipeline.motion.profile import JerkProfile
 from pipeline.motion.trajectory import LineState
 
-PUNCTUAL = 1e-9
+ARRIVAL_TOLERANCE_SECONDS = 1e-9
 """Time within which a motion is on time [s]."""
 
 
@@ -54,7 +54,7 @@ class LinePlanner:
         p.max_velocity = [self.limits.fastest if speed is None else speed]
         p.max_acceleration = [self.limits.strongest if acceleration is None else acceleration]
         p.minimum_duration = duration
-        return self._calculate(p, start, math.inf if duration is None else duration + PUNCTUAL)
+        return self._calculate(p, start, math.inf if duration is None else duration + ARRIVAL_TOLERANCE_SECONDS)
 
     def stop(self, state: LineState) -> JerkProfile | None:
         """The motion to rest, braking with what the whole stretch ahead allows; None where a limit is broken."""

@@ -15,9 +15,9 @@ from pipeline.motion.limits import LIMIT_ROUNDING, LineLimits
 from pipeline.motion.trajectory import LineState
 from urdf.robot import Array
 
-SAMPLING = 2.5e-3
+SAMPLE_SPACING_SECONDS = 2.5e-3
 """Spacing at which a motion is compared with limits that depend on the place [s]."""
-MISSED = 5e-4
+MAX_MISSED_SPEED_SHARE = 5e-4
 """Share of the speed limit by which a motion may exceed it between two samples [1]."""
 MAX_PROFILE_SAMPLES = 4000
 """Largest number of samples; a motion of more than 10 s is slow, and they are less than a millimetre apart."""
@@ -87,7 +87,7 @@ class JerkProfile:
         """Whether the motion stays on the line and within its speed and acceleration, up to rounding.
 
         The motion is checked at its extremes, where it passes a node of the limits, and evenly in between. Constant
-        limits are held exactly; others, linear between nodes, can be exceeded by `MISSED` of the speed.
+        limits are held exactly; others, linear between nodes, can be exceeded by `MAX_MISSED_SPEED_SHARE` of the speed.
         """
         extremes = self.extremes()
         # Most motions that break a limit break it at an extreme; most others stay far from every limit.
@@ -99,7 +99,7 @@ class JerkProfile:
         if slow and max(map(abs, a)) <= limits.lowest_acceleration(lower, upper):
             return True
         # A function with a second derivative of at most 2 J rises by at most 2 J h^2 / 8 between samples.
-        spacing = min(SAMPLING, math.sqrt(4.0 * MISSED * limits.slowest / limits.jerk))
+        spacing = min(SAMPLE_SPACING_SECONDS, math.sqrt(4.0 * MAX_MISSED_SPEED_SHARE * limits.slowest / limits.jerk))
         count = int(min(np.ceil(self.duration / spacing), MAX_PROFILE_SAMPLES)) + 1
         even = np.linspace(0.0, self.duration, count)
         return limits.respected_by(*self.sample(np.concatenate([even, self._passes(even, limits.s)])), LIMIT_ROUNDING)

@@ -13,19 +13,19 @@ from pipeline.motion.smoother import LineSmoother
 from pipeline.motion.trajectory import LineState, LineTrajectory
 from urdf.robot import Array
 
-EASY = 0.95
+FIRST_MOTION_LIMIT_SHARE = 0.95
 """Share of the limits for the first motion: its jerk may change within a sample, that of the program may not."""
 MAX_LINEARISATIONS = 12
 """Largest number of rounds; each linearises the limits about the last solution."""
-SETTLED = 1e-4
+CONVERGED_DISTANCE = 1e-4
 """Change of position between two rounds at which the linearisation is exact to a tenth of the headroom [m]."""
-TRUST = 0.05
+TRUST_DISTANCE = 0.05
 """Largest change of a position in one round, for which the linearised limits are still good [m]."""
 SPEED_WEIGHT = 0.1
 """Cost of a deviation of the speed, which the load on its string feels; that of the position is 1/m^2 [s^2/m^2]."""
 JERK_WEIGHT = 1e-12
 """Cost of jerk, so that idle stretches are smooth [s^6/m^2]."""
-NARROWING = (3, 0.4)
+TRUST_SHRINKAGE = (3, 0.4)
 """Round after which the trust region shrinks, and its factor: at a kink of a limit the rounds would oscillate."""
 
 
@@ -64,7 +64,9 @@ def smooth_reference(
         raise InputError("reference: positions and speeds must be one-dimensional, equally long, and at least 4")
     if not (np.all(np.isfinite(s_ref)) and np.all(np.isfinite(v_ref)) and np.isfinite(dt) and dt > 0.0):
         raise InputError("reference: positions, speeds and the time step must be finite, the step greater than 0")
-    easy = replace(limits.scaled(EASY, EASY), jerk=EASY * limits.jerk)
+    easy = replace(
+        limits.scaled(FIRST_MOTION_LIMIT_SHARE, FIRST_MOTION_LIMIT_SHARE), jerk=FIRST_MOTION_LIMIT_SHARE * limits.jerk
+    )
     planner = LinePlanner(easy)
     if start is None:
         start = planner.draw_back(LineState(float(s_ref[0]), float(v_ref[0])))
@@ -72,7 +74,7 @@ def smooth_reference(
     program = _Program(s_ref, v_ref, dt, limits.tight(), start, end)
     s, v, a = _smoothed_online(s_ref, v_ref, dt, limits if planner.stop(start) is None else easy, start)
     for k in range(MAX_LINEARISATIONS):
-        before, trust = s, TRUST * NARROWING[1] ** max(k - NARROWING[0], 0)
+        before, trust = s, TRUST_DISTANCE * TRUST_SHRINKAGE[1] ** max(k - TRUST_SHRINKAGE[0], 0)
         # Where the first motion misses the end, the quadratic program may have to leave the trust region.
         solved = program.solve(s, v, trust) or program.solve(s, v, np.inf)
         if solved is None:
@@ -81,7 +83,7 @@ def smooth_reference(
                 "or start and end slower"
             )
         s, v, a = solved
-        if np.max(np.abs(s - before)) < SETTLED:
+        if np.max(np.abs(s - before)) < CONVERGED_DISTANCE:
             break
     motion = LineTrajectory(np.linspace(0.0, dt * (s.size - 1), s.size), s, v, a)
     if not limits.respected_by(s, v, a, 1e-9):

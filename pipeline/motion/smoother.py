@@ -12,14 +12,14 @@ from pipeline.motion.trajectory import LineState
 
 MEETING_CYCLES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50)
 """Cycles ahead at which the reference, or the speed limit, may be met."""
-PURSUIT = 0.2
+PURSUIT_SECONDS = 0.2
 """A reference that cannot be met is pursued where it will be after this time, in which the arm can turn round [s]."""
 ACCELERATION_FADE_SECONDS = 0.1
 """Time constant with which the acceleration of a single reference fades when it is continued [s]."""
 
 
 class LineSmoother:
-    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle.
+    """Follows a reference on the line within speed, acceleration, jerk and range, one update per control cycle [s].
 
     *Look-ahead catch-up*: of the motions that meet the reference m = 1, 2, 3, ... cycles ahead, exactly on that sample,
     the first that the limits allow is begun. A feasible reference is met at m = 1 and reproduced exactly; after an
@@ -29,13 +29,8 @@ class LineSmoother:
     *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
     does so too. That motion is stored, and continued where nothing better is found in the next cycle.
 
-    Args:
-        limits: limits along the line; those of a table are ``LineLimits.from_table(table)``.
-        dt: control cycle [s].
-        state: present state of the tool.
-
     Raises:
-        InputError: if `state` cannot be brought to rest within the limits.
+        InputError: if the tool cannot be brought to rest within the limits from its present state.
     """
 
     def __init__(self, limits: LineLimits, dt: float, state: LineState) -> None:
@@ -96,7 +91,7 @@ class LineSmoother:
                 break
             if self._meet(self._planner.draw_back(targets[m - 1]), m):
                 return self._state
-        later = targets[min(round(PURSUIT / self._dt), len(targets) - 1)]
+        later = targets[min(round(PURSUIT_SECONDS / self._dt), len(targets) - 1)]
         return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:

@@ -107,12 +107,7 @@ class JointTrajectory:
 
 
 def freeze_samples(motion: Any, *names: str, columns: int | None = None) -> None:
-    """Make the arrays of a motion read-only, and refuse arrays that cannot be a motion.
-
-    Args:
-        motion: motion with ``time`` (n,) [s].
-        names: names of its other arrays, (n,) each.
-        columns: number of columns k, where these arrays are (n, k).
+    """Make a motion's time (n,) [s] and other arrays, (n,) or (n, columns), read-only; refuse what cannot be a motion.
 
     Raises:
         InputError: the arrays are no motion; the error names the first bad sample, counted from 1.

@@ -27,7 +27,7 @@ from pipeline.nodes.drive import DriveNode
 from pipeline.nodes.measurement import MeasurementNode
 from pipeline.record import Recorder
 
-FIRST_UPDATE = 1.0
+FIRST_UPDATE_SECONDS = 1.0
 """Time of motion before the first estimate [s]: less does not determine the length."""
 
 
@@ -90,7 +90,7 @@ class EstimatorNode:
         Raises:
             TaskFailedError: the estimate is not a number; `model` stays as it was.
         """
-        if not self._running or self.start is None or now - self.start < FIRST_UPDATE - 1e-9:
+        if not self._running or self.start is None or now - self.start < FIRST_UPDATE_SECONDS - 1e-9:
             return
         if self._worker.busy(self.name):
             return
@@ -124,7 +124,7 @@ class EstimatorNode:
         self._recorder.record("estimate.length_std", estimate.time, estimate.std)
 
 
-KICK_ACCELERATION, KICK_TIME = 0.8, 0.2
+KICK_ACCELERATION, KICK_SECONDS = 0.8, 0.2
 """Acceleration [m/s^2] and duration [s] of each half of the doublet that starts the motion: at rest SAC never moves."""
 REFERENCE_CYCLES = 30
 """Cycles of reference given to the smoother."""
@@ -168,7 +168,7 @@ class SacNode:
     def begin(self, now: float) -> None:
         """Begin with the doublet; then choose informative actions."""
         self._begun = now
-        kick = round(KICK_TIME / self.settings.dt)
+        kick = round(KICK_SECONDS / self.settings.dt)
         self._lay_out(now, np.repeat([KICK_ACCELERATION, -KICK_ACCELERATION], kick))
         self._drive.follow(self._reference)
 
@@ -184,7 +184,7 @@ class SacNode:
             TaskFailedError: the action is not a number.
         """
         start = self._estimator.start
-        if self._begun is None or start is None or now - self._begun < 2 * KICK_TIME - 1e-9:
+        if self._begun is None or start is None or now - self._begun < 2 * KICK_SECONDS - 1e-9:
             return
         begun = perf_counter()
         model = self._estimator.model

@@ -19,17 +19,17 @@ from pipeline.record import Recorder
 from pipeline.robot.protocol import ForceSample, JointState, RobotInterface, Vector
 
 SLACK_FORCE = 0.02
-"""A string that pulls less than this [N] for `SLACK_TIME` has gone slack; an 80 g load pulls 0.78 N at rest."""
-SLACK_TIME = 0.05
+"""A string that pulls less than this [N] for `SLACK_SECONDS` has gone slack; an 80 g load pulls 0.78 N at rest."""
+SLACK_SECONDS = 0.05
 """See `SLACK_FORCE` [s]."""
-WAIT = 2 * SLACK_TIME
+RECORDING_DELAY_SECONDS = 2 * SLACK_SECONDS
 """Time that samples wait before they are recorded [s]."""
-LARGEST_JUMP = 0.25
+MAX_JUMP_SHARE = 0.25
 """Share of the load's weight by which a taut string's pull may change between two samples; healthy trials show 0.10."""
-JUMP_DRIFT = 0.05
+JUMP_DRIFT_SHARE = 0.05
 """Share by which it may change further with every sample that is held back after a jump."""
-NOISE_JUMP = 10.0
-"""Standard deviations of one sample that come on top of `LARGEST_JUMP`."""
+JUMP_NOISE_DEVIATIONS = 10.0
+"""Standard deviations of one sample that come on top of `MAX_JUMP_SHARE`."""
 LINE_CHANNELS = {"gripper_x": "m", "gripper_z": "m", "load_force": "N"}
 
 
@@ -137,9 +137,9 @@ class MeasurementNode:
         self.load_hangs, self.hangs_until = True, inf
         self.fault: str | None = None
         weight = STANDARD_GRAVITY * mass
-        jump = LARGEST_JUMP * weight + NOISE_JUMP * noise["load_force"]
+        jump = MAX_JUMP_SHARE * weight + JUMP_NOISE_DEVIATIONS * noise["load_force"]
         self.joint_check = JointReadingCheck(description.limits)
-        self.force_check = ForceReadingCheck(jump, JUMP_DRIFT * weight, SLACK_FORCE)
+        self.force_check = ForceReadingCheck(jump, JUMP_DRIFT_SHARE * weight, SLACK_FORCE)
         self.state: JointState = robot.joint_state()
         self.gripper = self._locate(self.state.q)[0]
 
@@ -158,12 +158,12 @@ class MeasurementNode:
             wait(("load_force", sample.time, sample.force))
             if sample.force > SLACK_FORCE or self._pulled_at is None or not self.load_hangs:
                 self._pulled_at = sample.time
-            elif sample.time - self._pulled_at > SLACK_TIME and self.fault is None:
+            elif sample.time - self._pulled_at > SLACK_SECONDS and self.fault is None:
                 self.fault = (
                     f"the string has been slack since {self._pulled_at:.2f} s: move less, or hang a heavier load"
                 )
                 self.let_down(self._pulled_at)
-        self._record_until(now - WAIT)
+        self._record_until(now - RECORDING_DELAY_SECONDS)
         found = self._detector.update(now, [*samples, *self.force_check.failed])
         if found is not None and self.load_hangs and self.fault is None:
             self.fault = f"load cell at {now:.2f} s: {found.value}"

@@ -14,17 +14,17 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 
 MAX_BRIDGED_READINGS = 5.0
 """Bad readings in a row that are bridged: 0.05 s at 100 Hz, in which the fastest swing moves the gripper by 5 cm."""
-FORGIVEN = 0.1
+FORGIVEN_PER_GOOD_READING = 0.1
 """Bad readings that each good one makes up for: one in ten may be bad for ever, more than that are a fault."""
-STALE = 0.05
+MAX_READING_AGE_SECONDS = 0.05
 """A reading that was taken longer ago than this [s] says nothing about where the arm is now."""
 MAX_STAMP_LEAD_SECONDS = 0.02
 """A stamp may be ahead of the robot's clock by two cycles [s]: it is read before the clock."""
-QUICKEST = 2.0
+MAX_SPEED_SHARE = 2.0
 """No joint moves faster than this share of its velocity limit; in healthy trials 0.74 is the most."""
-ENCODER_ERROR = 0.01
+MAX_REST_DIFFERENCE = 0.01
 """Difference of two readings of a joint at rest [rad], far above noise and resolution (0.0005 rad)."""
-EFFORT_ROOM = 3.0
+MAX_EFFORT_SHARE = 3.0
 """An effort is plausible up to this share of the joint's limit: gains and offsets of the measurement included."""
 
 
@@ -64,7 +64,7 @@ class ReadingCheck:
     def accept(self) -> None:
         """Note a good reading."""
         self._seen_good = True
-        self._level = max(0.0, self._level - FORGIVEN)
+        self._level = max(0.0, self._level - FORGIVEN_PER_GOOD_READING)
 
     def refuse(self, why: Refused, now: float) -> None:
         """Note a bad reading at `now` [s]."""
@@ -117,11 +117,13 @@ class JointReadingCheck(ReadingCheck):
         stamp = _stamp_problem(state.time, now)
         if stamp is not None:
             return stamp
-        quick = QUICKEST * self._limits.velocity
+        quick = MAX_SPEED_SHARE * self._limits.velocity
         speed, effort = np.abs(np.nan_to_num(state.v)), np.abs(np.nan_to_num(state.tau))
-        if not (np.all(speed <= quick) and np.all(effort <= EFFORT_ROOM * self._limits.effort)):
+        if not (np.all(speed <= quick) and np.all(effort <= MAX_EFFORT_SHARE * self._limits.effort)):
             return Refused.OUT_OF_RANGE
-        if last is not None and np.any(np.abs(state.q - last.q) > quick * (state.time - last.time) + ENCODER_ERROR):
+        if last is not None and np.any(
+            np.abs(state.q - last.q) > quick * (state.time - last.time) + MAX_REST_DIFFERENCE
+        ):
             return Refused.JUMP
         return None
 
@@ -221,4 +223,4 @@ class ForceReadingCheck(ReadingCheck):
 def _stamp_problem(stamp: float, now: float) -> Refused | None:
     if stamp > now + MAX_STAMP_LEAD_SECONDS:
         return Refused.AHEAD
-    return Refused.STALE if now - stamp > STALE else None
+    return Refused.STALE if now - stamp > MAX_READING_AGE_SECONDS else None

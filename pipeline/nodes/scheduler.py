@@ -13,7 +13,7 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.processes import PromptThread
 from pipeline.robot.protocol import RobotInterface
 
-CLOCK_TOLERANCE = 1e-3
+CLOCK_TOLERANCE_SECONDS = 1e-3
 """Difference between two readings of a clock that a step of the simulation or of the operating system explains [s]."""
 
 
@@ -22,15 +22,15 @@ class ClockError(TaskFailedError):
 
 
 class Node(Protocol):
-    """A task that the loop runs at a fixed rate."""
+    """A task that the loop runs at a fixed rate.
 
-    @property
-    def name(self) -> str:
-        """Name of the node for tables and messages."""
+    Attributes:
+        name: of the node, for tables and messages.
+        period: time between steps [s].
+    """
 
-    @property
-    def period(self) -> float:
-        """Time between steps [s]."""
+    name: str
+    period: float
 
     def step(self, now: float) -> None:
         """Run the node's task once; `now` is the time at which this step was due [s]."""
@@ -147,7 +147,7 @@ class Scheduler:
 
     def _require_steady(self, what: str, late: float, patience: float) -> None:
         # Written in this form, the comparison also fails for a time that is nan.
-        if not -CLOCK_TOLERANCE <= late <= patience:
+        if not -CLOCK_TOLERANCE_SECONDS <= late <= patience:
             raise ClockError(
                 f"the loop stood still or its clock jumped at {self._seen:.2f} s: while {what} ({self.running} node) "
                 f"{1e3 * late:.0f} ms passed that should not have: check this computer's load and the robot's clock"
@@ -176,7 +176,7 @@ class Scheduler:
             self._count[node.name] += behind
 
 
-CHECK = 0.002
+WATCHDOG_PERIOD_SECONDS = 0.002
 """Time between two looks [s]: by so much later than `patience` is the arm stopped, at most."""
 
 
@@ -217,7 +217,7 @@ class Watchdog:
         self._thread.join(timeout=1.0)  # `stop` may hang too; then only the robot's own timeout is left
 
     def _watch(self) -> None:
-        while not self._ended.wait(CHECK):
+        while not self._ended.wait(WATCHDOG_PERIOD_SECONDS):
             silence = monotonic() - self._seen
             if silence > self._patience and self._moving():
                 self.fault = f"the watchdog stopped the arm: the loop had not come round for {1e3 * silence:.0f} ms"

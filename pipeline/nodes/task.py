@@ -24,15 +24,15 @@ from pipeline.robot.protocol import Vector
 
 PLAN_TOLERANCE = 0.004
 """How far smoothing may move the gripper off its plan [m]; the load then misses its target by about as much."""
-NEAR_WALL = 0.05
+TOUCH_DISTANCE = 0.05
 """A load that swings otherwise than planned may touch the box where the plan is nearer to it than this [m]."""
 END_MARGIN = 0.01
 """Distance that plans keep from the ends of the line [m]."""
-LEAD = 2.0
+FIRST_LEAD_SECONDS = 2.0
 """So far ahead is planned on a real clock [s]; planning and check take 1 s on a quiet core."""
-TRIES = 3
+MAX_PLANS = 3
 """Plans that may come too late before it is given up; each is made for an instant twice as far ahead."""
-LONGEST_PLANNING = TRIES * LEAD * 2 ** (TRIES - 1) + 2.0
+MAX_PLANNING_SECONDS = MAX_PLANS * FIRST_LEAD_SECONDS * 2 ** (MAX_PLANS - 1) + 2.0
 """Time that planning, and coming to rest before it, may take on a real clock [s]: a plan that comes too late is waited
 for, and one that takes longer than the last lead is not tried again."""
 
@@ -134,7 +134,7 @@ class _Request:
 
     task: Callable[[float], _Task]
     announce: Callable[[float], None] | None = None
-    lead: float = LEAD
+    lead: float = FIRST_LEAD_SECONDS
     tries: int = 0
     due: float = nan
     ready: _Planned | None = None
@@ -182,7 +182,7 @@ class TaskNode:
     @property
     def longest_planning(self) -> float:
         """Longest time before a requested motion begins [s]."""
-        return 0.0 if self._worker.at_once else LONGEST_PLANNING
+        return 0.0 if self._worker.at_once else MAX_PLANNING_SECONDS
 
     def step(self, now: float) -> None:
         """Carry out the present request, if any.
@@ -198,7 +198,7 @@ class TaskNode:
         elif request.ready is None:
             if not self._worker.busy(self.name) and self._drive.at_rest:
                 request.tries += 1
-                if request.tries > TRIES:
+                if request.tries > MAX_PLANS:
                     raise TaskFailedError(
                         f"planning took longer than {request.lead / 2:g} s: this computer is too busy"
                     )
@@ -282,7 +282,7 @@ class TaskNode:
 
     def _approach(self, swing: SwingPlan) -> float:
         """Time in the swing from which the load may touch the box [s]."""
-        close = swing.load[:, 0] > self.settings.box.near_wall - NEAR_WALL
+        close = swing.load[:, 0] > self.settings.box.near_wall - TOUCH_DISTANCE
         return float(swing.time[int(close.argmax())]) if close.any() else float(swing.time[-1])
 
     def _feasible(self, plan: SwingPlan, here: LineState) -> LineTrajectory:

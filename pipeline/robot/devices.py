@@ -14,7 +14,7 @@ from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
 
-TRUST_ACCELERATION = 0.02
+ACCELERATION_TRUST_SECONDS = 0.02
 """How long a command's acceleration is extrapolated [s]: two command periods; its velocity lasts until the hold."""
 
 
@@ -56,12 +56,12 @@ class Reference:
     def _extrapolated(self, time: float) -> tuple[Vector, Vector, Vector]:
         age = time - self._start
         if not self._extrapolate:
-            fresh = float(age <= TRUST_ACCELERATION)
+            fresh = float(age <= ACCELERATION_TRUST_SECONDS)
             return self._q, fresh * self._v, fresh * self._a
-        trusted = min(age, TRUST_ACCELERATION)
+        trusted = min(age, ACCELERATION_TRUST_SECONDS)
         v = self._v + self._a * trusted
         q = self._q + self._v * trusted + 0.5 * self._a * trusted**2 + v * (age - trusted)
-        return q, v, self._a if age <= TRUST_ACCELERATION else np.zeros_like(v)
+        return q, v, self._a if age <= ACCELERATION_TRUST_SECONDS else np.zeros_like(v)
 
 
 class Servo:
@@ -111,14 +111,9 @@ def _share_per_step(time_constant: float) -> float:
 
 
 class SimulatedCell:
-    """Samples the string tension at a fixed period and delivers the samples with a latency.
+    """Samples the string tension at a fixed period, with a zero error [N], and delivers the samples with a latency [s].
 
-    Args:
-        settings: noise, resolution, range.
-        hidden: value of every effect.
-        bias: zero error [N].
-        latency: time from the force to the reception of its sample, sensor_delay not counted [s].
-        rng: source of the noise.
+    The hidden delay of the sensor comes on top of the latency.
     """
 
     def __init__(

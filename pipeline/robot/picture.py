@@ -103,9 +103,9 @@ Pixels = npt.NDArray[np.uint8]
 
 SHEET_SHAPE = (3, 2)
 """Columns and rows of a sheet of moments."""
-TRAIL_EVERY = 4
+TRAIL_STRIDE = 4
 """Entries of the history between two dots of the load's trail."""
-TRAIL = (0.004, (0.8, 0.1, 0.1, 0.35))
+TRAIL_DOT = (0.004, (0.8, 0.1, 0.1, 0.35))
 """Radius [m] and colour of the dots where the load has been."""
 
 
@@ -120,14 +120,7 @@ def render_swing(
 ) -> None:
     """Draw a motion: ``.gif`` gives an animation at true speed, ``.png`` a sheet of six moments.
 
-    Args:
-        robot: the arm.
-        settings: load, string and box of the plant.
-        history: motion to draw, such as a part of `SimulatedRobot.history`.
-        path: file to write.
-        frames_per_second: of the animation.
-        size: width and height of one picture [pixels].
-        progress: called with the number of drawn pictures and the total.
+    One picture has a width and height [pixels]; `progress` is called with the number of drawn pictures and the total.
 
     Raises:
         InputError: another file type, nothing to draw, or this machine cannot draw without a screen.
@@ -177,7 +170,7 @@ def _frames(
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
-            yield draw(data, camera, history.load[: index + 1 : TRAIL_EVERY])
+            yield draw(data, camera, history.load[: index + 1 : TRAIL_STRIDE])
 
 
 def _camera(line: urdf.Line) -> mujoco.MjvCamera:
@@ -227,7 +220,7 @@ def _drawing(
 
 def _add_trail(scene: mujoco.MjvScene, points: Vector) -> None:
     """Add dots at the given points (k, 3) [m] to the scene."""
-    radius, colour = TRAIL
+    radius, colour = TRAIL_DOT
     for point in points[: scene.maxgeom - scene.ngeom]:
         mujoco.mjv_initGeom(
             scene.geoms[scene.ngeom],

@@ -44,13 +44,7 @@ class PlantTruth:
 
 
 class Plant:
-    """MuJoCo's model and state of arm, string and load, with the drawn and hidden values.
-
-    Args:
-        robot: the arm.
-        settings: settings of the plant.
-        hidden: value of every effect.
-        rng: source of the drawn values.
+    """MuJoCo's model and state of arm, string and load, with the drawn values and those of every hidden effect.
 
     Attributes:
         line: line of the arm.

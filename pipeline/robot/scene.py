@@ -108,12 +108,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """MuJoCo model of the plant; string and load are named ``string`` and ``load``, the attachment ``pivot``.
 
-    Args:
-        robot: the arm.
-        settings: string, load, box, friction.
-        hidden: value of every effect.
-        mass: true mass of the load [kg].
-        link_scale: factor on mass and inertia of the link behind each joint (n,).
+    It has the value of every hidden effect, the load's true mass [kg], and a factor on mass and inertia of the link
+    behind each joint (n,).
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(arm_only(robot), encoding="unicode"))
     line = robot.line

@@ -17,11 +17,11 @@ from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start
 from pipeline.robot.truth import History, swing_angle
 
-IN_BOX_FOR = 0.2
+LANDED_SECONDS = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
-HISTORY_EVERY = 10
+HISTORY_STRIDE = 10
 """Steps between two entries of the history."""
-DIVERGED = 1e8
+MAX_SQUARED_SPEED = 1e8
 """Sum of squared velocities [rad^2/s^2, m^2/s^2] that no arm and no load on a string reaches."""
 
 
@@ -29,17 +29,12 @@ class SimulatedRobot:
     """A robot arm with a load on a string, as `RobotInterface` sees it; it starts hanging at rest at time 0.
 
     The arm follows the commands with a lag, because its servo is soft, its joints rub and its links are heavier or
-    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit.
-
-    Args:
-        robot: the arm; its line says where the box stands and which way is along.
-        q_start: joint positions at time 0 (n,) [rad].
-        settings: load, string, servo, sensors, box.
-        hidden: hidden effects by name (`hidden.HIDDEN_EFFECTS`); None stands for the typical value.
-        seed: of everything that is drawn.
+    lighter than the URDF says. The same seed and the same calls give the same motion and readings to the last bit. Its
+    line says where the box stands and which way is along. Hidden effects are those of `hidden.HIDDEN_EFFECTS`; None
+    stands for the typical value.
 
     Raises:
-        InputError: a posture outside the joint limits, or settings that do not fit the robot.
+        InputError: a posture (n,) [rad] outside the joint limits, or settings that do not fit the robot.
         UnknownNameError: a hidden effect that the plant does not have.
     """
 
@@ -139,7 +134,7 @@ class SimulatedRobot:
 
     def load_in_box(self) -> bool:
         """Whether the load has been between the walls and below the rim for the last 0.2 s."""
-        return self._steps_in_box * TIME_STEP >= IN_BOX_FOR
+        return self._steps_in_box * TIME_STEP >= LANDED_SECONDS
 
     def history(self) -> History:
         """True motion since time 0 every 10 ms, for reports and pictures only."""
@@ -159,7 +154,7 @@ class SimulatedRobot:
         q = data.qpos[plant.dofs]
         mujoco.mj_step2(plant.model, data)
         # This bound is far below MuJoCo's own of 1e10, at which MuJoCo would write a log file into the user's folder.
-        if not data.qvel @ data.qvel < DIVERGED:
+        if not data.qvel @ data.qvel < MAX_SQUARED_SPEED:
             raise TaskFailedError(
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
@@ -168,7 +163,7 @@ class SimulatedRobot:
         angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.feels_direction else 0.0
         self._cell.feel(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0
-        if self._steps % HISTORY_EVERY == 0:
+        if self._steps % HISTORY_STRIDE == 0:
             self._log.append((self.time, q, plant.pivot.copy(), plant.load.copy(), tension))
         self._steps += 1
 

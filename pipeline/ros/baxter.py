@@ -10,13 +10,19 @@ from pipeline.ros.bridge import Bridge
 
 STATE_PERIOD = 0.02
 """Least time between two states of the robot that the bridge passes on [s]."""
-ASK_EVERY = 0.1
+REQUEST_PERIOD_SECONDS = 0.1
 """Requests are repeated, as in the robot's SDK, until the state follows [s]."""
-POWER_STATE_TIMEOUT, RESET, ENABLE = 3.0, 3.0, 10.0
+POWER_STATE_TIMEOUT, RESET_TIMEOUT_SECONDS, ENABLE_TIMEOUT_SECONDS = 3.0, 3.0, 10.0
 """Longest time until the first state, and until the robot is reset and enabled [s]; homing may go on before that."""
 PRESSED, RELEASED = 1, 3
 """Of the red button, ``estop_button``; 0 is untouched, 2 unknown."""
-SOURCES = {0: "", 1: " by the red button", 2: " by software", 3: " by a fault of the robot", 4: " by its own computer"}
+STOP_SOURCES = {
+    0: "",
+    1: " by the red button",
+    2: " by software",
+    3: " by a fault of the robot",
+    4: " by its own computer",
+}
 """Who stopped it, by ``estop_source``."""
 
 
@@ -62,7 +68,7 @@ class AssemblyState:
     def trouble(self) -> str | None:
         """Sentence on why the robot does not follow commands; None where it does."""
         if self.stopped:
-            return f"the robot was stopped{SOURCES.get(self.estop_source, '')}: look why, then start again"
+            return f"the robot was stopped{STOP_SOURCES.get(self.estop_source, '')}: look why, then start again"
         if not self.enabled:
             return "the robot is not enabled any more: look at its display, then start again"
         return None
@@ -98,18 +104,24 @@ class Power:
         if state.estop_button == PRESSED:
             raise InputError("the emergency stop is pressed: release it, then start again")
         if state.stopped or (state.error and not state.enabled):
-            self._ask("set_super_reset", {}, lambda s: s.reset, RESET, "could not be reset")
-        self._ask("set_super_enable", {"data": True}, lambda s: s.enabled and s.ready, ENABLE, "was not enabled")
+            self._ask("set_super_reset", {}, lambda s: s.reset, RESET_TIMEOUT_SECONDS, "could not be reset")
+        self._ask(
+            "set_super_enable",
+            {"data": True},
+            lambda s: s.enabled and s.ready,
+            ENABLE_TIMEOUT_SECONDS,
+            "was not enabled",
+        )
 
     def _ask(
         self, what: str, message: Mapping[str, Any], done: Callable[[AssemblyState], bool], patience: float, failed: str
     ) -> None:
         """Repeat a request until the robot's state shows that it was followed."""
-        for _ in range(round(patience / ASK_EVERY)):
+        for _ in range(round(patience / REQUEST_PERIOD_SECONDS)):
             if self._wait(done, 0.0):
                 return
             self._bridge.publish(f"{self._name}/{what}", message)
-            if self._wait(done, ASK_EVERY):
+            if self._wait(done, REQUEST_PERIOD_SECONDS):
                 return
         raise InputError(f"the robot {failed} within {patience:g} s: look at its display")
 

@@ -21,11 +21,11 @@ Message = Mapping[str, Any]
 Take = Callable[[Message, float], None]
 """``(message, time of its reception [s])``; called in the bridge's thread, so it must be quick."""
 
-SEND = 0.02
+SEND_TIMEOUT_SECONDS = 0.02
 """Longest time that the operating system may take to accept one message [s]; two control cycles."""
-GOODBYE = 1.0
+CLOSE_TIMEOUT_SECONDS = 1.0
 """Longest time that the other side may take to end the connection [s]."""
-RECEIVE = 1 << 16
+RECEIVE_BYTES = 1 << 16
 """Bytes that are read at once."""
 
 
@@ -34,14 +34,11 @@ class BridgeError(ArmdynError):
 
 
 class Bridge(Closing):
-    """One connection to rosbridge. Any thread may publish; messages that arrive are handed out in a separate thread.
+    """One connection to rosbridge, such as ``ws://robot:9090``; its clock gives the times of reception [s].
 
-    Nothing is queued: a message is handed to the operating system at once, or the connection ends. A connection that
-    was lost stays lost, so that nothing moves again because a cable was plugged in.
-
-    Args:
-        uri: address, such as ``ws://robot:9090``.
-        clock: gives the times of reception [s].
+    Any thread may publish; messages that arrive are handed out in a separate thread. Nothing is queued: a message is
+    handed to the operating system at once, or the connection ends. A connection that was lost stays lost, so that
+    nothing moves again because a cable was plugged in.
 
     Attributes:
         failure: a sentence once the connection is lost, otherwise None.
@@ -99,8 +96,8 @@ class Bridge(Closing):
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
 
-    def call(self, service: str, arguments: Message | None = None, patience: float = CONNECTING) -> Message:
-        """Call a service, such as ``/rosapi/topics``, and wait for its answer, `patience` [s] at most.
+    def call(self, service: str) -> None:
+        """Call a service without arguments, and wait for its answer.
 
         Raises:
             InputError: no answer, or the service failed.
@@ -110,17 +107,15 @@ class Bridge(Closing):
             self._calls += 1
             number = f"call {self._calls}"
             self._answers[number] = None
-        self._send({"op": "call_service", "id": number, "service": service, "args": dict(arguments or {})})
+        self._send({"op": "call_service", "id": number, "service": service, "args": {}})
         with self._answered:
-            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, patience)
+            self._answered.wait_for(lambda: self._answers[number] is not None or self.failure is not None, CONNECTING)
             answer = self._answers.pop(number)
         if answer is None:
             self._require_connected()
-            raise InputError(f"{self.uri}: service {service} did not answer within {patience:g} s: is it running?")
+            raise InputError(f"{self.uri}: service {service} did not answer within {CONNECTING:g} s: is it running?")
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
-        values = answer.get("values")
-        return values if isinstance(values, Mapping) else {}
 
     def close(self) -> None:
         """Close the connection and end the thread; a second call does nothing."""
@@ -130,7 +125,7 @@ class Bridge(Closing):
             self._protocol.send_close()
             self._flush()
         # The other side closes when it has read everything; an earlier end may lose messages.
-        self._thread.join(GOODBYE)
+        self._thread.join(CLOSE_TIMEOUT_SECONDS)
         self._lose("it was closed here")
         self._thread.join(CONNECTING)
 
@@ -169,11 +164,11 @@ class Bridge(Closing):
         if self._protocol.handshake_exc is not None:
             self._socket.close()
             raise InputError(f"{self.uri}: what answers is not a rosbridge ({self._protocol.handshake_exc})")
-        self._socket.settimeout(SEND)
+        self._socket.settimeout(SEND_TIMEOUT_SECONDS)
 
     def _read(self) -> bytes:
         """Read once and acknowledge at once; empty where the other side has ended the connection."""
-        data = self._socket.recv(RECEIVE)
+        data = self._socket.recv(RECEIVE_BYTES)
         if hasattr(socket, "TCP_QUICKACK"):  # Linux only; the option must be set again after every read
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
         return data
@@ -191,7 +186,7 @@ class Bridge(Closing):
                 if data:
                     self._socket.sendall(data)
         except TimeoutError:
-            self._lose(f"it accepted nothing for {1e3 * SEND:.0f} ms")
+            self._lose(f"it accepted nothing for {1e3 * SEND_TIMEOUT_SECONDS:.0f} ms")
         except OSError as error:
             self._lose(error.strerror or str(error))
 

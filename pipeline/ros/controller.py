@@ -17,7 +17,7 @@ from pipeline.ros.baxter import PRESSED, RELEASED, AssemblyState
 from pipeline.ros.states import finite
 from pipeline.ros.topics import MODES
 
-ENABLE_TAKES = 0.1
+ENABLING_SECONDS = 0.1
 """From the request to being enabled [s]."""
 DISABLED_STATE = AssemblyState(ready=False)
 
@@ -101,7 +101,7 @@ class BaxterController:
         if message.get("data") is not True:
             self.state, self._enabled_at = replace(self.state, enabled=False, ready=False), None
         elif not (self.state.stopped or self.state.enabled) and self._enabled_at is None:
-            self._enabled_at = now + ENABLE_TAKES
+            self._enabled_at = now + ENABLING_SECONDS
 
     def take_reset(self, _message: Message, _now: float) -> None:
         """Take a message of ``set_super_reset``: reset a stop."""

@@ -13,11 +13,11 @@ from pipeline.processes import PromptThread
 from pipeline.robot.link import Spread
 from pipeline.ros.bridge import Bridge, BridgeError, Message
 
-SERVICE = "/rosapi/get_time"
+MASTER_SERVICE = "/rosapi/get_time"
 """What is called; also where nobody offers it, the bridge has to ask the master first."""
-ASKED_EVERY = 0.05
+MASTER_CALL_PERIOD_SECONDS = 0.05
 """Time between two calls [s]: an arm that has to stand 0.3 s after the fault leaves about 0.2 s to see it."""
-GONE = "communicate with master"
+MASTER_GONE_TEXT = "communicate with master"
 """What the bridge answers where the master does not: ``Unable to communicate with master!``."""
 
 
@@ -40,25 +40,25 @@ class MasterWatch:
         self._closed.set()
 
     def _ask(self) -> None:
-        while not self._closed.wait(ASKED_EVERY):
+        while not self._closed.wait(MASTER_CALL_PERIOD_SECONDS):
             try:
-                self._bridge.call(SERVICE)
+                self._bridge.call(MASTER_SERVICE)
             except BridgeError:
                 return  # the bridge itself reports that it is lost
             except InputError as error:  # no such service, or no answer: the messages themselves show delays
-                if GONE in str(error):
+                if MASTER_GONE_TEXT in str(error):
                     self.trouble = f"{self._bridge.uri}: the ROS master is gone: restart master and bridge"
                     return
 
 
-TOPIC = "/armdyn/ping"
+PING_TOPIC = "/armdyn/ping"
 PINGS = 50
 """How many pings are sent."""
 PING_PERIOD = 0.01
 """Time between two pings [s]: the bridge's delays depend on it."""
 PING_TIMEOUT = 3.0
 """Longest time to the first answer and after the last ping [s]."""
-ENOUGH = 0.5
+MIN_PING_SHARE = 0.5
 """Share of the pings that come back through a bridge that works."""
 _names = count()
 
@@ -69,7 +69,7 @@ def round_trip(bridge: Bridge) -> Spread:
     Raises:
         InputError: fewer than half of them return; a bridge that pauses for 60 ms keeps one of six pings.
     """
-    topic = f"{TOPIC}_{next(_names)}"
+    topic = f"{PING_TOPIC}_{next(_names)}"
     sent: dict[int, float] = {}
     took: dict[int, float] = {}
     heard = threading.Event()
@@ -95,7 +95,7 @@ def round_trip(bridge: Bridge) -> Spread:
     while len(took) < PINGS and time.monotonic() < end:
         time.sleep(PING_PERIOD)
     spread = Spread.of(took.values())
-    if spread is None or spread.count < ENOUGH * PINGS:
+    if spread is None or spread.count < MIN_PING_SHARE * PINGS:
         raise InputError(
             f"{bridge.uri}: {len(took)} of {PINGS} messages came back: does the bridge reach the ROS master?"
         )

@@ -24,7 +24,7 @@ from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE, stamp_of
 from pipeline.ros.topics import RosTopics
 
-SILENT = 1.0
+MAX_STATE_GAP_SECONDS = 1.0
 """Longest time between two joint states [s]: slower drivers shall be recorded too."""
 
 
@@ -38,17 +38,10 @@ def record_run(
     calibration: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Run, tuple[str, ...]]:
-    """Record joint states and load cell for some seconds, and write the run.
+    """Record joint states and load cell for some seconds, and write the run as a CSV file with its settings beside it.
 
-    Args:
-        uri: address of the bridge.
-        arm: arm whose joints are recorded; where it has a line, the tool's coordinate and height are recorded too.
-        topics: names of the arm's topics.
-        output: the CSV file; its settings are written beside it.
-        seconds: duration of the recording [s].
-        port: serial port of the load cell; None where there is none.
-        calibration: calibration of the load cell; the user's own if not given.
-        progress: called with the share that is done.
+    Where the arm has a line, the tool's coordinate and height are recorded too. Without a serial port there is no load
+    cell; its calibration is the user's own if not given. `progress` is called with the share that is done.
 
     Returns:
         The run, which a signal may have ended early, and a sentence on what became of the messages and on everything
@@ -58,7 +51,7 @@ def record_run(
         InputError: no bridge, no states of these joints, no load cell.
         TaskFailedError: messages stopped arriving; the earlier ones are written.
     """
-    heard = _Heard(topics.joint_states)
+    heard = _ReceivedStates(topics.joint_states)
     forces: list[ForceSample] = []
     used = Calibration.load(calibration or default_path()) if port is not None else None
     with ExitStack() as stack:
@@ -74,8 +67,8 @@ def record_run(
             time.sleep(min(0.05, seconds - elapsed))
             if bridge.failure is not None:
                 ended = bridge.failure
-            elif time.monotonic() - max(heard.latest, start) > SILENT:
-                ended = f"{topics.joint_states}: nothing came for {SILENT:g} s"
+            elif time.monotonic() - max(heard.latest, start) > MAX_STATE_GAP_SECONDS:
+                ended = f"{topics.joint_states}: nothing came for {MAX_STATE_GAP_SECONDS:g} s"
             if cell is not None:
                 forces += cell.read()
             if progress is not None:
@@ -96,7 +89,7 @@ def record_run(
     return run, tuple(said)
 
 
-class _Heard:
+class _ReceivedStates:
     """Joint states of a topic collected in the bridge's thread; any thread may read them.
 
     Attributes:

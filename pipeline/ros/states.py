@@ -14,11 +14,11 @@ from pipeline.imports.stamps import DRIFT
 from pipeline.robot.protocol import JointState, Vector
 from pipeline.ros.bridge import Bridge
 
-BURST = 0.05
+MAX_BURST_DELAY_SECONDS = 0.05
 """s by which messages are late that come together when a client only listens, 0.04 s, and a little more."""
 FIRST_STATE = 3.0
 """Longest time to the first joint state [s]."""
-KEPT = 64
+KEPT_STATES = 64
 """States that are kept: more than half a second at 100 Hz."""
 
 
@@ -28,7 +28,7 @@ class StampClock:
     A message is received after it was stamped, by a delay that varies: the smallest difference seen is the best
     estimate of the offset between the clocks, and is forgotten as slowly as clocks drift. The error is the quickest
     delay itself, 1 ms on a local network, by which states seem later than they are. A stamp from the future by more
-    than `BURST` is believed when the next one says the same: then a clock was set, else one stamp was wrong.
+    than `MAX_BURST_DELAY_SECONDS` is believed when the next one says the same: then a clock was set, else it was wrong.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class StampClock:
     def local(self, stamp: float, received: float) -> float:
         """Time of a stamp [s] on our clock, never after the message's reception on our clock [s]."""
         shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
-        doubted = shortest < inf and given < shortest - BURST
+        doubted = shortest < inf and given < shortest - MAX_BURST_DELAY_SECONDS
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
         self._doubted = given if doubted else inf
         self._at = received
@@ -57,7 +57,7 @@ class JointStates:
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
         self._stamps = StampClock()
-        self._states: deque[JointState] = deque(maxlen=KEPT)
+        self._states: deque[JointState] = deque(maxlen=KEPT_STATES)
         self._order: tuple[list[str], list[int]] | None = None
         self._changed = threading.Condition()
         self.unreadable = 0

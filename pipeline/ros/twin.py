@@ -27,11 +27,11 @@ from pipeline.ros.topics import RosTopics, time_message
 
 TWIN_STEP_SECONDS = 0.002
 """Time between two looks at what has arrived [s]."""
-STATE_EVERY = 0.01
+STATE_PERIOD_SECONDS = 0.01
 """Time between two joint states [s]."""
-POWER_EVERY = 0.05
+POWER_PERIOD_SECONDS = 0.05
 """Time between two messages on whether the robot is enabled [s]; the bridge has to convert each."""
-FAR_BEHIND = 0.5
+MAX_DELAY_SECONDS = 0.5
 """A computer that is this late [s] cannot run the twin in real time; the time is left out, and said."""
 NEVER = 1e6
 """The plant itself never times out [s]: the twin does, as the robot would."""
@@ -40,17 +40,9 @@ OTHER_JOINTS = ("head_nod", "head_pan", *(f"left_{j}" for j in ("e0", "e1", "s0"
 
 
 class Twin(Closing):
-    """A simulated Baxter on ROS; `run` keeps it alive.
+    """A simulated Baxter on ROS, in an initial posture (n,) [rad]; `run` keeps it alive.
 
-    Args:
-        uri: address of the bridge.
-        description: the arm.
-        topics: topics of the arm, which must be Baxter's.
-        q_start: initial posture (n,) [rad].
-        settings: settings of the plant.
-        hidden: hidden effects, which the user's model does not contain.
-        seed: seed of everything random.
-        stamp_offset: by how much the robot's clock is ahead of this computer's [s].
+    It has effects that the user's model does not contain. Its clock is ahead of this computer's by `stamp_offset` [s].
 
     Attributes:
         robot: the plant.
@@ -133,15 +125,15 @@ class Twin(Closing):
         while not until():
             now = time.monotonic()
             late = now - self.start - self.robot.time
-            if late > FAR_BEHIND:
+            if late > MAX_DELAY_SECONDS:
                 self.behind += late - TWIN_STEP_SECONDS
                 self.start += late - TWIN_STEP_SECONDS
             self.live(now, now - self.start)
             if self.robot.time >= next_state - TWIN_STEP_SECONDS / 2:
-                next_state = max(next_state + STATE_EVERY, self.robot.time)
+                next_state = max(next_state + STATE_PERIOD_SECONDS, self.robot.time)
                 self.publish_joints()
             if self.robot.time >= next_power - TWIN_STEP_SECONDS / 2:
-                next_power = max(next_power + POWER_EVERY, self.robot.time)
+                next_power = max(next_power + POWER_PERIOD_SECONDS, self.robot.time)
                 self.publish_power()
             time.sleep(max(0.0, self.start + self.robot.time + TWIN_STEP_SECONDS - time.monotonic()))
 

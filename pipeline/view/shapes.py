@@ -14,7 +14,7 @@ from armdyn.recording.channels import FloatArray
 from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Body, Mesh, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
-from urdf.quiet import quiet
+from urdf.quiet import captured_output
 
 MOST_TRIANGLES = 40_000
 """Of a whole arm: a page of about 1 MB, which a small computer turns smoothly."""
@@ -74,7 +74,7 @@ def links_of(robot: Robot) -> Links:
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
     """Visual shapes of the links per joint, in full detail, and the number of unreadable ones."""
     model, found, missing = robot.model, [list[Mesh]() for _ in range(robot.model.njoints)], 0
-    with quiet():
+    with captured_output():
         file = BytesIO(robot.urdf_xml.encode())
         described = yourdfpy.URDF.load(file, load_meshes=False, build_scene_graph=False).robot
     links = [link for link in described.links if model.existFrame(link.name, pin.FrameType.BODY)]
@@ -109,7 +109,7 @@ def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ..
         file = locate_mesh(geometry.mesh.filename, urdf_path, folders)
         if file is None or file.stat().st_size > LARGEST_FILE:
             return None
-        with quiet():
+        with captured_output():
             parts = trimesh.load_scene(file).dump(concatenate=False)
         whole = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
         for part in whole:

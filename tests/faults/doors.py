@@ -55,7 +55,7 @@ from pipeline.imports.joints import Joints
 from pipeline.imports.mapping import map_text, read_map
 from pipeline.loadcell.calibration import Calibration
 from pipeline.motion.feasibility.read import read_trajectory
-from urdf.quiet import quiet
+from urdf.quiet import captured_output
 
 CORPUS = Path(__file__).parent / "corpus"
 LONGEST = 20.0
@@ -215,7 +215,7 @@ def tried(door, data, folder, read=None):
     path = folder / door.name
     path.write_bytes(data)
     said, verdict = "", "read"
-    with quiet() as printed, warnings.catch_warnings(record=True) as warned, _limited():
+    with captured_output() as printed, warnings.catch_warnings(record=True) as warned, _limited():
         warnings.simplefilter("always")
         try:
             (read or door.read)(path)

@@ -60,19 +60,6 @@ def test_a_pool_that_is_interrupted_ends_its_workers_at_once():
     assert becomes(lambda: not any(is_running(worker) for worker in workers))
 
 
-def add(number):
-    return number + sum(KEPT)
-
-
-KEPT = []
-
-
-def test_a_pool_begins_each_worker_and_gives_answers():
-    with worker_pool(2, None, KEPT.append, 10) as pool:
-        assert list(pool.map(add, range(5))) == [10, 11, 12, 13, 14]
-    assert KEPT == []
-
-
 class Dies:
     """Stands in for work: ends its process without a word at an odd number, at 1 once and at 3 whenever it is asked."""
 

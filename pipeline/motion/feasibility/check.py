@@ -16,11 +16,11 @@ from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
-FINER = 5
+CHECKS_PER_SAMPLE = 5
 """How many times a motion is looked at per sample, so that no peak between two samples is missed."""
-OFF_LINE, TILT = 1e-4, 1e-3
+MAX_LINE_DISTANCE, MAX_TILT = 1e-4, 1e-3
 """Farthest that the tool point may be from the line [m], and the tool be turned from the line's orientation [rad]."""
-START = 0.02
+MAX_START_DISTANCE = 0.02
 """Farthest that a joint may be, at the start, from where the arm is [rad]."""
 
 
@@ -53,13 +53,8 @@ def check_line(
 ) -> FeasibilityReport:
     """Judge a motion along the line: whether it stays on the line, and whether the joints can follow.
 
-    Args:
-        table: from the line to the joints.
-        robot: the arm.
-        trajectory: the motion.
-        settings: what the check takes into account.
-        swing: of the load; None where nothing hangs.
-        at: where the arm is (n,); None where nobody knows [rad].
+    The check includes the swing of a load, where one hangs, and a start at joint positions `at` (n,) [rad], where it is
+    known where the arm is.
     """
     settings = settings or CheckSettings()
     low, high = float(table.s[0]), float(table.s[-1])
@@ -72,9 +67,7 @@ def check_line(
     fine = _finer(*samples)
     motion, between = joints(*samples), joints(*fine)
     series = [Bounded.between("line", "m", (robot.tool_frame,), fine[0], fine[1], low, high)]
-    series += _joint_series(robot, motion, between, settings)
-    series += _off_line_series(robot, table.line, between)
-    series += _start_and_collision(robot, between, settings, at)
+    series += _series(robot, motion, between, settings, table.line, at)
     if swing is not None:
         series += swing_series(robot, table.line, between, swing, settings.collision)
     return FeasibilityReport.of(series)
@@ -87,14 +80,9 @@ def check_joints(
     line: urdf.Line | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
-    """Judge a motion of the joints.
+    """Judge a motion of the joints, of a tool that must stay on `line` where one is given.
 
-    Args:
-        robot: the arm.
-        trajectory: the motion.
-        settings: what the check takes into account.
-        line: on which the tool must stay; None where it is free.
-        at: where the arm is (n,); None where nobody knows [rad].
+    The check includes a start at joint positions `at` (n,) [rad], where it is known where the arm is.
 
     Raises:
         InputError: if the trajectory is of other joints.
@@ -107,17 +95,36 @@ def check_joints(
         )
     fine = _finer(trajectory.time, trajectory.q, trajectory.v, trajectory.a)
     between = JointTrajectory(*fine, robot.joint_names)
-    series = _joint_series(robot, trajectory, between, settings)
+    return FeasibilityReport.of(_series(robot, trajectory, between, settings, line, at))
+
+
+def _series(
+    robot: urdf.Robot,
+    motion: JointTrajectory,
+    fine: JointTrajectory,
+    settings: CheckSettings,
+    line: urdf.Line | None,
+    at: ArrayLike | None,
+) -> list[Bounded]:
+    """All that is limited of a motion of the joints, from its samples and from finer ones."""
+    series = _joint_series(robot, motion, fine, settings)
     if line is not None:
-        series += _off_line_series(robot, line, between)
-    return FeasibilityReport.of([*series, *_start_and_collision(robot, between, settings, at)])
+        series += _off_line_series(robot, line, fine)
+    if at is not None:
+        here = np.asarray(at, dtype=float)
+        if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
+            raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
+        start = -MAX_START_DISTANCE, MAX_START_DISTANCE
+        apart = fine.q[:1] - here
+        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, *start))
+    return series + (collision_series(robot, fine, settings.obstacles) if settings.collision else [])
 
 
 def _finer(time: Array, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-    """The samples (n, ...) and `FINER` - 1 instants between each two: x and v by cubics, a by straight lines."""
+    """The samples (n, ...) and `CHECKS_PER_SAMPLE` - 1 between each two: x and v by cubics, a by straight lines."""
     if time.size == 1:
         return time, x, v, a
-    fine = np.interp(np.arange(FINER * (time.size - 1) + 1) / FINER, np.arange(time.size), time)
+    fine = np.interp(np.arange(CHECKS_PER_SAMPLE * (time.size - 1) + 1) / CHECKS_PER_SAMPLE, np.arange(time.size), time)
     return (
         fine,
         CubicHermiteSpline(time, x, v)(fine),
@@ -181,24 +188,9 @@ def _off_line_series(robot: urdf.Robot, line: urdf.Line, fine: JointTrajectory) 
         tilt.append(np.linalg.norm(pin.log3(line.rotation.T @ pose.rotation)))
     tool = (robot.tool_frame,)
     return [
-        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=OFF_LINE),
-        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=TILT),
+        Bounded.between("distance_off_line", "m", tool, fine.time, distance, upper=MAX_LINE_DISTANCE),
+        Bounded.between("tilt", "rad", tool, fine.time, tilt, upper=MAX_TILT),
     ]
-
-
-def _start_and_collision(
-    robot: urdf.Robot, fine: JointTrajectory, settings: CheckSettings, at: ArrayLike | None
-) -> list[Bounded]:
-    series = []
-    if at is not None:
-        here = np.asarray(at, dtype=float)
-        if here.shape != (len(robot.joint_names),) or not np.all(np.isfinite(here)):
-            raise InputError(f"where the arm is: give {len(robot.joint_names)} finite joint positions of {robot.name}")
-        apart = fine.q[:1] - here
-        series.append(Bounded.between("start", _unit(robot), robot.joint_names, fine.time[:1], apart, -START, START))
-    if settings.collision:
-        series += collision_series(robot, fine, settings.obstacles)
-    return series
 
 
 def _unit(robot: urdf.Robot) -> str:

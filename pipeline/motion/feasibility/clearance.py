@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import product
 
 import coal
 import numpy as np
@@ -16,17 +16,17 @@ from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes, hull, link_of_shape
 from urdf.robot import Array
 
-CLEARANCE, SWING_CLEARANCE = 0.01, 0.02
+MIN_CLEARANCE, MIN_SWING_CLEARANCE = 0.01, 0.02
 """Distance asked for between the arm and itself or an obstacle, and between load or string and the arm [m]."""
-TABLE = (1.6, 0.7, 0.04)
+TABLE_SIZE = (1.6, 0.7, 0.04)
 """Length, depth and thickness of the table top under the box [m]."""
-SHARE = 0.25
+CHECKED_DISTANCE_SHARE = 0.25
 """Share of the distance by which the arm may move before the next look, so that no contact is missed."""
-STEP = 5e-3
+MIN_CHECK_TRAVEL = 5e-3
 """Move after which the next look is taken where two parts already touch [m]."""
-TIE = 1e-9
+DISTANCE_TIE = 1e-9
 """Distances that differ by less are equal [m]: of two fingers above a table the first is named."""
-HAND = 0.15
+HAND_REACH = 0.15
 """How far the hand reaches beyond the tool frame and the arm beyond the middle of its links, at most [m]."""
 
 
@@ -49,12 +49,12 @@ class Obstacle:
 
 def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
     """An open box on a table, under the line: four walls, the floor and the table top."""
-    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE[2] / 2.0])
+    top = box.rim_middle(line) - np.array([0.0, 0.0, box.height + box.wall + TABLE_SIZE[2] / 2.0])
     blocks = [
         ("box floor" if plate.name == "floor" else f"box {plate.name} wall", plate.centre, 2.0 * plate.half)
         for plate in box.plates(line)
     ]
-    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE))])
+    return tuple(Obstacle(*block, line.axes) for block in [*blocks, ("table", top, np.array(TABLE_SIZE))])
 
 
 @dataclass(frozen=True)
@@ -86,49 +86,37 @@ class Swing:
             raise InputError(f"swing: length {self.length} m and radius {self.radius} m must be greater than 0")
 
 
-class Body(NamedTuple):
-    """A shape that the arm may touch; `spared` is the joint whose parts it may touch."""
+class Surroundings:
+    """Distances of the arm's links from other bodies, with convex hulls in place of meshes: they err on the safe side.
 
-    name: str
-    shape: coal.CollisionGeometry
-    pose: coal.Transform3s
-    spared: int = -1
+    A body has a name, a shape, and the joint whose links it may touch, -1 for none.
+    """
 
+    def __init__(self, robot: urdf.Robot, bodies: Sequence[tuple[str, coal.CollisionGeometry, int]]) -> None:
+        self._model, self._shapes = collision_shapes(robot)
+        arm = [(k, shape.parentJoint) for k, shape in enumerate(self._shapes.geometryObjects) if shape.parentJoint]
+        for shape in self._shapes.geometryObjects:
+            shape.geometry = hull(shape.geometry)[0]
+        self._first = self._shapes.ngeoms
+        for name, body, _ in bodies:
+            self._shapes.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), body))
+        for (k, joint), (number, (_, _, spared)) in product(arm, enumerate(bodies, start=self._first)):
+            if joint != spared:
+                self._shapes.addCollisionPair(pin.CollisionPair(k, number))
+        self._data, self._distances = self._model.createData(), self._shapes.createData()
 
-class ArmShapes:
-    """Collision shapes of the arm's links with convex hulls in place of meshes: distances err on the safe side."""
+    def put(self, number: int, rotation: Array, centre: Array) -> None:
+        """Put the body of a number at an orientation (3, 3) and a place (3,) [m] in the robot's base frame."""
+        self._shapes.geometryObjects[self._first + number].placement = pin.SE3(rotation, centre)
 
-    def __init__(self, robot: urdf.Robot) -> None:
-        self._model, shapes = collision_shapes(robot)
-        self._data = self._model.createData()
-        tool = robot.model.frames[robot.tool_frame_id]
-        self.tool_joint = int(tool.parentJoint)
-        self._tool_point = tool.placement.act(robot.tool_offset)
-        self._parts = [
-            (link_of_shape(shape), int(shape.parentJoint), shape.placement.copy(), hull(shape.geometry)[0])
-            for shape in shapes.geometryObjects
-            if shape.parentJoint > 0
-        ]
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-
-    def place(self, q: Array) -> Array:
-        """Move the arm to a posture (n,); where its tool point is then (3,) [m]."""
-        pin.forwardKinematics(self._model, self._data, q)
-        return np.asarray(self._data.oMi[self.tool_joint].act(self._tool_point))
-
-    def closest(self, bodies: Sequence[Body]) -> tuple[float, str, str]:
-        """Smallest distance to a body, 0 or less where they touch [m], of which link, and to which body."""
-        best: tuple[float, str, str] = (np.inf, "", "")
-        for part, joint, placement, shape in self._parts:
-            pose = self._data.oMi[joint] * placement
-            where = coal.Transform3s(pose.rotation, pose.translation)
-            for body in bodies:
-                if joint != body.spared:
-                    self._result.clear()
-                    apart = coal.distance(shape, where, body.shape, body.pose, self._request, self._result)
-                    if apart < best[0] - TIE:
-                        best = float(apart), part, body.name
-        return best
+    def closest(self, q: Array) -> tuple[float, str, str]:
+        """Smallest distance at a posture (n,), 0 or less where they touch [m], of which link, and to which body."""
+        pin.computeDistances(self._model, self._data, self._shapes, self._distances, q)
+        apart = np.array([result.min_distance for result in self._distances.distanceResults])
+        first = int(np.flatnonzero(apart <= apart.min() + DISTANCE_TIE)[0])
+        pair = self._shapes.collisionPairs[first]
+        part, body = (self._shapes.geometryObjects[end] for end in (pair.first, pair.second))
+        return float(apart[first]), link_of_shape(part), body.name
 
 
 def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequence[Obstacle]) -> list[Bounded]:
@@ -142,19 +130,17 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 
     series = []
     if itself.pairs:  # a URDF whose meshes are missing has none
-        series += _where_it_matters("self_collision", motion.time, travel, to_itself, CLEARANCE)
+        series += _where_it_matters("self_collision", motion.time, travel, to_itself, MIN_CLEARANCE)
     if obstacles:
-        arm = ArmShapes(robot)
-        blocks = [
-            Body(o.name, coal.Box(*map(float, o.size)), coal.Transform3s(o.rotation, o.centre)) for o in obstacles
-        ]
+        around = Surroundings(robot, [(o.name, coal.Box(*map(float, o.size)), -1) for o in obstacles])
+        for number, block in enumerate(obstacles):
+            around.put(number, block.rotation, block.centre)
 
         def to_obstacles(k: int) -> tuple[float, str]:
-            arm.place(motion.q[k])
-            distance, part, block = arm.closest(blocks)
+            distance, part, block = around.closest(motion.q[k])
             return distance, f"{part} - {block}"
 
-        series += _where_it_matters("collision", motion.time, travel, to_obstacles, CLEARANCE)
+        series += _where_it_matters("collision", motion.time, travel, to_obstacles, MIN_CLEARANCE)
     return series
 
 
@@ -165,25 +151,24 @@ def swing_series(
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
-    arm, along, aside, up = ArmShapes(robot), line.direction, -line.axes[:, 1], line.axes[:, 2]
+    hand = int(robot.model.frames[robot.tool_frame_id].parentJoint)
+    bodies = [("load", coal.Sphere(swing.radius), -1), ("string", coal.Capsule(1e-3, swing.length), hand)]
+    around, data = Surroundings(robot, bodies), robot.model.createData()
+    along, aside, up = line.direction, -line.axes[:, 1], line.axes[:, 2]
     angle = np.interp(motion.time, swing.time, swing.angle)
-    load, string = coal.Sphere(swing.radius), coal.Capsule(1e-3, swing.length)
 
     def to_arm(k: int) -> tuple[float, str]:
-        top = arm.place(motion.q[k])
+        top = robot.tool_pose(motion.q[k], data).translation
         hanging = -np.sin(angle[k]) * along - np.cos(angle[k]) * up
         # A capsule lies along its z axis, about its middle.
         turned = np.column_stack([np.cross(aside, hanging), aside, hanging])
-        middle, end = top + swing.length / 2.0 * hanging, top + swing.length * hanging
-        bodies = [
-            Body("load", load, coal.Transform3s(np.eye(3), end)),
-            Body("string", string, coal.Transform3s(turned, middle), arm.tool_joint),
-        ]
-        return arm.closest(bodies)[:2]
+        around.put(0, np.eye(3), top + swing.length * hanging)
+        around.put(1, turned, top + swing.length / 2.0 * hanging)
+        return around.closest(motion.q[k])[:2]
 
     travel = _travel(robot, motion.q)
     travel += np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))]) * (swing.length + swing.radius)
-    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, SWING_CLEARANCE)]
+    return [tension, *_where_it_matters("swing_clearance", motion.time, travel, to_arm, MIN_SWING_CLEARANCE)]
 
 
 def _where_it_matters(
@@ -191,12 +176,8 @@ def _where_it_matters(
 ) -> list[Bounded]:
     """Distances at the instants that matter, a series per pair that was the closest at one of them.
 
-    Args:
-        limit: what is limited.
-        time: of all samples (m,) [s].
-        travel: upper bound of the distance that any point of the arm has moved until each sample (m,) [m].
-        distance: at a sample: how far apart which two are [m].
-        least: distance that is asked for [m].
+    No point of the arm has moved farther than `travel` (m,) [m] until a sample; `distance` gives, at a sample, how far
+    apart which two are [m], which must be `least` [m].
     """
     found: dict[str, list[tuple[float, float]]] = {}
     k, last = 0, time.size - 1
@@ -205,7 +186,7 @@ def _where_it_matters(
         found.setdefault(pair, []).append((float(time[k]), apart))
         if k == last:
             break
-        room = max(SHARE * (apart - least), STEP)
+        room = max(CHECKED_DISTANCE_SHARE * (apart - least), MIN_CHECK_TRAVEL)
         k = min(max(int(np.searchsorted(travel, travel[k] + room, side="right")), k + 1), last)
     return [
         Bounded.between(limit, "m", (pair,), [t for t, _ in rows], [d for _, d in rows], least)
@@ -217,7 +198,7 @@ def _travel(robot: urdf.Robot, q: Array) -> Array:
     """Upper bound of the distance that any point of the arm has moved until each posture (m,) [m]."""
     lengths = [float(np.linalg.norm(robot.model.jointPlacements[j].translation)) for j in range(2, robot.model.njoints)]
     tool = robot.model.frames[robot.tool_frame_id].placement.translation
-    lengths.append(float(np.linalg.norm(tool)) + HAND)
+    lengths.append(float(np.linalg.norm(tool)) + HAND_REACH)
     # A part reaches no further from a joint than the stretched chain of all links between them.
     reach = np.cumsum(lengths[::-1])[::-1]
     return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ reach)])

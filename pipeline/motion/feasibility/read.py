@@ -15,26 +15,24 @@ from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
-ORDER = 6
+NOISE_DIFFERENCE_ORDER = 6
 """Order of the differences in which noise remains and motion vanishes: of a swing at 1 Hz, sampled at 100 Hz, 1e-7."""
-EVEN = 0.01
-"""Unevenness of the sampling up to which the differences can be used [1]."""
 
 
 def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
     """Smoothed positions, speeds and accelerations, (n, k) each, of positions (n, k) at increasing times (n,) [s].
 
     The quintic smoothing spline fits the positions' noise, which is taken from sixth differences, so that rounding is
-    smoothed away and a clean motion is left alone.
+    smoothed away and a clean motion is left alone, which `armdyn.smoothing` would change by a thousandth.
     """
 
     def column(x: Array) -> tuple[Array, Array, Array]:
         if np.ptp(x) == 0.0:
             return x, np.zeros_like(x), np.zeros_like(x)
-        if time.size < ORDER:
+        if time.size < NOISE_DIFFERENCE_ORDER:
             v = np.gradient(x, time)
             return x, v, np.gradient(v, time)
-        std = noise_std(time, x)
+        std = quiet_std(time, x, NOISE_DIFFERENCE_ORDER)
         # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
         if std < 1e-10 * np.max(np.abs(x)):
             spline = make_interp_spline(time, x, k=5)
@@ -45,14 +43,6 @@ def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
 
     q, v, a = (np.column_stack(parts) for parts in zip(*map(column, position.T), strict=True))
     return q, v, a
-
-
-def noise_std(time: Array, position: Array) -> float:
-    """Standard deviation of the noise of positions (n,), in their unit; 0 where it cannot be estimated."""
-    steps = np.diff(time)
-    if time.size < 4 * ORDER or np.ptp(steps) > EVEN * np.mean(steps):
-        return 0.0
-    return quiet_std(time, position, ORDER)
 
 
 UNITS = {"time": "s", "s": "m", "v": "m/s", "a": "m/s^2"}
@@ -68,7 +58,7 @@ def is_line_csv(path: Path) -> bool:
     return "s" in [cell.partition("[")[0].strip().strip('"') for cell in header.split(",")]
 
 
-FAR_BEYOND = 2.0
+DEGREES_RANGE_FACTOR = 2.0
 """Times its range beyond which a joint position is taken for degrees."""
 
 
@@ -143,7 +133,7 @@ def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
         channel = channels[f"q.{name}"]
         if channel.unit == "rad" and np.isfinite(lower) and np.isfinite(upper):
             far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
-            if far > FAR_BEYOND * widest:
+            if far > DEGREES_RANGE_FACTOR * widest:
                 reached[name] = far, widest
             turned = np.radians(channel.value)
             within = within and bool(np.all((turned >= lower) & (turned <= upper)))

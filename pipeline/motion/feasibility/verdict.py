@@ -16,11 +16,11 @@ from urdf.robot import Array, read_only
 
 SCHEMA = "armdyn.check/1"
 
-TOLERANCE = 1e-6
+LIMIT_EXCESS_SHARE = 1e-6
 """Share of a limit by which a value may exceed it: a recording with seven digits is rounded."""
-SMALL = 1e-3
+MIN_TOLERANCE_BOUND = 1e-3
 """Smallest size of a bound from which the tolerance is computed, in the bound's unit."""
-APART = 0.05
+MIN_VIOLATION_GAP_SECONDS = 0.05
 """Time for which a limit must be kept between two violations, to count them as two [s]."""
 
 
@@ -105,14 +105,14 @@ class Bounded:
         return [self.extreme(int(np.argmin(margin[:, k])), int(k)) for k in bounded]
 
     def violations(self) -> list[Margin]:
-        """The worst of each stretch beyond a bound; stretches closer than `APART` are one."""
+        """The worst of each stretch beyond a bound; stretches closer than `MIN_VIOLATION_GAP_SECONDS` are one."""
         scale = np.max([np.where(np.isfinite(b), np.abs(b), 0.0) for b in (self.lower, self.upper)], axis=0)
         margin = self.margin
-        beyond = margin < -TOLERANCE * np.maximum(scale, SMALL)
+        beyond = margin < -LIMIT_EXCESS_SHARE * np.maximum(scale, MIN_TOLERANCE_BOUND)
         found = []
         for k, column in enumerate(beyond.T):
             samples = np.flatnonzero(column)
-            stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > APART) + 1)
+            stretches = np.split(samples, np.flatnonzero(np.diff(self.time[samples]) > MIN_VIOLATION_GAP_SECONDS) + 1)
             found += [
                 self.extreme(int(stretch[np.argmin(margin[stretch, k])]), k) for stretch in stretches if len(stretch)
             ]

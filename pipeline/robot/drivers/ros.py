@@ -28,15 +28,15 @@ from pipeline.ros.states import EvenTimes, JointStates
 from pipeline.ros.telemetry import PublishingRecorder, Telemetry
 from pipeline.ros.topics import RosTopics, command_message, point_message, positions_in, read_topics, settings_file
 
-LAG = 0.01
+READING_LAG_SECONDS = 0.01
 """How far behind now the joints are read [s]: by then the reading of that time has usually arrived."""
 ADVERTISE_SECONDS = 1.2
 """For a second after `advertise` rosbridge repeats what we send to new subscribers: nothing moves before that [s]."""
 STATE_TIMEOUT = 2 * PERIOD
 """How long a command waits for a young joint state [s]: no gap yet, see `pipeline.nodes.drive.MAX_COMMAND_SILENCE`."""
-JUDGED = 0.002
+JUDGEMENT_SECONDS = 0.002
 """From the end of that wait to the gate's verdict, at most [s]."""
-OURS = 300
+REMEMBERED_COMMANDS = 300
 """Commands that are remembered, so that others' are recognised: 3 s, longer than any bridge may stall."""
 HOLD_SECONDS = 0.3
 """How long the last posture is still commanded after braking [s]."""
@@ -47,17 +47,11 @@ SDK_SPEED_RATIO = 0.3
 
 
 class RosRobot(Closing):
-    """An arm behind rosbridge with a load cell on a serial line; use it in a ``with`` block.
+    """An arm behind rosbridge, ``ws://HOST:9090``, with a load cell on a serial line; use it in a ``with`` block.
 
     Every command passes one gate (`StreamGate`); what it withholds ends the run: `fault` says why, `command` raises
-    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding.
-
-    Args:
-        uri: of the bridge, ``ws://HOST:9090``.
-        description: the arm.
-        topics: what it is called.
-        cell: the load cell, read on the clock that is given here; None where there is none.
-        clock: our clock [s], the one that the load cell uses.
+    it, and nothing is sent any more except what brings the arm to rest. The arm is left enabled and holding. A load
+    cell is read on the same clock [s].
 
     Attributes:
         statistics: what was measured.
@@ -81,7 +75,7 @@ class RosRobot(Closing):
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
         self._lock = threading.RLock()
-        self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=OURS)
+        self._ours: deque[tuple[tuple[float, ...], float]] = deque(maxlen=REMEMBERED_COMMANDS)
         self._ended: str | None = None
         self._foreign = False
         self._blend: Blend | None = None
@@ -133,7 +127,7 @@ class RosRobot(Closing):
         """
         q, v, a = (np.array(x, dtype=float) for x in (q, v, a))
         if self._ended is None:
-            self._states.wait_for_younger(lambda: self.time - MAX_STATE_AGE_SECONDS + JUDGED, STATE_TIMEOUT)
+            self._states.wait_for_younger(lambda: self.time - MAX_STATE_AGE_SECONDS + JUDGEMENT_SECONDS, STATE_TIMEOUT)
             if self._sent_at is not None:  # what follows a late command on time would be faster than it was made
                 self.advance(min(self._sent_at + PERIOD - self.time, PERIOD))
         with self._lock:
@@ -173,7 +167,7 @@ class RosRobot(Closing):
         newest, now = self.newest_state(), self.time
         if now - newest.time > MAX_STATE_AGE_SECONDS:
             return newest  # its age says that something is wrong
-        state = self._states.at(self._reader.next(now - LAG))
+        state = self._states.at(self._reader.next(now - READING_LAG_SECONDS))
         assert state is not None, "there is a newest state"
         return state
 

@@ -129,7 +129,7 @@ def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch):
     from armdyn.errors import InputError
 
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ik.workers.CONNECT", 0.5)
+    monkeypatch.setattr("ik.workers.CONNECT_TIMEOUT_SECONDS", 0.5)
     (lab / "out").mkdir()
     with pytest.raises(InputError, match="no dask scheduler answers there"):
         run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")

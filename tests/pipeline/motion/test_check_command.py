@@ -8,8 +8,9 @@ from command import called
 
 import ik
 import urdf
+from armdyn.recording.noise import quiet_std
 from pipeline.motion.feasibility import Margin
-from pipeline.motion.feasibility.read import differentiate, noise_std
+from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, differentiate
 
 TIME = 0.01 * np.arange(200)
 S = 0.1 * (1 - np.cos(2 * np.pi * 0.5 * TIME)) * (1 - np.cos(2 * np.pi * TIME / 2)) / 2
@@ -118,7 +119,7 @@ def test_files_that_are_no_trajectory_are_named(refused, tmp_path, name, match):
 def test_the_noise_of_positions_is_found_under_their_motion():
     rng = np.random.default_rng(0)
     for std in (1e-5, 1e-4, 1e-3):
-        assert noise_std(TIME, S + rng.normal(0.0, std, S.size)) == pytest.approx(std, rel=0.25)
+        assert quiet_std(TIME, S + rng.normal(0.0, std, S.size), NOISE_DIFFERENCE_ORDER) == pytest.approx(std, rel=0.25)
 
 
 def test_derivatives_of_noisy_positions_are_near_the_true_ones():

@@ -9,7 +9,7 @@ from armdyn.control.task import SwingPlan
 from armdyn.errors import TaskFailedError
 from armdyn.pendulum.model import pendulum_model
 from pipeline.motion import LineState
-from pipeline.nodes.task import LEAD, LONGEST_PLANNING, TRIES, TaskNode, TaskSettings, _Planned
+from pipeline.nodes.task import FIRST_LEAD_SECONDS, MAX_PLANNING_SECONDS, MAX_PLANS, TaskNode, TaskSettings, _Planned
 
 
 class Slow:
@@ -57,14 +57,14 @@ def until(case, time):
 
 
 def test_a_plan_that_came_too_late_is_never_played(node):
-    until(node, LEAD + 1.0)
+    until(node, FIRST_LEAD_SECONDS + 1.0)
     node.beside.done(planned("late"))
-    until(node, node.time + 3.0 * LEAD)  # the next one, for an instant farther ahead, is late as well
+    until(node, node.time + 3.0 * FIRST_LEAD_SECONDS)  # the next one, for an instant farther ahead, is late as well
     assert node.drive.played == []
     node.beside.done(planned("late again"))
-    until(node, node.time + LEAD)
+    until(node, node.time + FIRST_LEAD_SECONDS)
     node.beside.done(planned("in time"))
-    until(node, node.time + 4.0 * LEAD)
+    until(node, node.time + 4.0 * FIRST_LEAD_SECONDS)
     assert node.drive.played == ["in time"]
 
 
@@ -75,12 +75,12 @@ def test_a_plan_that_is_not_given_up_begins_within_the_longest_time(node, took):
         if node.beside.asked:
             until(node, node.time + took - node.node.period)
             node.beside.done(planned("plan"))
-    assert node.time < LONGEST_PLANNING
+    assert node.time < MAX_PLANNING_SECONDS
 
 
 def test_a_computer_that_is_too_busy_is_a_sentence(node):
-    for _ in range(TRIES):
-        until(node, node.time + 10.0 * LEAD)
+    for _ in range(MAX_PLANS):
+        until(node, node.time + 10.0 * FIRST_LEAD_SECONDS)
         node.beside.done(planned("late"))
     with pytest.raises(TaskFailedError, match="too busy"):
         until(node, node.time + 0.2)

@@ -94,7 +94,7 @@ def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, unt
 
 
 def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch):
-    monkeypatch.setattr(bridge_module, "SEND", 0.02)
+    monkeypatch.setattr(bridge_module, "SEND_TIMEOUT_SECONDS", 0.02)
     loopback.stall()
     large = {"data": "x" * 500_000}  # after a few of them more than the buffers of both systems
 
@@ -123,16 +123,19 @@ def test_what_is_no_message_ends_the_connection(loopback, bridge, until, text):
 
 
 def test_a_service_answers(loopback, bridge):
-    loopback.answers["/rosapi/publishers"] = lambda arguments: {"publishers": [f"/node of {arguments['topic']}"]}
-    assert bridge.call("/rosapi/publishers", {"topic": "/a"}) == {"publishers": ["/node of /a"]}
+    asked = []
+    loopback.answers["/rosapi/get_time"] = lambda arguments: asked.append(arguments) or {"time": 1}
+    bridge.call("/rosapi/get_time")
+    assert asked == [{}]
 
 
-def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge):
+def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge, monkeypatch):
+    monkeypatch.setattr(bridge_module, "CONNECTING", 0.5)
     loopback.answers["/broken"] = lambda _arguments: None
     with pytest.raises(InputError, match="/broken failed"):
         bridge.call("/broken")
-    with pytest.raises(InputError, match=r"/nobody did not answer within 0.05 s"):
-        bridge.call("/nobody", patience=0.05)
+    with pytest.raises(InputError, match=r"/nobody did not answer within 0.5 s"):
+        bridge.call("/nobody")
 
 
 def test_closing_twice_is_fine_and_ends_the_thread(loopback):

@@ -217,7 +217,7 @@ def intrude(robot):
 
 
 def lose_master(robot):
-    robot.arm.loopback.answers[master_module.SERVICE] = lambda _arguments: "Unable to communicate with master!"
+    robot.arm.loopback.answers[master_module.MASTER_SERVICE] = lambda _arguments: "Unable to communicate with master!"
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_what_fails_outside_ends_the_run(robot, until, fault, says, braked):
 
 def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
     asked = []
-    robot.arm.loopback.answers[master_module.SERVICE] = lambda _arguments: asked.append(0) or "does not exist"
+    robot.arm.loopback.answers[master_module.MASTER_SERVICE] = lambda _arguments: asked.append(0) or "does not exist"
     until(lambda: len(asked) > 2)
     assert robot.fault is None
 
