@@ -68,8 +68,6 @@ class _Changes:
 
 @dataclass(frozen=True)
 class _Entries:
-    """Entries of a SPEC file."""
-
     task: str = "compare"
     trust_data: bool = False
     effects: _Text | None = None

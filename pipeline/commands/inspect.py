@@ -1,6 +1,5 @@
 """`armdyn inspect`: are recordings what they say they are?"""
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +8,7 @@ import typer
 
 from armdyn.document import NextStep
 from armdyn.errors import InputError
+from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
 from pipeline.console.outputs import check_outputs, free_to_write
 from pipeline.console.screen import finish, spinner
@@ -53,14 +53,12 @@ def inspect(
         written = write_fixed(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
-        copies = [str(path) for path in written if path.suffix == ".csv"]
-        model_words = [str(model_file)] if model_file is not None else []
-        steps.append(NextStep("next", shlex.join(["armdyn", "inspect", *model_words, *copies])))
+        copies = [path for path in written if path.suffix == ".csv"]
+        steps.append(NextStep("next", command_text("inspect", *([model_file] if model_file else []), *copies)))
     elif fix is not None:
         lines.append("nothing to correct in the files")
     elif found.corrected():
-        again = ["armdyn", "inspect", *map(str, files), "--fix", "fixed"]
-        steps.append(NextStep("write corrected copies", shlex.join(again)))
+        steps.append(NextStep("write corrected copies", command_text("inspect", *files, "--fix", "fixed")))
     finish(
         replace(inspection_document(found), next_steps=steps),
         lambda: inspection_answer(found),

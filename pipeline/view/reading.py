@@ -102,7 +102,6 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:
-    """Scene of a table's postures, from one end of its path to the other and back."""
     from ik import PathTable
 
     table = PathTable.load(path, robot)
@@ -123,7 +122,6 @@ def _known(name: str) -> urdf.Robot:
 
 
 def _robot_of(run: Run) -> urdf.Robot:
-    """The known robot that has the joints of a run."""
     from urdf.loader import known_robots
 
     for name in known_robots():

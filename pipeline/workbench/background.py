@@ -107,7 +107,6 @@ class Search:
 
 
 def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
-    """Main function of the process: it sends its answer through a pipe."""
     begin_child()
     os.nice(5)  # the page's process has priority
     try:

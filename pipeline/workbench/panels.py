@@ -86,7 +86,6 @@ def errors_panel(state: TickedModel) -> str:
 
 
 def _where(state: TickedModel, units: Mapping[str, str]) -> str:
-    """The places where the model fails most, one for each channel and quantity."""
     worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = full_name(place.channel, units[place.channel])

@@ -80,7 +80,6 @@ class Tab:
         self._search = None
 
     async def _reopen(self) -> None:
-        """Read the files again, and show the given model."""
         self._asked += 1
         self._ticked, self._values, self._open = (), {}, None
         self._stop_search()
@@ -164,7 +163,6 @@ class Tab:
         return self._open
 
     async def _working(self, what: str, work: Callable[[], Any]) -> Any:
-        """Do slow work beside the page, and show a message meanwhile."""
         self._call("busy", what)
         try:
             return await self._opened().session.do(work)
@@ -178,7 +176,6 @@ class Tab:
         return handle
 
     async def _guarded(self, work: Awaitable[None]) -> None:
-        """Show an error as one sentence on the page."""
         try:
             await work
         except ArmdynError as error:
