@@ -31,7 +31,7 @@ PANEL = "Motions of an arm"
 
 
 MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0
-"""s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
+"""s; a shorter motion excites little, a longer one repeats a period of 20 s and adds no information per second."""
 MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
 MOST_RANDOM = 1000

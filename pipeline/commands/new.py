@@ -99,8 +99,8 @@ def arm(
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
     weightless = [
-        f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs will be "
-        "told as an effect: write its mass, centre and inertia into the URDF"
+        f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and its true weight will "
+        "appear as an effect: write its mass, centre and inertia into the URDF"
         for link in made.arm.without_inertia
     ]
     _write(target, ModelFile(made, description), (*made.arm.robot.notes, *weightless))

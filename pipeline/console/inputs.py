@@ -1,4 +1,4 @@
-"""The model and the recordings that a command is given, read together and asked whether they are what they say."""
+"""The model and the recordings of a command, read together, and inspected for mistakes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

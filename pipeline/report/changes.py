@@ -114,7 +114,7 @@ def _figure_over_time(name: str, history: History) -> go.Figure:
 def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
     """Figure of the recordings' errors over time; explained and unexplained recordings have different colours."""
     figure = _over_time(f"error [{unit}]", 320)
-    for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
+    for name, colour, wanted in (("explained", RAW, True), ("not explained", VERMILLION, False)):
         mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
         if mine:
             errors, rows = zip(*mine, strict=True)

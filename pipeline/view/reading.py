@@ -97,7 +97,7 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
         Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
         for v in found.violations[:MOST_MARKS]
     ]
-    note = f"{found.sentence} Whether it touches anything, 'armdyn check' tells."
+    note = f"{found.sentence} Collisions are not checked here: 'armdyn check' does."
     return arm_scene(path.name, "trajectory", links_of(robot), motion.time, q, marks, note)
 
 

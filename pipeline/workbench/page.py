@@ -124,7 +124,7 @@ class Page(Tab):
 
     async def _discover(self, _: dict[str, Any]) -> None:
         self._begin(discovered, self._proposed)
-        self._call("panel", "proposal", "Looking for a formula; what is tried is told under 'What is missing'.")
+        self._call("panel", "proposal", "Looking for a formula; the progress is under 'What is missing'.")
 
     def _begin(self, work: Work, done: Callable[[Any], Awaitable[None]]) -> None:
         session, _given, bench = self._opened()
