@@ -12,7 +12,7 @@ from armdyn.errors import InputError, collect
 from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
-from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.outputs import check_outputs, free_to_write, write_runs
 from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
@@ -121,21 +121,15 @@ def _joints(choice: RobotChoice) -> "Joints | None":
 
 
 def _write(runs: "list[Run]", wanted: Conversion) -> list[Path]:
-    from armdyn.run import write_run_csv
-
     paths = [wanted.output / f"{run.name}.csv" for run in runs]
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
     given = {path.resolve() for path in (*wanted.files, *([wanted.mapping] if wanted.mapping else []))}
     for path in paths:
-        for file in (path, path.with_suffix(".toml")):
-            if file.resolve() in given:
-                raise InputError(f"{path} would take the place of what is imported: choose another --output")
-            free_to_write(file, wanted.force)
-    atomic.make_directory(wanted.output)
-    for run, path in zip(runs, paths, strict=True):
-        write_run_csv(run, path)
+        if not given.isdisjoint((path.resolve(), path.with_suffix(".toml").resolve())):
+            raise InputError(f"{path} would take the place of what is imported: choose another --output")
+    write_runs(dict(zip(paths, runs, strict=True)), wanted.force)
     return paths
 
 

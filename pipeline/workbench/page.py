@@ -46,11 +46,11 @@ class Page(Tab):
         upload.classes("drop").props('id="drop"')
         self._uploader = upload
         handlers: dict[str, Callable[[dict[str, Any]], Awaitable[None]]] = {
-            "pick": self._pick, "every": self._every, "try": self._try, "clear": self._clear, "knob": self._knob,
-            "refit": self._refit, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
-            "discover": self._discover,
-            "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep, "go-on": self._go_on,
-            "trust": self._trusted,
+            "pick": self._pick, "every": self._every, "try": lambda args: self._add([str(args["label"])]),
+            "clear": lambda _: self._tick([], by_click=False), "refit": lambda _: self._tick(list(self._ticked)),
+            "knob": self._knob, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
+            "discover": self._discover, "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep,
+            "go-on": self._go_on, "trust": self._trusted,
         }  # fmt: skip
         for name, handler in handlers.items():
             ui.on(name, self._guarded_event(handler))
@@ -71,17 +71,11 @@ class Page(Tab):
         rest = [label for label in self._ticked if label not in mine]
         await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], by_click=False)
 
-    async def _try(self, args: dict[str, Any]) -> None:
-        await self._add([str(args["label"])])
-
     async def _add(self, labels: Sequence[str]) -> None:
         new = []
         for effect, colon, joints in (label.partition(":") for label in labels):
             new += [f"{effect}{colon}{joint}" for joint in joints.split(",")]
         await self._tick([*(label for label in self._ticked if label not in new), *new], by_click=False)
-
-    async def _clear(self, _: dict[str, Any]) -> None:
-        await self._tick([], by_click=False)
 
     async def _tick(self, effects: list[str], *, by_click: bool = True) -> None:
         bench = self._opened().bench
@@ -115,9 +109,6 @@ class Page(Tab):
         finally:
             self._call("turned")
         await self._show_missing_force(state)
-
-    async def _refit(self, _: dict[str, Any]) -> None:
-        await self._tick(list(self._ticked))
 
     async def _look(self, _: dict[str, Any]) -> None:
         self._begin(diagnosed, self._ranked)
