@@ -225,7 +225,7 @@ class CheckedStudy:
 
 
 def absent_in_motion(found: Repair) -> frozenset[str]:
-    """Names of added effects of whose values the motion is nowhere as sure as evidence must be, log 100 nats."""
+    """Names of added effects none of whose values the motion distinguishes from zero by `BELIEF_NATS`."""
     added = {effect for step in found.path for effect in step.added}
     values = [p for p in found.model.parameters.values() if p.effect in added]
     present = {p.effect for p in values if 0.5 * (p.value - p.null) ** 2 > BELIEF_NATS * (p.std or 0.0) ** 2}

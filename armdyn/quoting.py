@@ -7,6 +7,7 @@ tomlkit.
 
 import json
 import re
+import shlex
 from collections.abc import Iterable
 
 
@@ -56,3 +57,8 @@ def listed(names: Iterable[str], most: int = 4) -> str:
     """Names for a sentence, separated by commas; beyond `most` of them, the number of the others."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def command_text(*words: object) -> str:
+    """Text of an armdyn command, quoted for a shell, from its words after ``armdyn``."""
+    return shlex.join(["armdyn", *map(str, words)])

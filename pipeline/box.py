@@ -12,6 +12,8 @@ from armdyn.errors import InputError
 if TYPE_CHECKING:
     from urdf import Line
 
+LOAD_RADIUS = 0.014
+"""Radius of the paper's load [m], a ball."""
 LEAST = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
 """Smallest value of what may be less than a millimetre."""
 

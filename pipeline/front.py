@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from armdyn.pendulum.path import GripperPath
     from pipeline.motion.excitation import Excitation
 
-LOAD_RADIUS = 0.014
-"""m; of the load, where nothing says otherwise."""
-
 
 def export(
     model: AnyModel, path: str | Path, *, force: bool = False, incomplete: bool = False, named_only: bool = False
@@ -167,6 +164,7 @@ def plan_experiment(
         say: told how far it is.
     """
     from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan
+    from pipeline.box import LOAD_RADIUS
     from pipeline.motion.feasible_motion import with_feasible_motion
 
     made = plan(rivals, seconds, limits, seed=seed, say=say)

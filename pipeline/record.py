@@ -85,7 +85,6 @@ class Recorder(Closing):
             raise InputError(f"cannot write {self.path}: {error.strerror or error}; choose another place") from error
 
     def _begin(self) -> None:
-        """Write what comes before the samples."""
         self._writer.start(profile="armdyn", library="armdyn")
         self._topic_id = self._register_topics()
         sidecar = Sidecar(

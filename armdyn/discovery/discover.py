@@ -198,10 +198,7 @@ def _finding(
 
 
 def _formula(name: str, terms: dict[str, Term], known: dict[str, Effect]) -> str:
-    if name in terms:
-        return terms[name].formula
-    text = (known[name].function.__doc__ or known[name].summary).strip().split("\n")[0]
-    return f"{name}: {text}".rstrip(".")
+    return terms[name].formula if name in terms else f"{name}: {known[name].equation}"
 
 
 def _distinct(findings: Sequence[Finding], taken: set[str]) -> Iterator[Finding]:

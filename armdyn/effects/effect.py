@@ -44,6 +44,11 @@ class Effect:
     needs: tuple[str, ...] = ()
     columns: Mapping[str, RecordedColumn] = field(default_factory=dict)
 
+    @property
+    def equation(self) -> str:
+        """Its equation, which is the first line of its function's docstring; its summary where that has none."""
+        return (self.function.__doc__ or self.summary).strip().split("\n")[0].rstrip(".")
+
     def shows_in(self, channels: Collection[str]) -> bool:
         """Whether recordings of these channels can show the effect: an angle cannot show a load cell's lag."""
         return not self.asked_for(channels)

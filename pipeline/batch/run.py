@@ -157,7 +157,6 @@ def run_batch(
 def _outcomes(
     jobs: Sequence[Job], processes: int, scheduler: str | None, stopped: Callable[[], bool]
 ) -> Iterator[Outcome]:
-    """Outcomes as their jobs finish; a job whose workers die has an outcome too."""
     if scheduler is None:
         if START_METHOD == "forkserver":
             set_forkserver_preload(list(PRELOADED))
@@ -219,7 +218,6 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
 
 
 def _numbers(outcome: Outcome) -> dict[str, float | None]:
-    """Numbers of a row by column: errors of channels, and values of parameters."""
     return {
         f"{column}.{name} [{entry['unit']}]": entry[key]
         for entries, keys in (

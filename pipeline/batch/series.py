@@ -192,7 +192,6 @@ def _neighbours(rest: FloatArray) -> FloatArray:
 
 
 def _noise(phi: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
-    """(m, n) samples of an AR(1) process."""
     white = rng.standard_normal(shape)
     if phi <= 0.0:
         return white

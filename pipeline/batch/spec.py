@@ -28,7 +28,7 @@ from urdf.table_file import Check, read_as
 TASKS = ("compare", "repair")
 ROBOT = "{robot}"
 FALSE_ALARM_RANGE = (1e-3, 0.2)
-"""Rarer ones cannot be told from the simulated batches; more often than that a mark means nothing."""
+"""Smallest probability that the simulated batches determine, and largest one with which a mark still has a meaning."""
 PLACES = {place.key: place for place in TimeFrom if place is not TimeFrom.NOWHERE}
 """Where a time may be looked for, by its name in a SPEC."""
 MAX_BATCH_FILES = 200_000
@@ -68,8 +68,6 @@ class _Changes:
 
 @dataclass(frozen=True)
 class _Entries:
-    """Entries of a SPEC file."""
-
     task: str = "compare"
     trust_data: bool = False
     effects: _Text | None = None

@@ -48,13 +48,11 @@ def show(
 
 
 def _units(robot: "Robot") -> list[tuple[str, str]]:
-    """Units of position and torque per joint."""
     slides = ["P" in robot.model.joints[joint].shortname() for joint in range(1, robot.model.njoints)]
     return [("m", "N") if sliding else ("rad", "N m") for sliding in slides]
 
 
 def _document(robot: "Robot", posture: "ArmPosture") -> Document:
-    """Document of the arm's dynamics at a posture; the regressor is in the JSON only."""
     positions, torques = zip(*_units(robot), strict=True)
     joints = Table(
         [
@@ -93,7 +91,6 @@ def _document(robot: "Robot", posture: "ArmPosture") -> Document:
 
 
 def _matrix(robot: "Robot", values: "FloatArray") -> Table:
-    """A matrix with a row and a column per joint."""
     columns = [
         Column(name, column.tolist(), ".4f", title=name)
         for name, column in zip(robot.joint_names, values.T, strict=True)

@@ -1,11 +1,11 @@
 """`armdyn batch`: compare or repair for many models and recordings."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armdyn.quoting import command_text
 from pipeline.console.options import JsonOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
@@ -53,7 +53,7 @@ def batch(
             say("looking for changes")
             found = history(asked, done.rows)
     if signals:
-        again = shlex.join(["armdyn", "batch", str(spec), "--output", str(output)])
+        again = command_text("batch", spec, "--output", output)
         typer.echo(
             f"{len(done.rows)} of {len(asked.items)} recordings are done and kept; continue with: {again}", err=True
         )

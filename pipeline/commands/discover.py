@@ -1,6 +1,5 @@
 """`armdyn discover`: a formula for the force that a model lacks, as a file of effects."""
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.document import Document, NextStep
+from armdyn.quoting import command_text
 from pipeline.console.inputs import Inputs, UnexaminedInputs
 
 if TYPE_CHECKING:
@@ -42,30 +42,28 @@ def discover(
 
 
 def _next_steps(inputs: Inputs, found: "Discovery", output: Path | None) -> list[NextStep]:
-    """Next steps after a discovery: add the found effect, and make the recording or experiment that would say more."""
     another = inputs.command("discover", "--held-out", "ANOTHER.csv")
     judge = [NextStep("record another motion, and hold it out", another)] if not found.judged else []
     if not found.findings:
         return judge if found.leaves_something else []
     first = found.findings[0]
     file = output or Path("effect.py")
-    own = ["--effects", str(file)] if first.term is not None else []
-    words = ["armdyn", "add", str(inputs.model), first.label, *map(str, inputs.runs)]
-    words += [word for path in inputs.held_out or () for word in ("--held-out", str(path))]
-    steps = [NextStep("add it", shlex.join([*words, *own, "--output", "repaired.toml"]))]
+    own = ["--effects", file] if first.term is not None else []
+    held_out = [word for path in inputs.held_out or () for word in ("--held-out", path)]
+    words = (inputs.model, first.label, *inputs.runs, *held_out, *own, "--output", "repaired.toml")
+    steps = [NextStep("add it", command_text("add", *words))]
     if len(found.findings) > 1:
         steps = [
             NextStep("add them all", inputs.command("repair", "--effects", str(file), "--output", "repaired.toml"))
         ]
     rival = next((one for one in found.new if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
-        words = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
-        judge.append(NextStep("tell them apart", inputs.command("next", *words)))
+        apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
+        judge.append(NextStep("tell them apart", inputs.command("next", *apart)))
     return [*steps, *judge]
 
 
 def _answer(found: "Discovery", output: Path | None) -> dict[str, Any]:
-    """JSON of `discover`."""
     from pipeline.answers import missing_force_answer, parameters_answer
     from pipeline.fields import fields, plain
 

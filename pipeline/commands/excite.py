@@ -1,6 +1,5 @@
 """`armdyn excite`: design a motion of an arm that determines or distinguishes chosen effects."""
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +8,7 @@ import typer
 
 from armdyn.document import MAX_CARD_ROWS, NextStep
 from armdyn.errors import InputError
+from armdyn.quoting import command_text
 from pipeline.console.options import (
     EffectsOption,
     JointsOption,
@@ -31,7 +31,7 @@ PANEL = "Motions of an arm"
 
 
 MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0
-"""s; a shorter motion excites little, a longer one repeats a period of 20 s and tells no more per second."""
+"""s; a shorter motion excites little, a longer one repeats a period of 20 s and adds no information per second."""
 MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
 MOST_RANDOM = 1000
@@ -92,8 +92,8 @@ def excite(
         found = excitation(goal, seconds, random=random, compare=compare, seed=seed, say=say)
     write_text(output, csv_text(found.motion.channels))
     # `check` reads the arm from its description again.
-    known = shlex.join(["--robot", choice.robot] if choice.robot else ["--urdf", str(choice.urdf_file)])
-    again = [NextStep("check it again", f"armdyn check {shlex.quote(str(output))} {known}")]
+    known = ["--robot", choice.robot] if choice.robot else ["--urdf", choice.urdf_file]
+    again = [NextStep("check it again", command_text("check", output, *known))]
     notes = missing_meshes(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
     finish(

@@ -1,6 +1,5 @@
 """`armdyn import`: runs from bags, data sets and tables of others."""
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,9 +9,10 @@ import typer
 
 from armdyn import atomic
 from armdyn.errors import InputError, collect
+from armdyn.quoting import command_text
 from pipeline.console.inputs import stopped_if_wrong
 from pipeline.console.options import JsonOption, RobotChoice, TrustOption
-from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.outputs import check_outputs, free_to_write, write_runs
 from pipeline.console.screen import plain_table, show, spinner, to_screen, write_answer
 
 if TYPE_CHECKING:
@@ -121,26 +121,19 @@ def _joints(choice: RobotChoice) -> "Joints | None":
 
 
 def _write(runs: "list[Run]", wanted: Conversion) -> list[Path]:
-    from armdyn.run import write_run_csv
-
     paths = [wanted.output / f"{run.name}.csv" for run in runs]
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
         raise InputError(f"several recordings would become {sorted(twice)[0]}: import them one by one, or rename them")
     given = {path.resolve() for path in (*wanted.files, *([wanted.mapping] if wanted.mapping else []))}
     for path in paths:
-        for file in (path, path.with_suffix(".toml")):
-            if file.resolve() in given:
-                raise InputError(f"{path} would take the place of what is imported: choose another --output")
-            free_to_write(file, wanted.force)
-    atomic.make_directory(wanted.output)
-    for run, path in zip(runs, paths, strict=True):
-        write_run_csv(run, path)
+        if not given.isdisjoint((path.resolve(), path.with_suffix(".toml").resolve())):
+            raise InputError(f"{path} would take the place of what is imported: choose another --output")
+    write_runs(dict(zip(paths, runs, strict=True)), wanted.force)
     return paths
 
 
 def _propose(wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
-    """Write a proposed mapping, which a person reads before it is used."""
     from pipeline.fields import fields
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text
@@ -164,10 +157,9 @@ def _propose(wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoic
         _say_guess(found, recordings, target)
         if joints is None and any("." in entry.channel for entry in found.entries.values()):
             typer.echo("joints are called as the headers call them: --urdf ROBOT.urdf gives them the robot's names")
-        files = map(str, wanted.files)
-        again = ["armdyn", "import", *files, "--output", str(wanted.output), "--map", str(target)]
-        again += _words(choice) if choice else []
-        typer.echo(f"read it, mend what is wrong, then: {shlex.join(again)}")
+        own = _words(choice) if choice else []
+        again = command_text("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
+        typer.echo(f"read it, mend what is wrong, then: {again}")
 
 
 def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) -> None:
@@ -209,10 +201,10 @@ def _say(found: "list[Imported]", written: list[Path], choice: RobotChoice) -> N
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
-    compare = f"then: armdyn compare M.toml {shlex.join(map(str, written[:3]))}"
+    compare = f"then: {command_text('compare', 'M.toml', *written[:3])}"
     compare += f"{' ...' if len(written) > 3 else ''} --report compare.html"
     if runs[0].joints:
-        typer.echo(f"next: {shlex.join(['armdyn', 'new', 'arm', 'M.toml', *_words(choice)])}")
+        typer.echo(f"next: {command_text('new', 'arm', 'M.toml', *_words(choice))}")
         measured = any(name.startswith("tau.") for name in runs[0].channels)
         typer.echo(compare if measured else "no torque was recorded: only what is measured can be compared")
     else:

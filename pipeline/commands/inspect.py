@@ -1,6 +1,5 @@
 """`armdyn inspect`: are recordings what they say they are?"""
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,8 +8,9 @@ import typer
 
 from armdyn.document import NextStep
 from armdyn.errors import InputError
+from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, ReportOption
-from pipeline.console.outputs import check_outputs, free_to_write
+from pipeline.console.outputs import check_outputs, free_to_write, write_runs
 from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
@@ -53,14 +53,12 @@ def inspect(
         written = write_fixed(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
-        copies = [str(path) for path in written if path.suffix == ".csv"]
-        model_words = [str(model_file)] if model_file is not None else []
-        steps.append(NextStep("next", shlex.join(["armdyn", "inspect", *model_words, *copies])))
+        copies = [path for path in written if path.suffix == ".csv"]
+        steps.append(NextStep("next", command_text("inspect", *([model_file] if model_file else []), *copies)))
     elif fix is not None:
         lines.append("nothing to correct in the files")
     elif found.corrected():
-        again = ["armdyn", "inspect", *map(str, files), "--fix", "fixed"]
-        steps.append(NextStep("write corrected copies", shlex.join(again)))
+        steps.append(NextStep("write corrected copies", command_text("inspect", *files, "--fix", "fixed")))
     finish(
         replace(inspection_document(found), next_steps=steps),
         lambda: inspection_answer(found),
@@ -80,21 +78,15 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
         InputError: a file exists already or cannot be written.
     """
     from armdyn import atomic
-    from armdyn.run import write_run_csv
     from pipeline.imports.mapping import correction_text
 
     corrected = found.corrected()
-    runs = {run.name: run for run in found.runs if run.name in corrected}
-    paths = {name: folder / Path(name.replace("/", "_")).with_suffix(".csv").name for name in runs}
-    maps = {name: path.with_suffix(".map.toml") for name, path in paths.items()}
-    for name, path in paths.items():
-        for target in (path, path.with_suffix(".toml"), maps[name]):
-            free_to_write(target, force)
-    if runs:
-        atomic.make_directory(folder)
-    written = []
-    for name, run in runs.items():
-        write_run_csv(corrected[name].of(run), paths[name])
-        atomic.write_text(maps[name], correction_text(run, corrected[name]))
-        written += [paths[name], maps[name]]
-    return written
+    runs = {folder / Path(run.name.replace("/", "_")).with_suffix(".csv").name: run
+            for run in found.runs if run.name in corrected}  # fmt: skip
+    maps = {path.with_suffix(".map.toml"): run for path, run in runs.items()}
+    for file in maps:
+        free_to_write(file, force)
+    write_runs({path: corrected[run.name].of(run) for path, run in runs.items()}, force)
+    for file, run in maps.items():
+        atomic.write_text(file, correction_text(run, corrected[run.name]))
+    return [file for pair in zip(runs, maps, strict=True) for file in pair]

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption
+from pipeline.console.options import CalibrationOption, JsonOption, SecondsOption
 from pipeline.console.screen import write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pipeline.loadcell.calibration import Calibration
     from pipeline.loadcell.emulator import EmulatedCell
     from pipeline.loadcell.faults import LoadCellStatus
     from pipeline.loadcell.fit import Weight
@@ -93,10 +92,8 @@ def calibrate(
 @group.command()
 def monitor(
     port: Port,
-    calibration: Annotated[
-        Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
+    calibration: CalibrationOption = None,
+    seconds: SecondsOption = None,
     silent_after: Annotated[float, typer.Option(min=0.02, help="Seconds without a sample that are a fault.")] = 0.2,
     baud: Baud = 115200,
     json_file: JsonOption = None,
@@ -104,13 +101,14 @@ def monitor(
     """Show forces and faults as they come; exit status 1 where the cell cannot be relied on at the end."""
     from pipeline.loadcell.calibration import Calibration, default_path
     from pipeline.loadcell.cell import LoadCell
+    from pipeline.loadcell.emulator import emulated_calibration
     from pipeline.loadcell.faults import Fault
     from pipeline.loadcell.monitor import monitor_json
 
     console = _console(json_file)
     with _cell(port) as (name, emulated):
         if emulated is not None and calibration is None:
-            used = _calibration_of(emulated)
+            used = emulated_calibration(emulated.noise * abs(emulated.scale), EMULATED)
         else:
             used = Calibration.load(calibration or default_path())
         with LoadCell(name, used, baud=baud, silent_after=silent_after) as cell:
@@ -172,15 +170,6 @@ def _cell(port: str) -> "Iterator[tuple[str, EmulatedCell | None]]":
     load = swinging_load(mass=0.08, length=0.368, amplitude=0.3, gravity=STANDARD_GRAVITY)
     with EmulatedCell(np.random.default_rng(), load) as cell:
         yield cell.port, cell
-
-
-def _calibration_of(cell: "EmulatedCell") -> "Calibration":
-    from datetime import datetime
-
-    from pipeline.loadcell.calibration import Calibration
-
-    noise = cell.noise * abs(cell.scale)
-    return Calibration(cell.offset, 0.0, cell.scale, 0.0, noise, datetime.now().astimezone(), "emulated")
 
 
 def _console(json_file: Path | None) -> "Console":

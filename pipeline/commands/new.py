@@ -1,6 +1,5 @@
 """`armdyn new`: a base model."""
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import typer
 import typer.core
 
 from armdyn.errors import InputError
+from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
 from pipeline.console.options import JointsOption, JsonOption, ToolOption, names_in
 from pipeline.console.outputs import check_outputs
@@ -99,8 +99,8 @@ def arm(
     entries = {"robot": robot, "joints": list(made.joints), "tool": tool}
     description = {name: entry for name, entry in entries.items() if entry is not None}
     weightless = [
-        f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and what it weighs will be "
-        "told as an effect: write its mass, centre and inertia into the URDF"
+        f"CHECK: link '{link}' has no <inertial>, so that it weighs nothing in the model, and its true weight will "
+        "appear as an effect: write its mass, centre and inertia into the URDF"
         for link in made.arm.without_inertia
     ]
     _write(target, ModelFile(made, description), (*made.arm.robot.notes, *weightless))
@@ -124,7 +124,6 @@ def _known(settings: list[str] | None) -> dict[str, str]:
 
 
 def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None:
-    """Write a new model, and print its contents, with `notes` below."""
     from armdyn.model_file import write_model_file
 
     check_outputs(target.model, target.json_file)
@@ -145,7 +144,7 @@ def _write(target: Target, file: "ModelFile", notes: Sequence[str] = ()) -> None
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
-        typer.echo(f"next: armdyn compare {shlex.quote(str(path))} RUN... --report compare.html")
+        typer.echo(f"next: {command_text('compare', path)} RUN... --report compare.html")
 
 
 def _check_replaced(target: Target) -> None:

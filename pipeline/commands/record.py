@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console.options import ArmOption, JsonOption, RosOption
+from pipeline.console.options import ArmOption, CalibrationOption, JsonOption, RosOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import spinner, to_screen, write_answer
 
@@ -18,9 +18,7 @@ def record(
     seconds: Annotated[float, typer.Option(min=0.1, help="How long [s].")] = 30.0,
     arm: ArmOption = "baxter",
     loadcell: Annotated[str | None, typer.Option(help="Serial port of the load cell; none if not given.")] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
-    ] = None,
+    calibration: CalibrationOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Record joint states and load cell of a ROS robot as a run for 'compare' and 'repair'; nothing is commanded."""

@@ -127,7 +127,6 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
 
 
 def _render(done: "SimulatedTrial", out: Path, show: Say) -> tuple[Path, ...]:
-    """Draw the swing; returns the files that were written."""
     from pipeline.robot.picture import render_swing
 
     history = done.swing_history()

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from armdyn.errors import TaskFailedError
-from pipeline.console.options import JsonOption, RosOption, exactly, parse_hidden
+from pipeline.console.options import JsonOption, RosOption, SecondsOption, exactly, parse_hidden
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import write_json
 
@@ -31,7 +31,7 @@ def twin(
     calibration: Annotated[
         Path | None, typer.Option(help="Where to write the calibration of its load cell (TOML), for 'armdyn trial'.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")] = None,
+    seconds: SecondsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """The simulated Baxter behind Baxter's own topics, in real time, its load cell on a pseudo-terminal."""

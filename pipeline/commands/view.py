@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
+from armdyn.quoting import command_text
 from pipeline.console.options import EffectsOption, JsonOption, RobotChoice
 from pipeline.console.outputs import check_outputs, free_to_write
-from pipeline.console.screen import command_line, spinner, write_answer
+from pipeline.console.screen import spinner, write_answer
 
 PANEL = "Recordings"
 
@@ -48,7 +49,7 @@ def view(
         chosen = urdf.load(choice.robot or str(choice.urdf_file), meshes=False) if choice else None
         say("drawing")
         scene = scene_of(file, given, chosen)
-        write_view(scene, page, command_line())
+        write_view(scene, page, command_text(*sys.argv[1:]))
     answer = {
         "schema": "armdyn.view/1", "file": str(page), "kind": scene.kind,
         "seconds": float(scene.time[-1] - scene.time[0]), "bodies": [body.name for body in scene.bodies],

@@ -1,7 +1,6 @@
 """`armdyn watch`: the model beside the robot."""
 
 import json
-import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from armdyn.errors import InputError
-from pipeline.console.options import EffectsOption, ModelArgument
+from armdyn.quoting import command_text
+from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import spinner
 
@@ -32,9 +32,7 @@ def watch(
         typer.Argument(metavar="[RUN...]", help="Recordings, or a folder of them; '-' for lines of CSV as they come."),
     ] = None,
     ros: Annotated[str | None, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")] = None,
-    arm: Annotated[
-        str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
-    ] = "baxter",
+    arm: ArmOption = "baxter",
     calibrate: Annotated[
         list[Path] | None,
         typer.Option(
@@ -51,7 +49,7 @@ def watch(
     port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="Of the page; any that is free, if not given.")
     ] = None,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
+    no_browser: NoBrowserOption = False,
     effects: EffectsOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="One JSON object a line for each event; '-' is standard output.")
@@ -184,5 +182,5 @@ class _Out:
         return f"the rate of false alarms that was asked for{extrapolated}"
 
     def _repair(self, files: list[Path]) -> str:
-        words = ["armdyn", "repair", str(self._model), *map(str, files)]
-        return shlex.join([*words, *(["--effects", str(self._effects)] if self._effects is not None else [])])
+        own = ["--effects", self._effects] if self._effects is not None else []
+        return command_text("repair", self._model, *files, *own)

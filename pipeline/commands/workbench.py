@@ -8,7 +8,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
-from pipeline.console.options import EffectsOption, JsonOption
+from pipeline.console.options import EffectsOption, JsonOption, NoBrowserOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import spinner, write_json
 
@@ -31,7 +31,7 @@ def workbench(
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to listen; another computer reaches it at any but this one.")
     ] = "127.0.0.1",
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")] = False,
+    no_browser: NoBrowserOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Open the page: tick an effect and watch the error fall, turn parameters, keep the model. Ctrl-C ends it."""

@@ -135,7 +135,6 @@ def _is_written_plainly(value: float) -> bool:
 
 
 def _say_why(error: BaseException, interrupts: Interrupts) -> int:
-    """Print one line about an exception, and return its exit status."""
     if interrupts.received is not None and not isinstance(error, Interrupt):
         error = Interrupt(interrupts.received)  # libraries turn an interruption into errors of their own
     if isinstance(error, Interrupt):

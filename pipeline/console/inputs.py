@@ -1,6 +1,5 @@
-"""The model and the recordings that a command is given, read together and asked whether they are what they say."""
+"""The model and the recordings of a command, read together, and inspected for mistakes."""
 
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
 from pipeline.console.options import (
     EffectsOption,
@@ -46,12 +46,12 @@ class Inputs:
 
     def command(self, name: str, *options: str) -> str:
         """Text of another command on the same files, for advice."""
-        words = ["armdyn", name, str(self.model), *map(str, self.runs)]
+        words: list[object] = [self.model, *self.runs]
         for option, paths in (("--held-out", self.held_out), ("--exam", self.exam)):
-            words += [word for path in paths or () for word in (option, str(path))]
-        words += ["--effects", str(self.effects)] if self.effects is not None else []
+            words += [word for path in paths or () for word in (option, path)]
+        words += ["--effects", self.effects] if self.effects is not None else []
         words += ["--trust-data"] if self.trust_data and name in ("compare", "diagnose", "repair") else []
-        return shlex.join([*words, *options])
+        return command_text(name, *words, *options)
 
     def read(self, adding: str = "", *, choosing: bool = True) -> "CheckedStudy":
         """Read the model and the recordings of a study, and check the recordings for mistakes.

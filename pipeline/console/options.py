@@ -48,6 +48,11 @@ RosOption = Annotated[str, typer.Option("--ros", help="Address of the rosbridge,
 ArmOption = Annotated[
     str, typer.Option("--arm", help="The arm behind it: a known robot, or a settings file with a table for ROS.")
 ]
+CalibrationOption = Annotated[
+    Path | None, typer.Option(help="What 'armdyn loadcell calibrate' wrote; your settings if not given.")
+]
+SecondsOption = Annotated[float | None, typer.Option(min=0.1, help="End after this long; else with Ctrl-C.")]
+NoBrowserOption = Annotated[bool, typer.Option("--no-browser", help="Only say where the page is.")]
 JointsOption = Annotated[str | None, typer.Option(help="The arm's joints from base to tool, separated by commas.")]
 ToolOption = Annotated[str | None, typer.Option(help="The link that carries the tool.")]
 

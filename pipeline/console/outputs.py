@@ -1,11 +1,15 @@
 """Checks of the files that a command will write, before anything is computed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from armdyn.atomic import is_stream
+from armdyn.atomic import is_stream, make_directory
 from armdyn.errors import InputError
 from armdyn.read_files import refuse_to_replace
+
+if TYPE_CHECKING:
+    from armdyn.run import Run
 
 
 def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
@@ -37,6 +41,22 @@ def check_outputs(*files: Path | None, inputs: Sequence[Path] = ()) -> None:
             raise InputError(f"{file} is a directory: give the file to write")
         if not target.parent.is_dir():
             raise InputError(f"cannot write {file}: there is no directory {target.parent}; choose another place")
+
+
+def write_runs(runs: "Mapping[Path, Run]", force: bool) -> None:
+    """Write runs as CSV with their sidecars, into directories that are made where they are missing.
+
+    Raises:
+        InputError: a file exists already, and `force` is not given, or it cannot be written.
+    """
+    from armdyn.run import write_run_csv
+
+    for path in runs:
+        for file in (path, path.with_suffix(".toml")):
+            free_to_write(file, force)
+    for path, run in runs.items():
+        make_directory(path.parent)
+        write_run_csv(run, path)
 
 
 def free_to_write(file: Path, force: bool) -> None:

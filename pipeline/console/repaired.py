@@ -1,11 +1,11 @@
 """The end of `add` and `repair`: they write the model, report and answer, and print advice."""
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.document import NextStep
+from armdyn.quoting import command_text
 from pipeline.console.inputs import StudyInputs
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ def conclude_repair(
 
 def next_steps(model: "Model", output: Path, effects: Path | None) -> list[NextStep]:
     """Texts of commands that use a repaired model; the user's own effects are in the file `effects`."""
-    own = ["--effects", str(effects)] if effects is not None else []
+    own = ["--effects", effects] if effects is not None else []
     kind = ".py" if model.hangs_from_gripper else ".xml" if model.robot is not None else ".json"
-    export = shlex.join(["armdyn", "export", str(output), *own, "--output", f"{output.stem}{kind}"])
-    swing = shlex.join(["armdyn", "trial", "--model", str(output), *own])
+    export = command_text("export", output, *own, "--output", f"{output.stem}{kind}")
+    swing = command_text("trial", "--model", output, *own)
     steps = [NextStep("swing with it", swing)] if model.hangs_from_gripper else []
     return [*steps, NextStep("take it elsewhere", export)]

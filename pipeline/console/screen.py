@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ import typer
 
 from armdyn.document import MAX_CARD_ROWS
 from armdyn.errors import InputError
+from armdyn.quoting import command_text
 from pipeline.console.noticed import noticed
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def save_report(document: "Document", file: Path) -> None:
 
     from pipeline.report.page import write_page
 
-    write_page(replace(document, command=command_line()), file)
+    write_page(replace(document, command=command_text(*sys.argv[1:])), file)
 
 
 def write_json(answer: dict[str, Any], file: Path) -> None:
@@ -226,8 +226,3 @@ def about(seconds: float) -> str:
     if seconds < 10.0:
         return "a few seconds left"
     return f"about {10 * round(seconds / 10)} s left" if seconds < 90.0 else f"about {round(seconds / 60)} min left"
-
-
-def command_line() -> str:
-    """Text of the present command line, so that a report says how it was made."""
-    return shlex.join(["armdyn", *sys.argv[1:]])

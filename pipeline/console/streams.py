@@ -8,7 +8,6 @@ import errno
 import io
 import os
 import platform
-import shlex
 import sys
 import tempfile
 import threading
@@ -18,6 +17,8 @@ from contextlib import contextmanager, suppress
 from datetime import datetime
 from importlib import metadata
 from typing import Any, TextIO
+
+from armdyn.quoting import command_text
 
 PACKAGES = ("armdyn", "casadi", "pin", "mujoco", "numpy", "scipy")
 
@@ -41,7 +42,7 @@ def _report(error: BaseException) -> str:
     versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
     return "\n".join(
         (
-            f"command: {shlex.join(['armdyn', *sys.argv[1:]])}",
+            f"command: {command_text(*sys.argv[1:])}",
             f"time: {datetime.now().astimezone().isoformat(timespec='seconds')}",
             f"system: {platform.platform()}, Python {platform.python_version()}",
             f"versions: {versions}",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armdyn.errors import InputError
+from pipeline.console.options import CalibrationOption
 from pipeline.console.screen import Say, save_report, spinner, to_screen, write_answer, write_json
 from pipeline.fields import fields
 
@@ -30,9 +31,7 @@ class RobotOptions:
         typer.Option("--arm", help="With a real robot: a known arm, or a settings file with its driver's table."),
     ] = "baxter"
     loadcell: Annotated[str | None, typer.Option(help="With a real robot: serial port of the load cell.")] = None
-    calibration: Annotated[
-        Path | None, typer.Option(help="Of the load cell, by 'armdyn loadcell calibrate'; your settings if not given.")
-    ] = None
+    calibration: CalibrationOption = None
     rehearse: Annotated[
         bool, typer.Option("--rehearse", help="With a real robot: only move along the line, slowly, without a load.")
     ] = False
@@ -204,7 +203,6 @@ def real_trial(
 
 
 def _timing(statistics: "LinkStatistics") -> list[str]:
-    """Sentence about the timing of the commands and of the states."""
     said = {
         "command_interval": "time between commands",
         "state_age": "age of the joint states",

@@ -7,10 +7,12 @@ import select
 import threading
 import time
 from collections.abc import Callable
+from datetime import datetime
 
 import numpy as np
 
 from armdyn.errors import InputError
+from pipeline.loadcell.calibration import Calibration
 from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
 from pipeline.processes import Closing
 
@@ -102,6 +104,12 @@ class EmulatedCell(Closing):
             counts = self.offset + self._force(due) / self.scale + self.noise * self._rng.standard_normal()
             self._line.send(self._line.line(round(counts)))
             due += 1.0 / self.rate
+
+
+def emulated_calibration(noise: float, source: str) -> Calibration:
+    """True calibration of an emulated cell with `noise` [N] per sample."""
+    now = datetime.now().astimezone().replace(microsecond=0)
+    return Calibration(EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, now, source)
 
 
 def swinging_load(mass: float, length: float, amplitude: float, gravity: float) -> Callable[[float], float]:

@@ -1,12 +1,12 @@
 """The report of a batch: changes by day, parameters and errors over time, and the recordings that were not usable."""
 
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from armdyn.document import Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.identify.sentence import totals
+from armdyn.quoting import command_text
 from pipeline.batch.history import History
 from pipeline.batch.run import Done, Row
 from pipeline.batch.spec import Spec
@@ -48,7 +48,6 @@ def verdicts(rows: Sequence[Row]) -> dict[str, int]:
 
 
 def _summary(done: Done, found: History) -> str:
-    """One or two sentences that summarise the batch."""
     counts = [f"{count} {name.replace('_', ' ')}" for name, count in verdicts(done.rows).items()]
     if bad := sum(bool(row.outcome.problem) for row in done.rows):
         counts.append(f"{bad} could not be used")
@@ -78,7 +77,6 @@ def _times_sentence(rows: Sequence[Row]) -> str:
 
 
 def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
-    """Advice to repair the model of the robot with the largest number of unexplained recordings."""
     failed = [row for row in rows if row.outcome.verdict not in ("", "explained")]
     if spec.task != "compare" or not failed:
         return []
@@ -86,13 +84,12 @@ def _next_steps(spec: Spec, rows: Sequence[Row]) -> list[NextStep]:
     mine = [row.item for row in failed if row.item.robot == robot]
     files = [mine[0].model, *[item.run for item in mine if item.model == mine[0].model][:3]]
     here = Path.cwd()
-    typed = [str(file.relative_to(here) if file.is_relative_to(here) else file) for file in files]
-    command = shlex.join(["armdyn", "repair", *typed, "--output", "repaired.toml", "--report", "repair.html"])
+    typed = [file.relative_to(here) if file.is_relative_to(here) else file for file in files]
+    command = command_text("repair", *typed, "--output", "repaired.toml", "--report", "repair.html")
     return [NextStep(f"What the model of {robot} lacks", command)]
 
 
 def _error_section(rows: Sequence[Row]) -> Section:
-    """Residual errors over time: a point per recording, a figure per unit."""
     errors: dict[str, list[tuple[float, Row]]] = {}
     for row in rows:
         channels = row.outcome.channels or {}
@@ -110,7 +107,6 @@ def _error_section(rows: Sequence[Row]) -> Section:
 
 
 def _robot_section(rows: Sequence[Row]) -> Section:
-    """Section with a table that counts the recordings of each robot."""
     table = []
     for robot in list(dict.fromkeys(row.item.robot for row in rows))[:MAX_CHANGE_ROWS]:
         mine = [row for row in rows if row.item.robot == robot]
@@ -128,7 +124,6 @@ def _robot_section(rows: Sequence[Row]) -> Section:
 
 
 def _bad_section(spec: Spec, bad: Sequence[Row]) -> Section:
-    """Section that lists the recordings that could not be used, each with advice."""
     listed = bad[:MAX_CHANGE_ROWS]
     columns = [
         Column("robot", [row.item.robot for row in listed]),

@@ -59,7 +59,6 @@ def change_section(history: History) -> Section:
 
 
 def _event_chart(event: Event, history: History) -> Chart:
-    """Figure of a change's clearest parameter: every value, the medians between changes, and the changes' times."""
     first, *_ = event
     name = first.parameter
     series = history.series[first.robot, name]
@@ -115,7 +114,7 @@ def _figure_over_time(name: str, history: History) -> go.Figure:
 def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
     """Figure of the recordings' errors over time; explained and unexplained recordings have different colours."""
     figure = _over_time(f"error [{unit}]", 320)
-    for name, colour, wanted in (("explained", RAW, True), ("something is left", VERMILLION, False)):
+    for name, colour, wanted in (("explained", RAW, True), ("not explained", VERMILLION, False)):
         mine = [(error, row) for error, row in points if (row.outcome.verdict == "explained") is wanted]
         if mine:
             errors, rows = zip(*mine, strict=True)
@@ -125,7 +124,6 @@ def error_chart(unit: str, points: Sequence[tuple[float, Row]]) -> Chart:
 
 
 def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
-    """An empty figure with days on the horizontal axis and a quantity on the vertical one."""
     figure = go.Figure(layout={"height": height, "hovermode": "closest", "xaxis": {"type": "date"}, **layout})
     return figure.update_yaxes(title_text=title)
 
@@ -133,13 +131,11 @@ def _over_time(title: str, height: int, **layout: Any) -> go.Figure:
 def _add_points(
     figure: go.Figure, name: str, rows: Sequence[Row], days: Any, values: Any, colour: str, **look: Any
 ) -> None:
-    """Add a point per recording to a figure; a text beside the pointer names the recording."""
     look = {"mode": "markers", "marker": {"color": colour, "size": 5}, **look}
     figure.add_scatter(x=days, y=values, name=name, text=list(map(_hover, rows)), **look)
 
 
 def _hover(row: Row) -> str:
-    """Text that a browser shows beside the pointer."""
     return f"{row.item.robot}: {row.item.run.name}"
 
 

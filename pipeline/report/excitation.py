@@ -120,7 +120,6 @@ def _columns(names: Iterable[str], values: Iterable[np.ndarray]) -> list[Column]
 
 
 def _peak_table(found: Excitation) -> Table:
-    """Table of each joint's range, peak speed and peak torque, with the shares of its limits."""
     rows = peaks(found)
     columns = [Column("joint", [row["joint"] for row in rows])]
     for name, key in (("from", "lowest"), ("to", "highest")):
@@ -132,7 +131,6 @@ def _peak_table(found: Excitation) -> Table:
 
 
 def _expectation_chart(found: Excitation) -> Chart:
-    """Bar chart of the expected results: a bar per motion for each unknown or hidden case."""
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:

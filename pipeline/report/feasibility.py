@@ -47,7 +47,6 @@ def feasibility_page(report: FeasibilityReport, title: str) -> Document:
 
 
 def _violation_section(report: FeasibilityReport) -> Section:
-    """Section on broken limits: a row per stretch of time, with its worst instant."""
     if report.feasible:
         return Section("Violations", "No limit is broken.")
     listed = report.violations[:MAX_VIOLATION_ROWS]

@@ -63,7 +63,6 @@ def ik_report(table: PathTable, robot: Robot | None) -> Document:
 
 
 def _node_table(table: PathTable) -> Table:
-    """Table of speed, acceleration, margin, torque and manipulability at evenly spaced nodes."""
     s = np.linspace(table.s[0], table.s[-1], MAX_CARD_ROWS)
     nodes = [int(np.abs(table.s - at).argmin()) for at in s]
     low, high = np.array([table.torque_acceleration_range(at) for at in s]).T
@@ -90,7 +89,6 @@ def _shares(joints: np.ndarray, names: Sequence[str]) -> str:
 
 
 def _speed_section(table: PathTable) -> Section:
-    """Section on the tool's largest speed along the path, and on the joint that limits it at each place."""
     slowest = np.abs(table.dq_ds / table.limits.velocity).argmax(axis=1)
     speed = _along_path(table, "speed limit [m/s]")
     speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL)
@@ -114,7 +112,6 @@ def _speed_section(table: PathTable) -> Section:
 
 
 def _joint_sections(table: PathTable) -> list[Section]:
-    """Section on joint positions in their ranges, the distances from the limits, and the holding torques."""
     names, q = table.joint_names, table.q
     middle, half = (table.limits.lower + table.limits.upper) / 2, (table.limits.upper - table.limits.lower) / 2
     fastest = np.abs(table.dq_ds).max(axis=0)

@@ -85,7 +85,6 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
 
 
 def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: str, shade: str) -> list[dict[str, Any]]:
-    """Curves of the means, and of their band."""
     low, high = mean - WIDTH * std, mean + WIDTH * std
     outline = {"x": _short(np.concatenate([x, x[::-1]])), "y": _short(np.concatenate([high, low[::-1]]))}
     band = {**BAND, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}

@@ -47,12 +47,12 @@ def _picture(of: RollOut) -> dict[str, Any]:
     layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - MOTION_GAP], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
-        *([_line(of, of.told, "told", told)] if of.told is not None else []),
+        *([_line(of, of.told, "commanded", told)] if of.told is not None else []),
         _line(of, of.measured, "measured", MEASURED),
         _line(of, of.simulated, "the model", ACTUAL),
     ]
     if of.told is not None:
-        traces.append(_line(of, 1e3 * (of.told - of.measured), "told", {**told, "showlegend": False}, "y2"))
+        traces.append(_line(of, 1e3 * (of.told - of.measured), "commanded", {**told, "showlegend": False}, "y2"))
     zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
     traces.append(_line(of, np.zeros(len(of.time)), "measured", zero, "y2"))
     traces.append(_line(of, 1e3 * (of.simulated - of.measured), "the model", {**ACTUAL, "showlegend": False}, "y2"))

@@ -28,7 +28,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
         )
     first, *others = [PredictedExperiment(h, proposal.experiment) for h in plan.rivals.hypotheses]
-    figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "left by a refit [σ]": 0.4}, 560)
+    figure = stacked({"gripper [m]": 0.3, "swing [rad]": 0.3, "remaining after a refit [σ]": 0.4}, 560)
     figure.add_scatter(x=motion.time, y=motion.x, name="gripper", **ACTUAL)
     grey = {"mode": "lines", "line": {"color": GREY}}
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)

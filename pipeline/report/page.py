@@ -56,16 +56,13 @@ def bar(text: str, share: float, *, judged: bool = True) -> str:
     return f"<td class='share {kind}'><span style='width: {width:.1f}%'></span><b>{escape(text)}</b></td>"
 
 
-_TEMPLATES = Path(__file__).parent / "templates"
-
-
 def page_html(document: Document) -> str:
     """A document as one HTML file that works offline, without other files."""
     figures: list[dict[str, Any]] = []
     widgets: list[Mapping[str, Any]] = []
     sections = "".join(_section(section, figures, widgets) for section in document.sections)
     level = document.level or Level.CAUTION
-    return _template("page.html").substitute(
+    return Template(template("report", "page.html")).substitute(
         head=page_head(document.title),
         title=escape(document.title),
         subtitle=escape(document.subtitle),
@@ -81,9 +78,9 @@ def page_html(document: Document) -> str:
         ),
         sections=sections,
         footer=escape(f"armdyn {__version__}" + (f" · {document.command}" if document.command else "")),
-        script=_template("page.js").template,
-        draw=_template("draw.js").template,
-        overlay=_template("overlay.js").template,
+        script=template("report", "page.js"),
+        draw=template("report", "draw.js"),
+        overlay=template("report", "overlay.js"),
         look=script_json(LOOK),
         data=packed(script_json({"figures": figures, "widgets": widgets})),
         plotly=_library(),
@@ -181,26 +178,18 @@ def _light(value: Any) -> Any:
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
 
 
-def _template(name: str) -> Template:
-    return Template((_TEMPLATES / name).read_text(encoding="utf-8"))
+def template(package: str, name: str) -> str:
+    """Text of a file of HTML, CSS or JavaScript of a package of `pipeline`, such as ``"report"``."""
+    return (Path(__file__).parents[1] / package / "templates" / name).read_text(encoding="utf-8")
 
 
 LOOK = {"template": TEMPLATE, "dark": DARK}
 
 
-def widget_scripts() -> tuple[str, ...]:
-    """Scripts that draw a `Widget` in the colours of `LOOK`, on a page that contains plotly.js."""
-    return _template("draw.js").template, _template("overlay.js").template
-
-
 def page_head(title: str, style: str = "") -> str:
     """HTML before the body of an offline page; it forbids loading anything from elsewhere."""
-    return _template("head.html").substitute(title=escape(title), style=f"{report_style()}{style}")
-
-
-def report_style() -> str:
-    """CSS style sheet of every page."""
-    return _template("style.css").template
+    style = template("report", "style.css") + style
+    return Template(template("report", "head.html")).substitute(title=escape(title), style=style)
 
 
 @cache

@@ -93,5 +93,4 @@ def _added(path: Sequence[RepairStep]) -> str:
 
 
 def _summaries(study: Study) -> dict[str, str]:
-    """One sentence about every effect, by the effect's name."""
     return {name: effect.summary for name, effect in study.effects.items()}

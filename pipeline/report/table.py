@@ -48,7 +48,6 @@ def table_report(table: TableOne) -> Document:
 
 
 def _success_section(table: TableOne) -> Section:
-    """Section on success per guess, with and without estimation: bars, and numbers beside the paper's."""
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
     guesses = [f"{row.length_guess:.3f}" for row in table.rows]
     without, learnt = ([getattr(row, name) for row in table.rows] for name in ("without", "with_estimation"))
@@ -81,7 +80,6 @@ def _success_section(table: TableOne) -> Section:
 
 
 def _estimates_section(table: TableOne) -> Section:
-    """Section on the learnt lengths: a point per trial, and mean and spread over all guesses."""
     estimates = table.estimates
     error = float(estimates.mean() - table.length)
     sentence = (

@@ -89,7 +89,6 @@ def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | N
 
 
 def _missed(planned: SwingTrace, executed: SwingTrace | None) -> str:
-    """Distance of the executed load from the planned one at the end of the plan."""
     if executed is None:
         return "The swing was planned and not executed."
     end = float(planned.time[-1])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.box import Box
+from pipeline.box import LOAD_RADIUS, Box
 from pipeline.robot.protocol import Vector
 
 NOT_NEGATIVE = (0.0, math.inf)
@@ -124,7 +124,7 @@ class PlantSettings:
     length: float = 0.368
     mass: float = 0.08
     mass_spread: float = 0.01
-    load_radius: float = 0.014
+    load_radius: float = LOAD_RADIUS
     start_angle: float = 0.0
     inertia_spread: float = 0.1
     rigid_arm: bool = False

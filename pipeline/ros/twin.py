@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from datetime import datetime
 from threading import Lock
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 
 import urdf
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort
+from pipeline.loadcell.emulator import EMULATED_OFFSET, EMULATED_SCALE, EmulatedPort, emulated_calibration
 from pipeline.processes import Closing, ask_for_real_time
 from pipeline.robot.protocol import Vector
 from pipeline.robot.settings import PlantSettings
@@ -81,10 +80,7 @@ class Twin(Closing):
     @property
     def calibration(self) -> Calibration:
         """Calibration of the emulated load cell."""
-        noise = max(self.robot.settings.cell.noise, EMULATED_SCALE)
-        return Calibration(
-            EMULATED_OFFSET, 0.0, EMULATED_SCALE, 0.0, noise, datetime.now().astimezone().replace(microsecond=0), "twin"
-        )
+        return emulated_calibration(max(self.robot.settings.cell.noise, EMULATED_SCALE), "twin")
 
     def summary(self) -> dict[str, Any]:
         """True values, the load's position, and the received commands, which only the twin knows."""

@@ -1,6 +1,5 @@
 """The outcome of a trial: its numbers, the recording, and the model that the robot had."""
 
-import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import run_path
+from armdyn.quoting import command_text
 from armdyn.recording.units import Known
 from pipeline.answers_motion import investigation_answer
 from pipeline.fields import fields
@@ -76,9 +76,7 @@ class TrialResult(Ending):
         if self.success or not self.estimates or self.recording is None or self.signal is not None:
             return None
         kept = self.recording.parent
-        return shlex.join(
-            ["armdyn", "repair", f"{kept / 'model.toml'}", f"{kept / 'trial.csv'}", "--output", "repaired.toml"]
-        )
+        return command_text("repair", kept / "model.toml", kept / "trial.csv", "--output", "repaired.toml")
 
     def as_json(self) -> dict[str, Any]:
         """JSON ``armdyn.trial/1`` of the outcome."""

@@ -10,6 +10,7 @@ import numpy as np
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel, pendulum_model
+from pipeline.box import LOAD_RADIUS
 from pipeline.motion import LineTrajectory
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.task import TaskSettings
@@ -57,7 +58,7 @@ class ProtocolSettings:
     length_guess: float = 0.328
     mass: float = 0.080
     mass_std: float = 0.0008
-    load_radius: float = 0.014
+    load_radius: float = LOAD_RADIUS
     force_noise: float = 0.005
     estimate: bool = True
     estimation_time: float = 6.0

@@ -10,13 +10,11 @@ from armdyn.identify.fit import Fit
 from armdyn.model import Model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
-from pipeline.box import Box
+from pipeline.box import LOAD_RADIUS, Box
 from pipeline.view.scene import BODY_DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
 from pipeline.view.shapes import Links
 from urdf import Line, Robot
 
-RADIUS = 0.014
-"""m; of the ball that stands for a load whose size nobody recorded."""
 USUAL_LENGTH = 0.35
 """m; of a string whose length nobody knows."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -92,7 +90,7 @@ def swing_scene(title: str, kind: str, swing: Swing) -> Scene:
     rail = Body("rail", [block((high - low, 0.012, 0.012), STEEL)],
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
     bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
-              Body("load", [ball(RADIUS)], moved(load))]  # fmt: skip
+              Body("load", [ball(LOAD_RADIUS)], moved(load))]  # fmt: skip
     return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 
 
@@ -103,7 +101,7 @@ def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | Non
     line = robot.line
     pivot = links.tool(postures)
     load = pivot + swing.length * _hanging(at, swing, line.direction)
-    bodies = [*links.bodies(postures), Body("load", [ball(RADIUS)], moved(load))]
+    bodies = [*links.bodies(postures), Body("load", [ball(LOAD_RADIUS)], moved(load))]
     if box is not None:
         bodies.append(Body("box", _walls(line, box), standing(line.origin)))
     cords = [np.stack([pivot, load], axis=1)]
@@ -140,7 +138,6 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
 
 
 def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, Mapping[str, float]]:
-    """Angle predicted by a model, and the values of its parameters."""
     if fit is None:
         from armdyn.identify.study import Study
 
@@ -176,7 +173,6 @@ def _at(at: FloatArray, time: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _walls(line: Line, box: Box) -> list[Mesh]:
-    """Meshes of the box, in the frame of the line's origin."""
     walls = []
     for plate in box.plates(line):
         wall = block(

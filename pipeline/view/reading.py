@@ -97,12 +97,11 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
         Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
         for v in found.violations[:MOST_MARKS]
     ]
-    note = f"{found.sentence} Whether it touches anything, 'armdyn check' tells."
+    note = f"{found.sentence} Collisions are not checked here: 'armdyn check' does."
     return arm_scene(path.name, "trajectory", links_of(robot), motion.time, q, marks, note)
 
 
 def _table(path: Path, robot: urdf.Robot | None) -> Scene:
-    """Scene of a table's postures, from one end of its path to the other and back."""
     from ik import PathTable
 
     table = PathTable.load(path, robot)
@@ -123,7 +122,6 @@ def _known(name: str) -> urdf.Robot:
 
 
 def _robot_of(run: Run) -> urdf.Robot:
-    """The known robot that has the joints of a run."""
     from urdf.loader import known_robots
 
     for name in known_robots():

@@ -19,7 +19,7 @@ import trimesh
 from armdyn import __version__, atomic
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
-from pipeline.report.page import packed, page_head
+from pipeline.report.page import packed, page_head, template
 
 MOST_FRAMES = 1200
 """Poses that a view holds; what lies between them is interpolated."""
@@ -158,31 +158,19 @@ def _floats(values: FloatArray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
 
-TEMPLATES = Path(__file__).parent / "templates"
 SCENE_KINDS = {"run": "recording", "table": "table of postures", "trajectory": "trajectory", "trial": "trial"}
-
-
-def scene_script() -> str:
-    """JavaScript that defines ``armdynScene(place, data)``."""
-    return (TEMPLATES / "scene.js").read_text(encoding="utf-8")
-
-
-def scene_style() -> str:
-    """CSS style sheet of a scene."""
-    return (TEMPLATES / "scene.css").read_text(encoding="utf-8")
 
 
 def view_page(scene: Scene, command: str = "") -> str:
     """HTML page of a scene; it works offline."""
-    own = (TEMPLATES / "view.css").read_text(encoding="utf-8")
     seconds = f"{scene.time[-1] - scene.time[0]:.1f} s"
-    return Template((TEMPLATES / "view.html").read_text(encoding="utf-8")).substitute(
-        head=page_head(scene.title, scene_style() + own),
+    return Template(template("view", "view.html")).substitute(
+        head=page_head(scene.title, template("view", "scene.css")),
         title=escape(scene.title),
         subtitle=escape(f"{SCENE_KINDS[scene.kind]}, {seconds}"),
         note=escape(scene.note),
         footer=escape(f"armdyn {__version__}" + (f" · {command}" if command else "")),
-        scene=scene_script(),
+        scene=template("view", "scene.js"),
         data=packed(json.dumps(scene.data(), separators=(",", ":"))),
         three=packed(three_js()),
     )

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Work = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
-"""From files, labels of effects that are put into the model first, and what is told of progress, to an answer."""
+"""Function from files, labels of effects that the model gets first, and a receiver of progress, to an answer."""
 Tell = Callable[[str, Any], None]
 """Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
 
@@ -107,7 +107,6 @@ class Search:
 
 
 def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
-    """Main function of the process: it sends its answer through a pipe."""
     begin_child()
     os.nice(5)  # the page's process has priority
     try:

@@ -48,7 +48,7 @@ class TickedModel:
 
     Attributes:
         effects: labels of the ticked effects, in the order of ticking.
-        how: "foretold" (predicted from sums), "fitted", or "by hand".
+        how: "predicted" (from sums), "fitted", or "by hand".
         curves: every training and held-out run and channel, as given and now.
         stale: whether runs that were not fitted still show the given model.
         knobs: parameters with sliders.
@@ -136,7 +136,7 @@ class Workbench:
             }
         absent = {name for c in self.study.candidates for name in c.names} - {name for c in chosen for name in c.names}
         known = {column.name: None for column in self.study.problem.columns if column.name not in absent}
-        return self._state(effects, "foretold", residuals, self._knobs_at(values, known))
+        return self._state(effects, "predicted", residuals, self._knobs_at(values, known))
 
     def refit(self, effects: Sequence[str]) -> TickedModel:
         """The result of adding effects, fitted to all samples; it takes 0.1 s to several seconds.

@@ -7,7 +7,6 @@ other tools.
 import hashlib
 import os
 import re
-import shlex
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, base_pendulum, read_model_file, write_model_file
+from armdyn.quoting import command_text
 from armdyn.read_files import may_replace
 from armdyn.run import Run, read_run, write_run_csv
 from ik.children import is_running
@@ -330,7 +330,7 @@ def keep(
         if written.missing is not None:
             notes.append(written.missing.sentence)
         if written.refused:
-            again = shlex.join(["armdyn", "export", str(model), "--output", str(exported), "--incomplete"])
+            again = command_text("export", model, "--output", exported, "--incomplete")
             notes.append(f"{exported} is not written; to write it all the same: {again}")
         else:
             files.append(exported)

@@ -61,7 +61,6 @@ class Guard:
             await self._application(scope, _bounded(receive), self._with_cookie(send) if asked else send)
 
     def _refusal(self, sent: dict[str, str], asked: str) -> str | None:
-        """Reason for refusing a request; None where it is allowed."""
         host = sent.get("host", "")
         if not self._ours(host):
             return "this workbench is not called so"

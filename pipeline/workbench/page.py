@@ -11,13 +11,13 @@ from nicegui import Client, events, ui
 
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
+from pipeline.report.page import template
 from pipeline.workbench import files, panels
 from pipeline.workbench.background import Search, Session, Work, diagnosed, discovered
 from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
 
-TEMPLATES = Path(__file__).parent / "templates"
 STILL = 0.25
 """s without another click before a refit begins: it takes time from the answers to the clicks."""
 
@@ -34,7 +34,7 @@ class Page(Tab):
         self._build()
 
     def _build(self) -> None:
-        skeleton = Template((TEMPLATES / "workbench.html").read_text(encoding="utf-8"))
+        skeleton = Template(template("workbench", "workbench.html"))
         robots = "".join(f"<option>{name}</option>" for name in known_robots())
         ui.html(skeleton.substitute(robots=robots, kinds=panels.kinds_of_export()), sanitize=False)
         label = "Drop recordings, a model or a URDF here, or choose files with +"
@@ -46,11 +46,11 @@ class Page(Tab):
         upload.classes("drop").props('id="drop"')
         self._uploader = upload
         handlers: dict[str, Callable[[dict[str, Any]], Awaitable[None]]] = {
-            "pick": self._pick, "every": self._every, "try": self._try, "clear": self._clear, "knob": self._knob,
-            "refit": self._refit, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
-            "discover": self._discover,
-            "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep, "go-on": self._go_on,
-            "trust": self._trusted,
+            "pick": self._pick, "every": self._every, "try": lambda args: self._add([str(args["label"])]),
+            "clear": lambda _: self._tick([], by_click=False), "refit": lambda _: self._tick(list(self._ticked)),
+            "knob": self._knob, "role": self._role, "scene": self._scene, "search": self._look, "stop": self._stop,
+            "discover": self._discover, "start-pendulum": self._pendulum, "start-arm": self._arm, "keep": self._keep,
+            "go-on": self._go_on, "trust": self._trusted,
         }  # fmt: skip
         for name, handler in handlers.items():
             ui.on(name, self._guarded_event(handler))
@@ -71,21 +71,13 @@ class Page(Tab):
         rest = [label for label in self._ticked if label not in mine]
         await self._tick(rest if set(mine) <= set(self._ticked) else [*rest, *mine], by_click=False)
 
-    async def _try(self, args: dict[str, Any]) -> None:
-        await self._add([str(args["label"])])
-
     async def _add(self, labels: Sequence[str]) -> None:
-        """Tick further effects, each on its joints."""
         new = []
         for effect, colon, joints in (label.partition(":") for label in labels):
             new += [f"{effect}{colon}{joint}" for joint in joints.split(",")]
         await self._tick([*(label for label in self._ticked if label not in new), *new], by_click=False)
 
-    async def _clear(self, _: dict[str, Any]) -> None:
-        await self._tick([], by_click=False)
-
     async def _tick(self, effects: list[str], *, by_click: bool = True) -> None:
-        """Show at once the predicted result of effects, then the fitted one."""
         bench = self._opened().bench
         self._ticked, self._values = tuple(effects), {}
         if not by_click:
@@ -118,18 +110,14 @@ class Page(Tab):
             self._call("turned")
         await self._show_missing_force(state)
 
-    async def _refit(self, _: dict[str, Any]) -> None:
-        await self._tick(list(self._ticked))
-
     async def _look(self, _: dict[str, Any]) -> None:
         self._begin(diagnosed, self._ranked)
 
     async def _discover(self, _: dict[str, Any]) -> None:
         self._begin(discovered, self._proposed)
-        self._call("panel", "proposal", "Looking for a formula; what is tried is told under 'What is missing'.")
+        self._call("panel", "proposal", "Looking for a formula; the progress is under 'What is missing'.")
 
     def _begin(self, work: Work, done: Callable[[Any], Awaitable[None]]) -> None:
-        """Start a search beside the ticked effects, and continue with its answer."""
         session, _given, bench = self._opened()
         self._stop_search()
         loop = asyncio.get_running_loop()
@@ -161,7 +149,6 @@ class Page(Tab):
         self._call("panel", "ranking", panels.ranking_panel(answer))
 
     async def _proposed(self, answer: Mapping[str, Any]) -> None:
-        """Read the files again with the discovered laws, tick these laws, and describe them."""
         ticked = self._ticked
         if answer["text"]:
             self._own_effects = files.add_laws(Path(self._folder.name), self._own_effects, str(answer["text"]))
@@ -215,6 +202,7 @@ class Page(Tab):
                 found = await asyncio.to_thread(files.read_dropped, path, joints)
             except InputError as error:
                 problems.append(str(error).replace(f"{self._folder.name}/", ""))
+                (Path(self._folder.name) / Path(file.name).name).unlink(missing_ok=True)  # no model may name it
                 continue
             self._said.append(found.said)
             if found.kind == "model":

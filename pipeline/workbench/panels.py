@@ -15,7 +15,7 @@ from pipeline.report.theme import full_name, number
 from pipeline.workbench.bench import Knob, TickedModel, Workbench
 
 HOW = {
-    "foretold": "foretold from one expansion; the refit is running",
+    "predicted": "predicted from one linearisation; the refit is running",
     "fitted": "fitted to all samples",
     "by hand": "parameters by hand, nothing fitted",
 }
@@ -86,7 +86,6 @@ def errors_panel(state: TickedModel) -> str:
 
 
 def _where(state: TickedModel, units: Mapping[str, str]) -> str:
-    """The places where the model fails most, one for each channel and quantity."""
     worst: dict[tuple[str, str], str] = {}
     for place in state.places:
         name = full_name(place.channel, units[place.channel])
@@ -141,10 +140,9 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"
         )
     remedies = f"<p class='caption'>What would tell them apart: {escape('; '.join(answer['remedies']))}.</p>"
-    return (
-        f"{said}<div class='table'><table><thead><tr><th>alone beside the model</th><th>error left</th><th></th></tr>"
-        f"</thead><tbody>{''.join(rows)}</tbody></table></div>{remedies if answer['remedies'] else ''}"
-    )
+    head = "<tr><th>alone beside the model</th><th>remaining error</th><th></th></tr>"
+    table = f"<table><thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>"
+    return f"{said}<div class='table'>{table}</div>{remedies if answer['remedies'] else ''}"
 
 
 def files_panel(model: Path | None, runs: Sequence[tuple[Path, bool]], said: Sequence[str]) -> str:

@@ -18,12 +18,12 @@ from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.interrupts import Interrupt, leave, noted_signals
-from pipeline.report.page import report_style, widget_scripts
-from pipeline.view.scene import scene_script, scene_style, three_js
+from pipeline.report.page import template
+from pipeline.view.scene import three_js
 from pipeline.workbench import files
 from pipeline.workbench.background import Session, key_of
 from pipeline.workbench.guard import FIELD, Guard
-from pipeline.workbench.page import TEMPLATES, Page
+from pipeline.workbench.page import Page
 
 HOST = "127.0.0.1"
 USUAL_PORT = 8080
@@ -115,14 +115,12 @@ def _application() -> FastAPI:
     from plotly.offline import get_plotlyjs
 
     application = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    scripts: dict[str, Callable[[], str]] = {
-        "plotly.js": get_plotlyjs,
-        "three.js": three_js,
-        "workbench.js": lambda: "\n".join(
-            (*widget_scripts(), scene_script(), (TEMPLATES / "workbench.js").read_text(encoding="utf-8"))
-        ),
+    own = (("report", "draw.js"), ("report", "overlay.js"), ("view", "scene.js"), ("workbench", "workbench.js"))
+    texts = {
+        "plotly.js": get_plotlyjs(),
+        "three.js": three_js(),
+        "workbench.js": "\n".join(template(*name) for name in own),
     }
-    texts = {name: make() for name, make in scripts.items()}
 
     def asset(version: str, name: str) -> Response:
         del version  # in the address so that the browser's cache does not return another version of armdyn
@@ -138,9 +136,9 @@ def _application() -> FastAPI:
 
 def _head() -> str:
     script = f"<script defer src='{ASSETS}/{__version__}/workbench.js'></script>"
-    own = (TEMPLATES / "workbench.css").read_text(encoding="utf-8")
-    style = f"<style>{report_style()}\n{scene_style()}\n{own}</style>"
-    return f"<meta name='color-scheme' content='light dark'>{style}{script}"
+    styles = (("report", "style.css"), ("view", "scene.css"), ("workbench", "workbench.css"))
+    style = "\n".join(template(*name) for name in styles)
+    return f"<meta name='color-scheme' content='light dark'><style>{style}</style>{script}"
 
 
 def _run(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from nicegui import Client
 
 from armdyn.checked_study import CheckedStudy
+from armdyn.document import Chart
 from armdyn.errors import ArmdynError, InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.quoting import script_json
@@ -80,7 +81,6 @@ class Tab:
         self._search = None
 
     async def _reopen(self) -> None:
-        """Read the files again, and show the given model."""
         self._asked += 1
         self._ticked, self._values, self._open = (), {}, None
         self._stop_search()
@@ -141,22 +141,23 @@ class Tab:
             self._call("panel", "knobs", panels.knobs_panel(state))
 
     async def _show_missing_force(self, state: TickedModel) -> None:
-        """Show the missing force after the curves; nothing is shown where a newer request came."""
-        bench, asked = self._opened().bench, self._asked
+        bench = self._opened().bench
+        asked = self._asked
         await asyncio.sleep(FIRST)
-        if asked != self._asked:
-            return
-        charts = await asyncio.to_thread(lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
-        shown = {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts}
         if asked == self._asked:
-            self._call("missing", shown)
+            await self._show_charts("missing", lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
 
     async def _show_motion(self, effects: Sequence[str]) -> None:
-        """Show the fitted motion last, as an arm's simulator is compiled; nothing where a newer request came."""
-        bench, asked = self._opened().bench, self._asked
-        charts = await asyncio.to_thread(lambda: motion_charts(bench.motion(effects)))
+        """Show the fitted motion, last, because an arm's simulator is compiled for it."""
+        bench = self._opened().bench
+        await self._show_charts("motion", lambda: motion_charts(bench.motion(effects)))
+
+    async def _show_charts(self, function: str, make: Callable[[], Sequence[Chart]]) -> None:
+        """Make figures beside the page, and show them unless a newer request came meanwhile."""
+        asked = self._asked
+        charts = await asyncio.to_thread(make)
         if asked == self._asked:
-            self._call("motion", {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
+            self._call(function, {chart.tab: {"figure": chart.figure, "caption": chart.caption} for chart in charts})
 
     def _opened(self) -> Opened:
         if self._open is None:
@@ -164,7 +165,6 @@ class Tab:
         return self._open
 
     async def _working(self, what: str, work: Callable[[], Any]) -> Any:
-        """Do slow work beside the page, and show a message meanwhile."""
         self._call("busy", what)
         try:
             return await self._opened().session.do(work)
@@ -178,7 +178,6 @@ class Tab:
         return handle
 
     async def _guarded(self, work: Awaitable[None]) -> None:
-        """Show an error as one sentence on the page."""
         try:
             await work
         except ArmdynError as error:

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.box import Box
+from pipeline.box import LOAD_RADIUS, Box
 from pipeline.motion.feasibility.verdict import Bounded
 from pipeline.motion.trajectory import JointTrajectory, freeze_samples
 from urdf.collision import collision_shapes, hull, link_of_shape
@@ -77,7 +77,7 @@ class Swing:
     angle: Array
     tension: Array
     length: float
-    radius: float = 0.014
+    radius: float = LOAD_RADIUS
     least_tension: float = 0.0
 
     def __post_init__(self) -> None:

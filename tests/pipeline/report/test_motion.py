@@ -25,7 +25,7 @@ def test_the_most_independent_run_is_drawn_once_for_each_joint():
     assert "elbow in b (held-out)" in elbow.caption
     below = {trace["name"]: trace for trace in elbow.figure["data"] if trace["yaxis"] == "y2"}
     assert below["the model"]["y"] == pytest.approx([2.0] * len(TIME), rel=1e-4)
-    assert below["told"]["y"] == pytest.approx([100.0] * len(TIME), rel=1e-4)
+    assert below["commanded"]["y"] == pytest.approx([100.0] * len(TIME), rel=1e-4)
 
 
 def test_of_what_pulls_nothing_back_the_longest_windows_are_drawn_without_a_command():

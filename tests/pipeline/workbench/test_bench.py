@@ -1,4 +1,4 @@
-"""The state of the page without the page: what is foretold at once is what a fit finds."""
+"""The state of the page without the page: what is predicted at once is what a fit finds."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -40,15 +40,15 @@ def test_the_hidden_effect_leaves_less_than_any_other(bench):
     assert left[HIDDEN] < 0.2 * error(bench.opening, HELD_OUT)
 
 
-def test_what_is_foretold_of_an_arm_is_what_a_refit_finds(bench):
+def test_what_is_predicted_of_an_arm_is_what_a_refit_finds(bench):
     effects = [*FRICTION, "payload:right_w2"]
-    foretold, fitted = bench.predict(effects), bench.refit(effects)
-    assert (foretold.how, fitted.how) == ("foretold", "fitted")
-    for before, after in zip(foretold.curves, fitted.curves, strict=True):
+    predicted, fitted = bench.predict(effects), bench.refit(effects)
+    assert (predicted.how, fitted.how) == ("predicted", "fitted")
+    for before, after in zip(predicted.curves, fitted.curves, strict=True):
         noise = before.noise
         assert np.abs(before.residuals[1] - after.residuals[1]).max() < 0.5 * noise
         assert np.array_equal(before.residuals[0], after.residuals[0])
-    assert not foretold.stale
+    assert not predicted.stale
     nothing = bench.predict([])
     assert all(np.array_equal(curve.residuals[0], curve.residuals[1]) for curve in nothing.curves)
     assert dict(nothing.knobs) == {}
@@ -104,17 +104,17 @@ def test_turning_a_parameter_predicts_with_it(bench):
         bench.predict([f"{HIDDEN}:right_s9"])
 
 
-def test_a_pendulums_hidden_drag_is_foretold_and_then_fitted():
+def test_a_pendulums_hidden_drag_is_predicted_and_then_fitted():
     rng = np.random.default_rng(3)
     runs = [record(f"{i}.csv", Setup(duration=6.0, hidden={"quadratic_drag": 0.02}), rng) for i in range(2)]
     effects = ("quadratic_drag", "sensor_bias", "string_elasticity")
     bench = Workbench(Study.of(base_pendulum(), runs[:1], runs[1:], [CATALOGUE[name] for name in effects]))
-    foretold = {name: bench.predict([name]) for name in effects}
-    assert min(effects, key=lambda name: error(foretold[name])) == "quadratic_drag"
-    assert error(foretold["quadratic_drag"]) < 0.9 * error(bench.opening)
+    predicted = {name: bench.predict([name]) for name in effects}
+    assert min(effects, key=lambda name: error(predicted[name])) == "quadratic_drag"
+    assert error(predicted["quadratic_drag"]) < 0.9 * error(bench.opening)
     fitted = bench.refit(["quadratic_drag"])
     assert not fitted.stale
-    assert foretold["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
+    assert predicted["quadratic_drag"].stale  # a held-out pendulum has a start of its own to fit
     for kind in (FITTED, HELD_OUT):  # what is left is the sensor's noise of 3 mN
         assert error(bench.opening, kind) > 4e-3
         assert error(fitted, kind) == pytest.approx(3e-3, rel=0.1)
