@@ -124,11 +124,7 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
 
 
 def _observer_of(model: ArmModel) -> Function:
-    """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`.
-
-    Raises:
-        InputError: an effect has a memory.
-    """
+    """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`."""
     from armdyn.watch.observer import GAP, PARTS, USUAL, observer_function, without_memory
 
     n = len(model.arm.joints)

@@ -138,17 +138,12 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
 
 
 def _pose(placement: pin.SE3, position: np.ndarray) -> dict[str, str]:
-    """Attributes of a pose with the orientation of a placement."""
     q = pin.Quaternion(np.asarray(placement.rotation))
     return {"pos": numbers_text(position), "quat": numbers_text(np.array([q.w, q.x, q.y, q.z]))}
 
 
 def _for_mujoco(link: str, inertia: np.ndarray) -> np.ndarray:
-    """The inertia (3, 3) [kg m^2] of a link, which may be a point, a rod or a plate, within MuJoCo's bounds.
-
-    Raises:
-        InputError: no body has it.
-    """
+    """The inertia (3, 3) [kg m^2] of a link, which may be a point, a rod or a plate, within MuJoCo's bounds."""
     need_body(link, inertia)
     moments, axes = np.linalg.eigh(inertia)
     low, middle, high = np.maximum(moments, MIN_INERTIA)
@@ -194,7 +189,6 @@ def _add_springs(root: ET.Element, bodies: list[ET.Element], model: ArmModel, pa
 
 
 def _link_names(model: ArmModel) -> list[str]:
-    """Names in the URDF of the links that the joints move."""
     document = ET.fromstring(model.arm.robot.urdf_xml)
     children = {joint.get("name"): link_of(joint, "child") for joint in document.findall("joint")}
     return [children.get(name) or f"{name}_link" for name in model.arm.joints]

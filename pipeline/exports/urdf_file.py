@@ -86,7 +86,6 @@ def _set_link(root: ET.Element, name: str, joint: JointParts) -> list[str]:
 
 
 def _fixed_to(root: ET.Element, name: str) -> list[ET.Element]:
-    """Links behind any number of successive fixed joints."""
     found, waiting = [], [name]
     links = {element.get("name"): element for element in root.findall("link")}
     while waiting:

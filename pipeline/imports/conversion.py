@@ -160,11 +160,7 @@ def _channel(
 
 
 def _conversion(entry: Entry, unit: str) -> Conversion:
-    """The conversion of values in `unit` to those of the entry's channel.
-
-    Raises:
-        InputError: the unit is missing or of another kind, or the channel has no gear.
-    """
+    """The conversion of values in `unit` to those of the entry's channel."""
     zero = 0.0
     if not unit:
         units = " or ".join(channel_kind(entry.channel).units)

@@ -90,7 +90,6 @@ def _is_repeated(name: str, columns: Collection[str]) -> bool:
 
 
 def _missing(entries: Mapping[str, Entry], joints: Joints) -> tuple[str, ...]:
-    """Joints of the arm without a column."""
     present = {entry.joint for entry in entries.values()}
     return tuple(joint for joint in joints.arm if joint not in present)
 
@@ -153,14 +152,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
 def _commands(
     labels: Mapping[str, Label], entries: Mapping[str, Entry], known: Joints, texts: Mapping[str, str]
 ) -> dict[str, Entry]:
-    """Commands of joints in a recording without torques: there the error of a drive replaces the torque.
-
-    Args:
-        labels: labels of the columns that are not declared.
-        entries: the measured columns.
-        known: joints of the robot.
-        texts: text of the recording's columns of text.
-    """
+    """Commands of joints in a recording without torques: there the error of a drive replaces the torque."""
     by_channel = {entry.channel: entry for entry in entries.values()}
     if any(entry.quantity == "tau" for entry in entries.values()):
         return {}
@@ -186,11 +178,7 @@ def _commands(
 
 
 def _claims_by_order(foreign: Foreign, time: str, known: Joints) -> list[Claim]:
-    """Claims of columns without a header: positions, speeds and torques of all joints, in this order.
-
-    Raises:
-        InputError: the number of columns does not fit.
-    """
+    """Claims of columns without a header: positions, speeds and torques of all joints, in this order."""
     names, arm = [name for name in foreign.columns if name != time], known.arm
     quantities = {1: ("q",), 2: ("q", "tau"), 3: ("q", "v", "tau")}.get(len(names) // len(arm) if arm else 0, ())
     if len(names) != len(quantities) * len(arm) or not names:

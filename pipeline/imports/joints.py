@@ -190,13 +190,7 @@ class _Headers:
         return first if complete and first in (0, 1) else None
 
     def _by_number(self, columns: Sequence[str], firsts: set[int], doubt: str) -> dict[str, Match]:
-        """Match the columns of one group by their numbers.
-
-        Args:
-            columns: columns that differ in a number only.
-            firsts: first numbers of the groups with a column for every joint.
-            doubt: doubt where there is no other.
-        """
+        """Match the columns of one group by their numbers."""
         numbers, arm = self._numbers(columns), self.joints.arm
         if numbers is None:
             return {}
@@ -221,7 +215,6 @@ class _Headers:
         }
 
     def _is_message(self, column: str) -> bool:
-        """Whether a header is an entry of a JointState's arrays."""
         words = self.labels[column].words
         entry = any(word in MESSAGE and after.isdigit() for word, after in pairwise(words))
         return entry and ("states" in words or any("effort" in label.words for label in self.labels.values()))

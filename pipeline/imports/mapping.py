@@ -152,7 +152,6 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
 
 
 def _map_of(table: Mapping[str, Any]) -> ColumnMap:
-    """The mapping of one run; see `read_map`."""
     problems = [
         f"unknown key '{key}': a mapping has time, columns, runs, {', '.join(SIDECAR_KEYS)}"
         for key in table

@@ -72,11 +72,7 @@ class Decoders:
 
 
 def _register(store: "Typestore", connection: Connection) -> None:
-    """Add the definitions of a connection to a store.
-
-    Raises:
-        Exception: they cannot be read, or are not in the file.
-    """
+    """Add the definitions of a connection to a store."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     found: dict[str, Any] = {}

@@ -70,7 +70,6 @@ def packets(path: Path, problems: list[str]) -> Iterator[Packet]:
 
 
 def _kind(file: Path) -> str:
-    """The file's ending, before that of its compression."""
     return Path(file.name.removesuffix(ZSTD)).suffix.lower()
 
 
@@ -174,7 +173,6 @@ def _fields(data: bytes) -> dict[str, bytes]:
 
 
 def _sqlite(file: Path) -> Iterator[Packet]:
-    """Messages of the database of a ROS 2 bag."""
     with suppress(OSError):
         if file.stat().st_size == 0:
             raise ValueError("it is empty")

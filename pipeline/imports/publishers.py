@@ -278,13 +278,7 @@ def _used(publishers: Iterable[_Series]) -> tuple[list[_Series], Counter[str]]:
 def _on_one_clock(
     columns: Mapping[str, Column], clocks: Mapping[str, tuple[int, float]], notes: list[str]
 ) -> dict[str, Column]:
-    """Columns whose stamps are all on the clock of the topic with the most messages.
-
-    Args:
-        columns: columns by name.
-        clocks: number of messages and smallest delay from stamp to reception [s], by topic.
-        notes: list that gets a sentence for each clock that differs.
-    """
+    """Columns whose stamps are all on the clock of the topic with the most messages."""
     if not clocks:
         return dict(columns)
     first, (_, delay) = max(clocks.items(), key=lambda item: item[1][0])

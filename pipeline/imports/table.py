@@ -152,15 +152,7 @@ def read_parquet(path: Path) -> Foreign:
 
 
 def _check_parquet(file: Any, size: int) -> None:
-    """Refuse a file whose content would not fit into memory, before it is unpacked: repeated values are compressed.
-
-    Args:
-        file: the opened file.
-        size: number of its bytes.
-
-    Raises:
-        InputError: it states the largest possible numbers.
-    """
+    """Refuse a file whose content would not fit into memory, before it is unpacked: repeated values are compressed."""
     about = file.metadata
     groups = [about.row_group(i) for i in range(about.num_row_groups)]
     parts = [group.column(i) for group in groups for i in range(group.num_columns)]

@@ -102,7 +102,6 @@ def _is_whole(columns: Sequence[Column]) -> bool:
 
 
 def _largest(columns: Sequence[Column]) -> float:
-    """Largest magnitude in a column of several recordings."""
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
 
@@ -135,15 +134,7 @@ def _position_doubt(size: float, unit: str, limits: Range | None) -> str:
 def _rate_unit(
     written: str, of: str, size: float, slope: tuple[float, float] | None, positions: bool
 ) -> tuple[str, str, str]:
-    """Unit, reason and doubt of a speed: the unit in which it is the slope of its position.
-
-    Args:
-        written: unit in the file; empty for none.
-        of: unit of the position.
-        size: largest magnitude.
-        slope: see `_slope`.
-        positions: whether the file contains any position.
-    """
+    """Unit, reason and doubt of a speed: the unit in which it is the slope of its position."""
     assumed = written or f"{of}/s"
     if slope is None:
         if written or positions:

@@ -188,7 +188,6 @@ class Experiment:
         self.scheduler.begin()
 
     def _come_round(self) -> None:
-        """Work at the beginning of every round of the loop on a real clock."""
         if self.watchdog is not None:
             self.watchdog.beat()
         self._worker.collect()
@@ -230,7 +229,6 @@ class Experiment:
         self._require_estimate()
 
     def _settle(self) -> None:
-        """Move so that the load comes to rest."""
         self.task.settle(self.estimator.model, self._swing_state)
         longest = self.task.longest_planning + self.settings.task.settling + 2.0
         self._run(Phase.SETTLE, 0.5, longest, lambda: self.task.idle)

@@ -180,7 +180,6 @@ def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
 
 
 def _require_force(robot: RealRobot, c: ProtocolSettings) -> None:
-    """Check that the load cell shows the weight of the load."""
     weight, seen = STANDARD_GRAVITY * c.mass, _forces(robot, CALM_SECONDS, CELL_PATIENCE)
     if not len(seen):
         raise InputError(f"load cell: no sample within {CELL_PATIENCE:g} s: check cable and port")
