@@ -5,7 +5,7 @@ same time one is used; the messages of the others are left out, counted and repo
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
@@ -33,25 +33,6 @@ UNREADABLE = "of which nothing can be read"
 """Reason why messages are left out, for a sentence."""
 Entry: TypeAlias = tuple[str, float, str]
 """Column, value and channel of one number; the channel is empty where the message does not define it."""
-
-
-def joint_entries(
-    topic: str, names: Sequence[str], values: Mapping[str, Sequence[float] | None], *, told: bool
-) -> Iterator[Entry]:
-    """The numbers of a message about joints, measured or commanded (`told`); see `Publishers.take_joints`."""
-    interfaces = [name.rpartition("/")[2] for name in names if "/" in name]
-    of_control = any(interface in INTERFACES for interface in interfaces)
-    for part, quantity in FIELDS:
-        found = values.get(part)
-        if found is None or len(found) != len(names):
-            continue
-        for name, value in zip(names, found, strict=True):
-            joint, _, interface = name.rpartition("/")
-            if not (of_control and joint):
-                yield f"{topic}/{part}/{name}", float(value), f"{TOLD[quantity] if told else quantity}.{name}"
-            elif part == "position":
-                channel = f"{INTERFACES[interface]}.{joint}" if interface in INTERFACES else ""
-                yield f"{topic}/{name}", float(value), channel
 
 
 class _Message(NamedTuple):
@@ -162,10 +143,24 @@ class Publishers:
             InputError: there are too many messages.
             ValueError: the message contains no value of a joint.
         """
-        for part, found in values.items():
-            if found is not None and len(found) not in (0, len(names)):
+        interfaces = [name.rpartition("/")[2] for name in names if "/" in name]
+        of_control = any(interface in INTERFACES for interface in interfaces)
+        entries: list[Entry] = []
+        for part, quantity in FIELDS:
+            found = values.get(part)
+            if found is None or len(found) == 0:
+                continue
+            if len(found) != len(names):
                 self._incomplete[topic, part, len(found), len(names)] += 1
-        entries = list(joint_entries(topic, names, values, told=told))
+                continue
+            for name, value in zip(names, found, strict=True):
+                joint, _, interface = name.rpartition("/")
+                if not (of_control and joint):
+                    channel = f"{TOLD[quantity] if told else quantity}.{name}"
+                    entries.append((f"{topic}/{part}/{name}", float(value), channel))
+                elif part == "position":
+                    channel = f"{INTERFACES[interface]}.{joint}" if interface in INTERFACES else ""
+                    entries.append((f"{topic}/{name}", float(value), channel))
         if not entries:
             raise ValueError("it says nothing of its joints")
         self.take(topic, publisher, stamp, received, [*entries, *beside], tuple(names))

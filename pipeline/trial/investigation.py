@@ -7,7 +7,7 @@ recordings are thought over. It knows neither whether the robot is simulated nor
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -202,8 +202,7 @@ def investigate(
                 motion = made.trajectory
         if stop is not None:
             better = fitted_model(study, found.search.last) if stop in ENDS_WITH_MODEL else None
-            assert better is None or isinstance(better, PendulumModel), "a pendulum was given"
-            return Investigation(tuple(stages), stop, better, None, place)
+            return Investigation(tuple(stages), stop, cast("PendulumModel | None", better), None, place)
 
 
 S = TypeVar("S", bound=ProtocolSettings)
