@@ -44,7 +44,7 @@ def mujoco_text(model: ArmModel) -> tuple[str, list[str]]:
     """The model as text, and sentences on what it cannot hold."""
     arm, parts, gravity = model.arm.model, parts_of(model), model.gravity()
     notes = [
-        *left_over(model, HELD["mujoco"], "MuJoCo", told=model.servo_joints),
+        *left_over(model, HELD["mujoco"], "MuJoCo", uneven_drives=model.servo_joints),
         "shapes: capsules stand for the links, nothing collides",
     ]
     root = ET.Element("mujoco", model=arm.name or "arm")
@@ -71,21 +71,21 @@ def _add_drives(root: ET.Element, model: ArmModel, parts: Sequence[JointParts]) 
     actuators = ET.SubElement(root, "actuator")
     limits = model.arm.model.effortLimit.tolist()
     for joint, effort, (gain, offset) in zip(parts, limits, drive_readings(model), strict=True):
-        told, kind = {"name": joint.name, "joint": joint.name}, "motor"
+        attributes, kind = {"name": joint.name, "joint": joint.name}, "motor"
         servo = model.servo(joint.name)
         if servo is not None and servo.gain is not None:
             # A friction that differs by direction is exported as a symmetric one and an offset, also at rest.
             law = _law(servo, servo.gain.value, gain, offset + gain * joint.uneven)
             if late := _delay(model, joint.name):  # the buffer is long enough for steps of MIN_STEP
                 law |= {"delay": repr(late), "nsample": str(int(np.ceil(late / MIN_STEP)) + 2), "interp": "linear"}
-            ET.SubElement(actuators, "general", told | law)
+            ET.SubElement(actuators, "general", attributes | law)
             continue
         if gain != 1.0 or offset:
-            told |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
+            attributes |= {"gainprm": repr(1.0 / gain), "biastype": "affine", "biasprm": repr(-offset / gain)}
             kind = "general"
         if np.isfinite(effort):
-            told["ctrlrange"] = f"{offset - gain * effort!r} {offset + gain * effort!r}"
-        ET.SubElement(actuators, kind, told)
+            attributes["ctrlrange"] = f"{offset - gain * effort!r} {offset + gain * effort!r}"
+        ET.SubElement(actuators, kind, attributes)
 
 
 def _law(servo: Servo, k: float, gain: float, offset: float) -> dict[str, str]:

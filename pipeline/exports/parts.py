@@ -99,7 +99,7 @@ def need_body(link: str, inertia: np.ndarray) -> None:
 
 
 def left_over(
-    model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True, told: Collection[str] = ()
+    model: ArmModel, held: Collection[str], whose: str, *, symmetric: bool = True, uneven_drives: Collection[str] = ()
 ) -> list[str]:
     """A sentence for each effect that a format cannot hold, and one for all of the background.
 
@@ -108,7 +108,7 @@ def left_over(
         held: names of the effects that the format holds.
         whose: name of the format.
         symmetric: whether its friction is the same in both directions.
-        told: joints whose drives hold the difference of the directions.
+        uneven_drives: joints whose drives hold the difference of the directions.
     """
     sentences = []
     named = model.named_only()
@@ -117,7 +117,7 @@ def left_over(
         why = WHY.get(effect.name, f"{whose} has no place for it") if effect.name not in held else ""
         if not why and symmetric and effect.name == "joint_asymmetric_friction":
             uneven = {joint.name for joint in parts_of(model) if joint.uneven}
-            joints = [joint for joint in joints if joint in uneven and joint not in told]
+            joints = [joint for joint in joints if joint in uneven and joint not in uneven_drives]
             why = f"{whose} has one friction for both directions; their mean is used" if joints else ""
         if why:
             where = f" ({', '.join(joints)})" if joints else ""

@@ -19,7 +19,7 @@ from pipeline.imports.foreign import Column, Foreign, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from pipeline.imports.messages import Decoders
 from pipeline.imports.packets import packets
-from pipeline.imports.publishers import FIELDS, JOINT_STATE, TOLD, Publishers
+from pipeline.imports.publishers import COMMAND_OF, FIELDS, JOINT_STATE, Publishers
 from pipeline.imports.words import COMMANDED, words_of
 from urdf.bounds import MOST_COLUMNS
 
@@ -78,10 +78,10 @@ def _take(publishers: Publishers, topic: str, kind: str, publisher: str, receive
     stamp = _stamp(content)
     numbers = ((name, value, "") for name, value in _numbers(topic, content))
     if (command := _command(kind, content)) is not None:
-        publishers.take_joints(topic, publisher, *command, stamp, received, told=True, beside=list(numbers))
+        publishers.take_joints(topic, publisher, *command, stamp, received, commanded=True, beside=list(numbers))
     elif (state := _joint_state(kind, content)) is not None:
-        told = not COMMAND_TOPIC.isdisjoint(words_of(topic))
-        publishers.take_joints(topic, publisher, *state, stamp, received, told=told)
+        commanded = not COMMAND_TOPIC.isdisjoint(words_of(topic))
+        publishers.take_joints(topic, publisher, *state, stamp, received, commanded=commanded)
     else:
         publishers.take(topic, publisher, stamp, received, list(numbers))
 
@@ -123,7 +123,7 @@ def _measured(columns: Mapping[str, Column]) -> Mapping[str, Column]:
     """The columns; where no position was measured, commands count as measurements."""
     if any(column.channel.startswith("q.") for column in columns.values()):
         return columns
-    back = {told: quantity for quantity, told in TOLD.items()}
+    back = {command: quantity for quantity, command in COMMAND_OF.items()}
     found = {}
     for name, column in columns.items():
         quantity, _, joint = column.channel.partition(".")

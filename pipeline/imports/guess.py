@@ -159,7 +159,7 @@ def _commands(
     arm = tuple(entry.joint for entry in by_channel.values() if entry.quantity == "q")
     commands = {}
     for name, label in labels.items():
-        if label.told:
+        if label.commanded:
             is_action = re.split(r"[/.]", name, maxsplit=1)[0] == LEROBOT_COMMAND
             commands[name] = replace(label, measured=True, quantity=label.quantity or "q" * is_action)
     of_joints = _of_joints(commands, replace(known, arm=known.arm or arm))

@@ -25,7 +25,7 @@ FIELDS = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
 """Fields of a JointState, and the quantity of each."""
 INTERFACES = {"position": "q", "velocity": "v", "acceleration": "a", "effort": "tau", "torque": "tau"}
 """Interfaces of ros2_control, whose state names are ``joint/interface``, and the quantity of each."""
-TOLD = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
+COMMAND_OF = {"q": "q_cmd", "v": "v_cmd", "tau": "tau_ff"}
 """Quantity of a command, by the measured quantity."""
 UNITS = {quantity: kind.units[0] for quantity, kind in JOINT_CHANNELS.items()}
 """Units of the values of a revolute joint, by quantity."""
@@ -123,7 +123,7 @@ class Publishers:
         stamp: float,
         received: float,
         *,
-        told: bool = False,
+        commanded: bool = False,
         beside: Sequence[Entry] = (),
     ) -> None:
         """Add one message about joints; see `take`.
@@ -136,7 +136,7 @@ class Publishers:
             values: values by field of a JointState; a field without a value for every name is left out.
             stamp: stamp of the header [s]; nan where there is none.
             received: time of reception [s].
-            told: whether the values are commands.
+            commanded: whether the values are commands.
             beside: further numbers of the message.
 
         Raises:
@@ -156,7 +156,7 @@ class Publishers:
             for name, value in zip(names, found, strict=True):
                 joint, _, interface = name.rpartition("/")
                 if not (of_control and joint):
-                    channel = f"{TOLD[quantity] if told else quantity}.{name}"
+                    channel = f"{COMMAND_OF[quantity] if commanded else quantity}.{name}"
                     entries.append((f"{topic}/{part}/{name}", float(value), channel))
                 elif part == "position":
                     channel = f"{INTERFACES[interface]}.{joint}" if interface in INTERFACES else ""

@@ -86,7 +86,7 @@ class Label:
         measured: False for commands, for values computed from a model, and for other things than joints.
         rest: words and numbers that may name the joint.
         doubt: reason why a person must check the quantity; empty where it is certain.
-        told: whether it is a command of a joint.
+        commanded: whether it is a command of a joint.
     """
 
     words: tuple[str, ...]
@@ -95,7 +95,7 @@ class Label:
     measured: bool
     rest: tuple[str, ...]
     doubt: str = ""
-    told: bool = False
+    commanded: bool = False
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -144,9 +144,9 @@ def _without_unit(text: str, unit: str) -> Label:
     kinds = [_QUANTITY_OF[word] for word in words if word in _QUANTITY_OF]
     quantity = next((kind for kind in QUANTITIES if kind in kinds), "")
     quantity = next((made for (of, mark), made in DERIVED.items() if of == quantity and mark in words), quantity)
-    doubt, commanded = "", COMMANDED & set(words)
+    doubt, command_words = "", COMMANDED & set(words)
     if {"tau", "current"} <= set(kinds):
-        commanded -= {"as"}
+        command_words -= {"as"}
         quantity, doubt = ("current" if unit and fits(unit, "A") else "tau"), "a torque made of a current?"
     elif "motor" in words and "joint" not in words and quantity in ("q", "v", "tau"):
         doubt = "the motor's or the joint's? gear_ratio"
@@ -160,8 +160,8 @@ def _without_unit(text: str, unit: str) -> Label:
     coordinates = bool(letters) and set(letters) <= CARTESIAN and len(letters) == len(rest)
     coordinates |= quantity in ("force", "tau") and bool({"x", "y", "z"} & set(letters))
     of_joint = not (OTHER & set(words) or coordinates)
-    told = of_joint and bool(commanded)
-    return Label(words, quantity, unit, of_joint and not commanded, rest, doubt, told)
+    commanded = bool(command_words)
+    return Label(words, quantity, unit, of_joint and not commanded, rest, doubt, of_joint and commanded)
 
 
 def _completed(label: Label) -> Label:
