@@ -223,7 +223,7 @@ def recorded_torques(site: Site, v: Variable) -> Shapes:
         yield power(site, v, 2, kind, says)
     else:
         place = {"place": Constant(v.unit, (v.low + v.high) / 2, v.span, v.low - v.span, v.high + v.span)}
-        yield _single(site, kind, says, (v,), f"{v.name} - place", [(v, 1)], place, scale=v.span / 2)
+        yield _single(site, kind, says, (v,), f"({v.name} - place)", [(v, 1)], place, scale=v.span / 2)
 
 
 def curve(site: Site, v: Variable, speed: Variable | None = None) -> Term:

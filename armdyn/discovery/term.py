@@ -226,6 +226,7 @@ def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str,
 
 
 def _factor(shape: str) -> str:
-    """A shape as a factor: in brackets where it is a sum."""
+    """A shape as a factor: in brackets where it is a sum without brackets."""
     top = ast.parse(shape, mode="eval").body
-    return f"({shape})" if isinstance(top, ast.BinOp) and isinstance(top.op, ast.Add | ast.Sub) else shape
+    is_sum = isinstance(top, ast.BinOp) and isinstance(top.op, ast.Add | ast.Sub)
+    return f"({shape})" if is_sum and top.col_offset == 0 else shape
