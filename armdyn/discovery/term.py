@@ -1,5 +1,6 @@
 """A candidate term: a shape of the missing force with units, which can be written as an effect of a model."""
 
+import ast
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -225,10 +226,7 @@ def named_terms(terms: Iterable[Term], taken: Collection[str] = ()) -> dict[str,
 
 
 def _factor(shape: str) -> str:
-    """A shape as a factor: in brackets where it is a sum."""
-    depth = 0
-    for i, letter in enumerate(shape):
-        depth += (letter in "([") - (letter in ")]")
-        if depth == 0 and i and letter in "+-" and shape[i - 1] == " ":
-            return f"({shape})"
-    return shape
+    """A shape as a factor: in brackets where it is a sum without brackets."""
+    top = ast.parse(shape, mode="eval").body
+    is_sum = isinstance(top, ast.BinOp) and isinstance(top.op, ast.Add | ast.Sub)
+    return f"({shape})" if is_sum and top.col_offset == 0 else shape

@@ -1,7 +1,7 @@
 """Find unknowns that no motion identifies: their columns are spanned by others at every state of the arm."""
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import orth, qr
 
 from armdyn.experiments.columns import Columns, random_states
 
@@ -69,8 +69,5 @@ def independent(rows: np.ndarray) -> np.ndarray:
 def _span(X: np.ndarray) -> np.ndarray:
     """(N, r) orthonormal basis of (N, k) columns."""
     lengths = np.linalg.norm(X, axis=0)
-    X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
-    if X.shape[1] == 0:
-        return X
-    U, sizes, _ = np.linalg.svd(X, full_matrices=False)
-    return np.asarray(U[:, sizes > MAX_SPANNED_SHARE * sizes[0]])
+    unit = X[:, lengths > 0.0] / lengths[lengths > 0.0]
+    return np.asarray(orth(unit, MAX_SPANNED_SHARE)) if unit.shape[1] else unit
