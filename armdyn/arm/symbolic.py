@@ -110,10 +110,25 @@ def added_torques(
     Raises:
         InputError: an effect depends on time or has states of its own.
     """
-    n = len(model.arm.joints)
+    n, before, time = len(model.arm.joints), parents(model.arm.model), ca.SX.sym("time")
     torque, gain, offset = [ca.SX(0)] * n, [], []
-    for i in range(n):
-        joint, inner = _with_effects(model, i, motion, direction[i], load[i], on[i], theta, told[i] if told else Told())
+    for i, (name, inner) in enumerate(zip(model.arm.joints, before, strict=True)):
+        neighbour = Neighbour(*(part[inner] if inner >= 0 else ca.SX(0) for part in motion))
+        command, link = told[i] if told else Told(), Link(ca.SX(4, 4), ca.SX(4, 4))
+        q, v, a = (part[i] for part in motion)
+        joint = Joint(time, q, v, a, direction[i], load[i], neighbour, link, on=on[i], told=command)
+        for effect in model.effects:
+            if effect.reach == "base" or name not in model.joints_with(effect.name):
+                continue
+            full = (f"{effect.name}.{short}" for short in effect.quantities)
+            values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
+            # The link's parameters contain the changes of the link already.
+            joint = replace(effect.apply(joint, values), link=joint.link)
+            if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
+                why = "has a state of its own" if joint.memory else "depends on time"
+                raise InputError(
+                    f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
+                )
         torque[i] += joint.torque
         if inner >= 0:
             torque[inner] += joint.inner_torque
@@ -168,37 +183,6 @@ def rigid_torques(
             outer, (inner_force, inner_moment) = R @ force, forces[inner[i]]
             forces[inner[i]] = inner_force + outer, inner_moment + R @ moment + ca.cross(p, outer)
     return ca.vertcat(*tau)
-
-
-def _with_effects(
-    model: ArmModel,
-    i: int,
-    motion: tuple[Expression, Expression, Expression],
-    direction: Expression,
-    load: Expression,
-    on: Expression,
-    theta: Expression,
-    told: Told,
-) -> tuple[Joint, int]:
-    """A joint with its effects at (p,) parameters, and the index of its neighbour towards the base, or -1."""
-    name, zero, time = model.arm.joints[i], ca.SX(0), ca.SX.sym("time")
-    inner = parents(model.arm.model)[i]
-    neighbour = Neighbour(*(part[inner] if inner >= 0 else zero for part in motion))
-    q, v, a = (part[i] for part in motion)
-    joint = Joint(time, q, v, a, direction, load, neighbour, Link(ca.SX(4, 4), ca.SX(4, 4)), on=on, told=told)
-    for effect in model.effects:
-        if effect.reach == "base" or name not in model.joints_with(effect.name):
-            continue
-        full = (f"{effect.name}.{short}" for short in effect.quantities)
-        values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
-        # The link's parameters contain the changes of the link already.
-        joint = replace(effect.apply(joint, values), link=joint.link)
-        if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
-            why = "has a state of its own" if joint.memory else "depends on time"
-            raise InputError(
-                f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
-            )
-    return joint, inner
 
 
 def _inertia_matrix(link: Expression) -> Expression:

@@ -47,14 +47,13 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
     model = cast(PhysicsModel, fit.problem.model)
     units = {n: p.unit for n, p in model.physics.states.items()} | dict(model.physics.inputs)
     samples: dict[str, list[np.ndarray]] = {name: [] for name in units}
-    rates: dict[str, list[np.ndarray]] = {name: [] for name in model.rated}
+    rates: dict[str, list[np.ndarray]] = {}
     for i, run in enumerate(fit.problem.runs):
         theta = fit.problem.theta(i, fit.values)
         for name, values in _followed(model, run, theta).items():
             samples[name].append(values)
-        found = model.rates(run, theta)
-        for name, parts in rates.items():
-            parts.append(found[name])
+        for name, values in model.rates(run, theta).items():
+            rates.setdefault(name, []).append(values)
     variables = [
         Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
         for name, parts in samples.items()

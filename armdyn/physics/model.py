@@ -230,17 +230,13 @@ class PhysicsModel(SimulatedModel):
         names, rates = dict(enumerate(self.physics.states)), _bare(self.physics).rates
         return {k: name for k, name in names.items() if name not in rates} or names
 
-    @property
-    def rated(self) -> list[str]:
-        """States whose rate is no state itself."""
-        return [name for name in self.physics.states if name not in _bare(self.physics).rates]
-
     def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """(K,) time derivative of each state along the motion of a prepared run simulated with (p,) `theta`."""
+        """(K,) rates along the simulated motion of a prepared run, of the states whose rate is no state itself."""
         path, physics = self.path(run), theta[self.places[1]]
         states = self.rollout(path, theta, self.predicted_channels(run)).states
         found = self.system.derivative.map(len(states))(states.T, self.driven_by(path, physics).nodes, physics)
-        return {name: row[np.isfinite(row)] for name, row in zip(self.physics.states, np.asarray(found), strict=False)}
+        own = dict(zip(self.physics.states, np.asarray(found), strict=False))
+        return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
 
     @property
     def first_guesses(self) -> tuple[str, ...]:
