@@ -34,6 +34,7 @@ class SimulatedRobot:
     stands for the typical value.
 
     Attributes:
+        joint_names: names of the commanded joints.
         settings: settings of the plant.
         truth: true drawn and hidden values; for reports and verification only.
 
@@ -54,7 +55,7 @@ class SimulatedRobot:
         self._hidden = resolve_hidden(hidden or {})
         q = checked_start(robot, q_start, settings)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        self._robot, self._gate = robot, Gate(robot.joint_names, robot.limits)
+        self.joint_names, self._gate = robot.joint_names, Gate(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
         self._data, self._string = plant.data, LoadString(plant)
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)
@@ -73,11 +74,6 @@ class SimulatedRobot:
         )
         self._steps, self._steps_in_box, self._until = 0, 0, 0.0
         self._log: list[tuple[float, Vector, Vector, Vector, float]] = []
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the commanded joints."""
-        return self._robot.joint_names
 
     @property
     def time(self) -> float:

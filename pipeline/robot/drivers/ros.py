@@ -54,6 +54,7 @@ class RosRobot(Closing):
     cell is read on the same clock [s].
 
     Attributes:
+        joint_names: names of the commanded joints.
         statistics: what was measured.
         telemetry: told what is commanded and measured, for others to see; None without a load cell.
 
@@ -70,7 +71,7 @@ class RosRobot(Closing):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
-        self.statistics = LinkStatistics()
+        self.joint_names, self.statistics = description.joint_names, LinkStatistics()
         self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
@@ -94,11 +95,6 @@ class RosRobot(Closing):
             self.telemetry = Telemetry(self.bridge, self.joint_names)
         self._braker = PromptThread(self._brake_when_told, "braking")
         self._braker.start()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the commanded joints."""
-        return self._description.joint_names
 
     @property
     def time(self) -> float:
