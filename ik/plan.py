@@ -39,21 +39,18 @@ class Planner:
         Raises:
             UnreachableError: there is no such branch; the message is the reason, as the end of a sentence.
         """
-        carried = self._carry_along()
-        if self.chain.joints != POSE_EQUATIONS + 1:  # without a spare joint there is only one branch
-            branch, q = self._refined(carried)
-            why = self._objection(q)
-        else:
-            coarse = slice(None, None, COARSE_STRIDE)
+        carried, coarse = self._carry_along(), slice(None, None, COARSE_STRIDE)
+        spare = self.chain.joints == POSE_EQUATIONS + 1  # without a spare joint there is only one branch
+        if spare:
             postures, valid = self._self_motion(self.s[coarse], carried[coarse])
+        branch, q = self._refined(self._course(postures, valid) if spare else carried)
+        why = self._objection(q)
+        # Collision checks of all these postures are slow: made only where the best branch touches something.
+        if why and spare and self.collisions is not None:
+            for step, node in np.argwhere(valid):
+                valid[step, node] = self.collisions.touching(postures[step, node]) is None
             branch, q = self._refined(self._course(postures, valid))
             why = self._objection(q)
-            # Collision checks of all these postures are slow: made only where the best branch touches something.
-            if why and self.collisions is not None:
-                for step, node in np.argwhere(valid):
-                    valid[step, node] = self.collisions.touching(postures[step, node]) is None
-                branch, q = self._refined(self._course(postures, valid))
-                why = self._objection(q)
         if why:
             raise UnreachableError(why)
         return branch, q

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pinocchio as pin
 
-from urdf.validate import MOVING_JOINT_TYPES
+from urdf.validate import MOVING_JOINT_TYPES, copied
 
 MAX_FINGER_MASS_SHARE = 1 / 15
 """Largest share that fingers have of what the first joint of their chain moves. Over the 69 robots of the package
@@ -26,9 +26,8 @@ def gripper_joints(root: ET.Element) -> frozenset[str]:
     would be a gripper's, as in the description of a hand alone.
     """
     elements = {str(joint.get("name")): joint for joint in root.findall("joint")}
-    mimics = ((name, mimic.get("joint")) for name, joint in elements.items() for mimic in joint.findall("mimic"))
-    coupled = {name for pair in mimics for name in pair}
-    model = _model(root)
+    followed, model = copied(root), _model(root)
+    coupled = {*followed, *followed.values()}
     data, joints = model.createData(), range(1, model.njoints)
     pin.computeSubtreeMasses(model, data)
     light = {j for j in joints if data.mass[j] < MAX_FINGER_MASS_SHARE * data.mass[model.supports[j][1]]}

@@ -11,7 +11,7 @@ from urdf.gripper import gripper_joints
 from urdf.quiet import library_errors
 from urdf.robot import Array, UrdfError
 from urdf.settings import Arm, AssumedLimits, Settings, Tool, UrdfFile
-from urdf.validate import MOVING_JOINT_TYPES, link_of
+from urdf.validate import MOVING_JOINT_TYPES, copied, link_of
 
 SPEED_UP_SECONDS = 0.1  # s from rest to full speed
 JERK_SECONDS = 0.02  # s from none to full acceleration
@@ -68,15 +68,6 @@ def infer(
         limits=AssumedLimits((), (), LIMITS_SOURCE),
     )
     return settings, tuple(said)
-
-
-def copied(root: ET.Element) -> dict[str, str]:
-    """For each joint that follows another one, as fingers do, the name of the other joint."""
-    return {
-        str(joint.get("name")): str(mimic.get("joint"))
-        for joint in root.findall("joint")
-        for mimic in joint.findall("mimic")
-    }
 
 
 def is_gripper(name: str) -> bool:

@@ -252,6 +252,15 @@ def link_of(joint: ET.Element, end: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
+def copied(root: ET.Element) -> dict[str, str]:
+    """For each joint that follows another one, as fingers do, the name of the other joint."""
+    return {
+        str(joint.get("name")): str(mimic.get("joint"))
+        for joint in root.findall("joint")
+        for mimic in joint.findall("mimic")
+    }
+
+
 def check_schema(path: Path) -> list[str]:
     """Defects that yourdfpy finds in the file, a sentence each; none of them prevents the use of the robot."""
     import yourdfpy  # the import takes half a second, mostly for meshes, which are not needed here

@@ -29,6 +29,10 @@ class LineSmoother:
     *Why no limit is ever exceeded*: a cycle is begun only if it respects every limit and from its end a motion to rest
     does so too. That motion is stored, and continued where nothing better is found in the next cycle.
 
+    Attributes:
+        state: the last returned and commanded reference.
+        motion: motion of the last cycle, in phases of constant jerk.
+
     Raises:
         InputError: if the tool cannot be brought to rest within the limits from its present state.
     """
@@ -43,19 +47,9 @@ class LineSmoother:
         self.reset(state)
 
     @property
-    def state(self) -> LineState:
-        """Present state: the last returned and commanded reference."""
-        return self._state
-
-    @property
-    def motion(self) -> JerkProfile:
-        """Motion of the last cycle, in phases of constant jerk."""
-        return self._motion
-
-    @property
     def at_rest(self) -> bool:
         """Whether the tool is at rest."""
-        return self._state.v == 0.0 and self._state.a == 0.0
+        return self.state.v == 0.0 and self.state.a == 0.0
 
     def reset(self, state: LineState) -> None:
         """Start from another state, moving or not.
@@ -70,8 +64,8 @@ class LineSmoother:
                 f"smoother: from s = {state.s:.4g} m, v = {state.v:.4g} m/s, a = {state.a:.4g} m/s^2 the tool cannot "
                 "be brought to rest within the limits of the line: start slower, or further from the line's ends"
             )
-        self._state, self._stop, self._stop_age = state, stop, 0.0
-        self._motion = JerkProfile(state, [], [])
+        self.state, self._stop, self._stop_age = state, stop, 0.0
+        self.motion = JerkProfile(state, [], [])
         self._joining: JerkProfile | None = None
 
     def update(self, reference: LineState | Sequence[LineState]) -> LineState:
@@ -90,32 +84,32 @@ class LineSmoother:
             if m > len(targets):
                 break
             if self._meet(self._planner.draw_back(targets[m - 1]), m):
-                return self._state
+                return self.state
         later = targets[min(round(PURSUIT_SECONDS / self._dt), len(targets) - 1)]
-        return self._state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
+        return self.state if self._pursue(self._planner.draw_back(LineState(later.s))) else self.stop()
 
     def stop(self) -> LineState:
         """Advance by one cycle while braking to rest; returns the state at the end of the cycle."""
         self._joining = None
-        self._motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
+        self.motion = self._stop.part(self._stop_age, self._stop_age + self._dt)
         self._stop_age += self._dt
         if self._stop_age < self._stop.duration:
-            self._state = self._stop.at(self._stop_age)
+            self.state = self._stop.at(self._stop_age)
         else:
             # Rest is exact: rounding errors of speed and acceleration must not add up.
-            self._state = LineState(min(max(self._stop.end.s, self._limits.s_min), self._limits.s_max))
-        return self._state
+            self.state = LineState(min(max(self._stop.end.s, self._limits.s_min), self._limits.s_max))
+        return self.state
 
     def _meet(self, target: LineState, cycles: int, keep: bool = False) -> bool:
         """Begin the motion that meets a target after a number of cycles, where it exists and respects the limits."""
-        motion = self._planner.to_state(self._state, target, duration=cycles * self._dt)
+        motion = self._planner.to_state(self.state, target, duration=cycles * self._dt)
         return motion is not None and motion.respects(self._limits) and self._begin(motion, self._planner, keep)
 
     def _pursue(self, target: LineState) -> bool:
         """Begin the fastest motion to a place, which follows the speed limit where the limit is lower."""
-        s = self._state.s
+        s = self.state.s
         acceleration = self._limits.lowest_acceleration(min(s, target.s), max(s, target.s))
-        motion = self._planner.to_state(self._state, target, acceleration=acceleration)
+        motion = self._planner.to_state(self.state, target, acceleration=acceleration)
         if motion is not None and self._begin(motion, self._below_ride):
             return True
         # Going faster breaks the speed limit ahead: join it, with its own slope, as early as possible.
@@ -129,8 +123,8 @@ class LineSmoother:
             if self._meet(ahead, m, keep=True):
                 return True
         for share in (0.9, 0.5):
-            slower = max(share * min(abs(self._state.v), self._limits.lowest_speed(s, s)), 1e-3)
-            motion = self._planner.to_state(self._state, LineState(target.s), speed=slower, acceleration=acceleration)
+            slower = max(share * min(abs(self.state.v), self._limits.lowest_speed(s, s)), 1e-3)
+            motion = self._planner.to_state(self.state, LineState(target.s), speed=slower, acceleration=acceleration)
             if motion is not None and self._begin(motion, self._planner):
                 return True
         return False
@@ -144,7 +138,7 @@ class LineSmoother:
         stop = planner.stop(state)
         if stop is None:
             return False
-        self._state, self._motion = state, cycle
+        self.state, self.motion = state, cycle
         self._stop, self._stop_age = stop, 0.0
         self._joining = motion.part(self._dt) if keep and motion.duration > 1.5 * self._dt else None
         return True

@@ -46,6 +46,7 @@ class EstimatorNode:
     """Runs the estimator at 2 Hz on the data since `begin`; it waits for an update that is late.
 
     Attributes:
+        model: the model with the latest finite estimate.
         start: time at which the load hung at rest and the data begin [s]; None while it does not estimate.
         history: every update so far.
         left_out: a sentence on the samples that the last update left out, because they do not belong to their
@@ -68,12 +69,7 @@ class EstimatorNode:
         self.history: list[LengthEstimate] = []
         self.left_out: tuple[str, ...] = ()
         self._running = False
-        self._model = estimator.model
-
-    @property
-    def model(self) -> PendulumModel:
-        """The model with the latest finite estimate."""
-        return self._model
+        self.model: PendulumModel = estimator.model
 
     def begin(self, now: float) -> None:
         """Begin the data: the load hangs at rest now, and later samples are used."""
@@ -118,7 +114,7 @@ class EstimatorNode:
             raise TaskFailedError(
                 f"the estimate of the length at {estimate.time:.2f} s is not a number: check the model"
             )
-        self._model = self._model.with_values(values)
+        self.model = self.model.with_values(values)
         self.history.append(estimate)
         self._recorder.record("estimate.length", estimate.time, estimate.value)
         self._recorder.record("estimate.length_std", estimate.time, estimate.std)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -18,29 +17,6 @@ from pipeline.robot.settings import PlantSettings
 
 STRING_DAMPING_RATIO = 0.05
 """Damping of an elastic string's own vibration, relative to critical: an ordinary value for cotton and nylon cords."""
-
-
-@dataclass(frozen=True)
-class PlantTruth:
-    """True values that were drawn or hidden in the plant; the controller never sees them.
-
-    Attributes:
-        mass: true mass of the load [kg].
-        bias: zero error of the load cell [N].
-        latency: latency of the load cell [s].
-        link_scale: factor on mass and inertia of the link behind each joint (n,).
-        length: from the string's upper end to the load's centre, hanging at rest [m].
-        string_length: length of the unstretched string to the load's centre [m].
-        hidden: value of every present effect.
-    """
-
-    mass: float
-    bias: float
-    latency: float
-    link_scale: Vector
-    length: float
-    string_length: float
-    hidden: Mapping[str, float]
 
 
 class Plant:

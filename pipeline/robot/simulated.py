@@ -11,11 +11,11 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import Gate
 from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, PlantTruth, place_at_rest
+from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start
-from pipeline.robot.truth import History, swing_angle
+from pipeline.robot.truth import History, PlantTruth, swing_angle
 
 LANDED_SECONDS = 0.2
 """How long the load must have been in the box without a break to count as landed [s]."""
@@ -33,6 +33,11 @@ class SimulatedRobot:
     line says where the box stands and which way is along. Hidden effects are those of `hidden.HIDDEN_EFFECTS`; None
     stands for the typical value.
 
+    Attributes:
+        joint_names: names of the commanded joints.
+        settings: settings of the plant.
+        truth: true drawn and hidden values; for reports and verification only.
+
     Raises:
         InputError: a posture (n,) [rad] outside the joint limits, or settings that do not fit the robot.
         UnknownNameError: a hidden effect that the plant does not have.
@@ -46,10 +51,11 @@ class SimulatedRobot:
         hidden: Mapping[str, float | None] | None = None,
         seed: int = 0,
     ) -> None:
-        settings, self._hidden = settings or PlantSettings(), resolve_hidden(hidden or {})
+        self.settings = settings = settings or PlantSettings()
+        self._hidden = resolve_hidden(hidden or {})
         q = checked_start(robot, q_start, settings)
         plant_rng, cell_rng, reading_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        self._robot, self._gate = robot, Gate(robot.joint_names, robot.limits)
+        self.joint_names, self._gate = robot.joint_names, Gate(robot.joint_names, robot.limits)
         plant = self._plant = Plant(robot, settings, self._hidden, plant_rng)
         self._data, self._string = plant.data, LoadString(plant)
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), JointEffects(plant)
@@ -63,31 +69,16 @@ class SimulatedRobot:
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None
         present = {name: value for name, value in self._hidden.items() if value}
-        self._truth = PlantTruth(
+        self.truth = PlantTruth(
             plant.mass, plant.bias, plant.latency, plant.link_scale, settings.length, self._string.length, present
         )
         self._steps, self._steps_in_box, self._until = 0, 0, 0.0
         self._log: list[tuple[float, Vector, Vector, Vector, float]] = []
 
     @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the commanded joints."""
-        return self._robot.joint_names
-
-    @property
     def time(self) -> float:
         """Simulated time [s]."""
         return self._steps * TIME_STEP
-
-    @property
-    def settings(self) -> PlantSettings:
-        """Settings of the plant."""
-        return self._plant.settings
-
-    @property
-    def truth(self) -> PlantTruth:
-        """True drawn and hidden values; for reports and verification only."""
-        return self._truth
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
         """Follow a reference from now on, which is extrapolated until the next command comes.
@@ -146,7 +137,7 @@ class SimulatedRobot:
         plant, data = self._plant, self._data
         creep = self._hidden["string_creep"]
         if creep:
-            self._string.length = self._truth.string_length + creep * self.time
+            self._string.length = self.truth.string_length + creep * self.time
         mujoco.mj_step1(plant.model, data)
         data.ctrl[:] = self._servo.drive(self.time)
         self._load_forces.apply()

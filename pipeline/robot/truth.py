@@ -1,10 +1,34 @@
-"""The true motion of gripper, load and arm, which only the simulation knows: for reports and pictures."""
+"""True values and motion of the plant, which only the simulation knows: for reports and pictures."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.robot.protocol import Vector
+
+
+@dataclass(frozen=True)
+class PlantTruth:
+    """True values that were drawn or hidden in the plant; the controller never sees them.
+
+    Attributes:
+        mass: true mass of the load [kg].
+        bias: zero error of the load cell [N].
+        latency: latency of the load cell [s].
+        link_scale: factor on mass and inertia of the link behind each joint (n,).
+        length: from the string's upper end to the load's centre, hanging at rest [m].
+        string_length: length of the unstretched string to the load's centre [m].
+        hidden: value of every present effect.
+    """
+
+    mass: float
+    bias: float
+    latency: float
+    link_scale: Vector
+    length: float
+    string_length: float
+    hidden: Mapping[str, float]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import urdf
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
 from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import Account, Column
@@ -21,7 +21,7 @@ from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
 from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Bridge, Message
-from pipeline.ros.states import FIRST_STATE, stamp_of
+from pipeline.ros.states import FIRST_STATE, no_state, stamp_of
 from pipeline.ros.topics import RosTopics
 
 MAX_STATE_GAP_SECONDS = 1.0
@@ -140,10 +140,7 @@ class _ReceivedStates:
                 return
             missing = [name for name in names if name not in self._names]
             others = f"; what came is of {', '.join(self._names)}" if self._names else ""
-        raise InputError(
-            f"{self._topic}: no state of {', '.join(missing)} within {FIRST_STATE:g} s{others}: is the robot on, and "
-            "is this its topic?"
-        )
+        raise no_state(self._topic, missing, others)
 
     def columns(self) -> tuple[dict[str, Column], Account, list[str]]:
         """Kept joint states as columns, with times on our clock."""

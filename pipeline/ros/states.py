@@ -99,10 +99,7 @@ class JointStates:
             if self._states:
                 return self._states[-1]
             seen = f"; {self.unreadable} could not be read" if self.unreadable else ""
-        raise InputError(
-            f"{topic}: no state of {', '.join(self._names)} within {FIRST_STATE:g} s{seen}: is the robot on, and is "
-            "this its topic?"
-        )
+        raise no_state(topic, self._names, seen)
 
     def at(self, time: float) -> JointState | None:
         """The state at a time [s]: between two states by a cubic, beyond the newest along its velocity.
@@ -189,6 +186,12 @@ def where_is(uri: str, names: Sequence[str], topic: str) -> JointState:
     with Bridge(uri) as bridge:
         bridge.subscribe(topic, "sensor_msgs/JointState", joints.take)
         return joints.first(topic)
+
+
+def no_state(topic: str, names: Sequence[str], seen: str) -> InputError:
+    """The error where no state of the named joints has come, with what was seen in its place."""
+    missing = f"no state of {', '.join(names)} within {FIRST_STATE:g} s{seen}"
+    return InputError(f"{topic}: {missing}: is the robot on, and is this its topic?")
 
 
 def stamp_of(message: Mapping[str, Any]) -> float:

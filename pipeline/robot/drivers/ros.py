@@ -54,6 +54,7 @@ class RosRobot(Closing):
     cell is read on the same clock [s].
 
     Attributes:
+        joint_names: names of the commanded joints.
         statistics: what was measured.
         telemetry: told what is commanded and measured, for others to see; None without a load cell.
 
@@ -70,7 +71,7 @@ class RosRobot(Closing):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._description, self._topics, self._cell, self._clock = description, topics, cell, clock
-        self.statistics = LinkStatistics()
+        self.joint_names, self.statistics = description.joint_names, LinkStatistics()
         self.telemetry: Telemetry | None = None
         self._states = JointStates(description.joint_names)
         self._gate = StreamGate(description.joint_names, description.limits)
@@ -96,11 +97,6 @@ class RosRobot(Closing):
         self._braker.start()
 
     @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the commanded joints."""
-        return self._description.joint_names
-
-    @property
     def time(self) -> float:
         """Our clock [s]."""
         return self._clock()
@@ -114,10 +110,7 @@ class RosRobot(Closing):
         """See `RealRobot`; the arm's command timeout is set, too."""
         if self._power is not None:
             self._power.enable()
-        if self._topics.timeout is not None:
-            self.bridge.publish(self._topics.timeout, {"data": self._topics.command_timeout})
-        if self._topics.speed_ratio is not None:
-            self.bridge.publish(self._topics.speed_ratio, {"data": 1.0})
+        self._configure(self._topics.command_timeout, 1.0)
 
     def command(self, q: Vector, v: Vector, a: Vector) -> None:
         """See `RobotInterface`: send one posture, a cycle after the last one at the earliest, if it passes the gate.
@@ -216,11 +209,13 @@ class RosRobot(Closing):
         self._master.close()
         self._braker.join(1.0)
         with suppress(ArmdynError):
-            if self._topics.timeout is not None:
-                self.bridge.publish(self._topics.timeout, {"data": SDK_TIMEOUT})
-            if self._topics.speed_ratio is not None:
-                self.bridge.publish(self._topics.speed_ratio, {"data": SDK_SPEED_RATIO})
+            self._configure(SDK_TIMEOUT, SDK_SPEED_RATIO)
         self.bridge.close()
+
+    def _configure(self, timeout: float, speed_ratio: float) -> None:
+        for topic, value in ((self._topics.timeout, timeout), (self._topics.speed_ratio, speed_ratio)):
+            if topic is not None:
+                self.bridge.publish(topic, {"data": value})
 
     def _begin(self) -> None:
         bridge, topics = self.bridge, self._topics
