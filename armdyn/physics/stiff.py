@@ -89,14 +89,17 @@ def _many(system: Formulation, points: int) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def _states(system: Formulation, physics: Physics) -> np.ndarray:
-    """(k, n) states at their start and to both sides."""
-    starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0]) for p in physics.states.values()]
-    if 3 ** len(starts) <= MAX_STATE_COMBINATIONS:
+    """(k, n) states at their start and, of those on which the derivatives depend, to both sides."""
+    s, w, theta = (ca.SX.sym("x", size) for size in (system.states, system.inputs, len(system.names)))
+    matters = ca.which_depends(ca.vec(system.slopes(s, w, theta)), s, 1, False)
+    starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0][: 3 if matters[k] else 1])
+              for k, p in enumerate(physics.states.values())]  # fmt: skip
+    if np.prod([len(each) for each in starts]) <= MAX_STATE_COMBINATIONS:
         points = np.array(list(product(*starts)))
     else:
         middle = np.array([each[0] for each in starts])
-        points = np.array([np.where(np.arange(len(middle)) == k, each[i], middle)
-                           for k, each in enumerate(starts) for i in range(3)])  # fmt: skip
+        points = np.array([np.where(np.arange(len(middle)) == k, value, middle)
+                           for k, each in enumerate(starts) for value in each])  # fmt: skip
     states = np.zeros((len(points), system.states))
     states[:, : points.shape[1]] = points
     return states
