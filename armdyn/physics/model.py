@@ -20,7 +20,7 @@ from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
 from armdyn.physics.formulation import Formulation, formulated
 from armdyn.physics.recorded import InputPath, moves_in_steps, recorded_inputs
 from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
-from armdyn.physics.stiff import longest_step
+from armdyn.physics.stiff import longest_step, stable_parts
 from armdyn.recording.channels import MIN_SAMPLES
 from armdyn.recording.spikes import MAX_COMPARED_RATE, clean
 from armdyn.recording.units import to_base_units
@@ -281,6 +281,11 @@ class PhysicsModel(SimulatedModel):
     def path(self, run: Run) -> InputPath:
         """Recorded inputs on an even grid; see `SimulatedModel.path`."""
         return _recorded(run, self.physics, longest_step(self.physics, self.effects))
+
+    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
+        """The inputs, with as many integration steps as are stable at these values; see `SimulatedModel.driven_by`."""
+        parts = stable_parts(self.system, self.physics, physics, path.dt)
+        return replace(super().driven_by(path, physics), parts=parts)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Signals on which residuals may depend, as the physics chooses them; see `Model.covariates`."""

@@ -1,7 +1,7 @@
 """The recorded inputs of a simulation on an even grid, with rates and accelerations."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -29,6 +29,7 @@ class InputPath:
         by_lag: derivatives of both by a lag of the inputs behind the recording; None where they have no lag.
         extra: further recorded quantities by name, see `Run.extra`.
         ends: (i, K-1) inputs at the end of each step, where they may jump at the nodes; None where no input jumps.
+        parts: number of integration steps between two nodes; one where the inputs have a lag.
     """
 
     start: float
@@ -38,6 +39,7 @@ class InputPath:
     by_lag: tuple[np.ndarray, np.ndarray] | None = None
     extra: Mapping[str, Channel] = field(default_factory=dict)
     ends: np.ndarray | None = None
+    parts: int = 1
 
     @property
     def time(self) -> np.ndarray:
@@ -72,9 +74,30 @@ class InputPath:
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         ends = None if self.ends is None else self.ends[:, middle]
-        return InputPath(
-            self.start + self.dt * first, self.dt, self.nodes[:, nodes], self.middle[:, middle], cut, ends=ends
+        return replace(
+            self,
+            start=self.start + self.dt * first,
+            nodes=self.nodes[:, nodes],
+            middle=self.middle[:, middle],
+            by_lag=cut,
+            ends=ends,
         )
+
+    @property
+    def fine(self) -> "InputPath":
+        """The path with a node at each integration step, along the parabola through beginning, middle and end."""
+        if self.parts == 1:
+            return self
+        assert self.by_lag is None
+        begin, end = self.nodes[:, :-1], self.nodes[:, 1:] if self.ends is None else self.ends
+
+        def at(shift: float) -> np.ndarray:
+            shares = ((k + shift) / self.parts for k in range(self.parts))
+            cut = [begin + s * (end - begin) + 2 * s * (1 - s) * (2 * self.middle - begin - end) for s in shares]
+            return np.stack(cut, axis=2).reshape(len(begin), -1)
+
+        nodes = np.hstack([at(0.0), self.nodes[:, -1:]])
+        return replace(self, dt=self.dt / self.parts, nodes=nodes, middle=at(0.5), ends=at(1.0), parts=1)
 
     def with_columns(self, columns: Sequence[RecordedColumn]) -> "InputPath":
         """The path with further quantities as its last inputs, which have no lag."""

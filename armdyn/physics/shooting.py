@@ -60,7 +60,8 @@ def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.nd
         theta: (q,) parameters in the order of the system's names.
         states: (J, n) states at the beginnings.
     """
-    s = simulator
+    s, parts = simulator, path.parts
+    path, edges = path.fine, edges * parts
     J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
     m = q + n
     nodes, middle, last = path.rows(s.system.inputs)
@@ -89,5 +90,5 @@ def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.nd
             sensitivities[target] = by.transpose(0, 2, 1)
         ends[these] = state.T
         slopes[these][:, :, s.active] = sensitivity.reshape(n, size, len(s.active)).transpose(1, 0, 2)
-    by_theta, by_state = sensitivities[:, :, :q], sensitivities[:, :, q:]
-    return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs, by_state, by_theta)
+    by_theta, by_state = sensitivities[::parts, :, :q], sensitivities[::parts, :, q:]
+    return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs[::parts], by_state, by_theta)

@@ -118,9 +118,10 @@ class Simulator:
 
     def integrated(self, path: InputPath, theta: np.ndarray, *start: float) -> Rollout:
         """A rollout as by `rollout`, with the impulse as a last output, because its slope needs neighbours."""
-        inputs, step = path.packed(self.system.inputs, STEPS_PER_CALL)
+        fine, shown = path.fine, slice(None, None, path.parts)
+        inputs, step = fine.packed(self.system.inputs, STEPS_PER_CALL)
         starts, (width, padded) = self.system.starts, inputs.shape
-        K, m, n, columns = path.nodes.shape[1], self.parameters + starts, self.system.states, self.columns
+        K, m, n, columns = fine.nodes.shape[1], self.parameters + starts, self.system.states, self.columns
         states, outputs = np.empty((padded, n)), np.empty((padded, columns))
         sensitivities = np.empty((padded, m, columns))
         state, sensitivity = self._start(*start, *[0.0] * (starts - len(start)), inputs[: width // 3, 0], theta)
@@ -132,7 +133,7 @@ class Simulator:
             sensitivities[block] = dy.T.reshape(STEPS_PER_CALL, m, columns)
         last = np.zeros((n, m))
         last[:, self.active] = sensitivity
-        return Rollout(states[:K], last, outputs[:K], sensitivities[:K].transpose(0, 2, 1))
+        return Rollout(states[:K][shown], last, outputs[:K][shown], sensitivities[:K][shown].transpose(0, 2, 1))
 
     def with_impulse(
         self, outputs: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float

@@ -7,7 +7,9 @@ Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg t
 
 from functools import lru_cache
 from itertools import product
+from math import ceil, log2
 
+import casadi as ca
 import numpy as np
 
 from armdyn.effects.effect import Effect
@@ -16,6 +18,10 @@ from armdyn.physics.formulation import Formulation, formulated
 
 STABLE_STEP_RATE = 1.4
 """Step times the fastest rate: half of the stable limit, since an effect may be twice its typical size."""
+MAX_STEP_RATE = 2.1
+"""Step times the fastest rate above which a step is cut at fitted values: three quarters of the stable limit."""
+SQUARINGS = 4
+"""Squarings of a matrix in the bound of its largest eigenvalue: at 16 the bound is rarely half as large again."""
 MAX_STEP_DIVISION = 50.0
 """Largest factor by which steps are shortened; a faster motion needs a smoother law."""
 MAX_STATE_COMBINATIONS = 729
@@ -44,22 +50,56 @@ def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
                 on = p.null if p.null else p.null + p.typical
                 sizes[p.name] = float(np.clip(on, p.lower, p.upper))
     system = formulated(physics, effects, tuple(sizes))
-    return _largest_rate(system, physics, np.array(list(sizes.values()))) if system.states else 0.0
+    if not system.states:
+        return 0.0
+    return float(np.abs(np.linalg.eigvals(_slopes(system, physics, np.array(list(sizes.values()))))).max(initial=0.0))
 
 
-def _largest_rate(system: Formulation, physics: Physics, theta: np.ndarray) -> float:
-    starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0]) for p in physics.states.values()]
-    if 3 ** len(starts) <= MAX_STATE_COMBINATIONS:
+def stable_parts(system: Formulation, physics: Physics, theta: np.ndarray, step: float) -> int:
+    """Number of equal parts, a power of two, of a `step`, s, in which an integration is stable at (p,) `theta`.
+
+    A fit may make a value many times larger than its first guess or typical size.
+    """
+    if not system.states:
+        return 1
+    slopes = _slopes(system, physics, theta)
+    power = slopes
+    for _ in range(SQUARINGS):
+        power = power @ power
+    # The root of the norm of a power is at least the largest rate, and near it (Gelfand 1941).
+    bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**SQUARINGS)
+    near = slopes[bound * step > MAX_STEP_RATE]
+    fastest = float(np.abs(np.linalg.eigvals(near)).max(initial=0.0))
+    needed = min(fastest * step / MAX_STEP_RATE, MAX_STEP_DIVISION * step / physics.step)
+    return 2 ** ceil(log2(needed)) if needed > 1.0 else 1
+
+
+def _slopes(system: Formulation, physics: Physics, theta: np.ndarray) -> np.ndarray:
+    """(k, n, n) derivatives of the rates by the states at their start and to both sides, where they are finite."""
+    n, states = system.states, _states(system, physics)
+    found = np.asarray(_many(system, len(states))(states.T, np.zeros(system.inputs), theta))
+    slopes = found.reshape(n, len(states), n).transpose(1, 0, 2)
+    return np.asarray(slopes[np.isfinite(slopes).all(axis=(1, 2))])
+
+
+@lru_cache(maxsize=64)
+def _many(system: Formulation, points: int) -> ca.Function:
+    return system.slopes.map(points)
+
+
+@lru_cache(maxsize=64)
+def _states(system: Formulation, physics: Physics) -> np.ndarray:
+    """(k, n) states at their start and, of those on which the derivatives depend, to both sides."""
+    s, w, theta = (ca.SX.sym("x", size) for size in (system.states, system.inputs, len(system.names)))
+    matters = ca.which_depends(ca.vec(system.slopes(s, w, theta)), s, 1, False)
+    starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0][: 3 if matters[k] else 1])
+              for k, p in enumerate(physics.states.values())]  # fmt: skip
+    if np.prod([len(each) for each in starts]) <= MAX_STATE_COMBINATIONS:
         points = np.array(list(product(*starts)))
     else:
         middle = np.array([each[0] for each in starts])
-        points = np.array([np.where(np.arange(len(middle)) == k, each[i], middle)
-                           for k, each in enumerate(starts) for i in range(3)])  # fmt: skip
+        points = np.array([np.where(np.arange(len(middle)) == k, value, middle)
+                           for k, each in enumerate(starts) for value in each])  # fmt: skip
     states = np.zeros((len(points), system.states))
     states[:, : points.shape[1]] = points
-    return max(_rate(system, state, theta) for state in states)
-
-
-def _rate(system: Formulation, state: np.ndarray, theta: np.ndarray) -> float:
-    found = np.asarray(system.slopes(state, np.zeros(system.inputs), theta))
-    return float(np.abs(np.linalg.eigvals(found)).max()) if np.isfinite(found).all() else 0.0
+    return states

@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--thresholds", type=int, default=40)
     parser.add_argument("--clean", type=int, default=104)
     parser.add_argument("--first", type=int, default=100, help="seed of the first ones")
-    parser.add_argument("--off", type=float, default=0.3, help="share by which start values are off at most")
+    parser.add_argument("--off", type=float, default=0.3, help="share, or factor from 1 on, by which starts are off")
     given = parser.parse_args()
     by_name = {family.name: family for family in FAMILIES}
     kinds = {

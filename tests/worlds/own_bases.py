@@ -100,12 +100,14 @@ class Case:
         return float(np.sqrt(np.mean(np.square(off))))
 
     def model(self, folder: Path, off: float = OFF) -> PhysicsModel:
-        """What the user begins with: values that are off at random."""
+        """What the user begins with: values off at random, by at most a share `off`, or by a factor of 1 or more."""
         path = folder / f"{self.family.name}.py"
         path.write_text(HEAD + self.family.text, encoding="utf-8")
         rng = np.random.default_rng([self.seed, 1])
         model = load_base(path)
-        begun = {n: self.true[n] * float(rng.uniform(1.0 - off, 1.0 + off)) for n in self.family.values}
+        low, high = (1.0 - off, 1.0 + off) if off < 1.0 else (1.0 / off, off)
+        share = rng.uniform if off < 1.0 else lambda *ends: np.exp(rng.uniform(*np.log(ends)))
+        begun = {n: self.true[n] * float(share(low, high)) for n in self.family.values}
         bounds = {n: (model.parameters[n].lower, model.parameters[n].upper) for n in begun}
         return model.with_values({n: float(np.clip(value, *bounds[n])) for n, value in begun.items()})
 

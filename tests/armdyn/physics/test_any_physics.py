@@ -17,6 +17,8 @@ from armdyn.effects.user import available
 from armdyn.errors import InputError
 from armdyn.front import compare, discover, fit
 from armdyn.identify.prepare import noise_of_runs
+from armdyn.identify.repair import add
+from armdyn.identify.study import Study
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Stage, constant, physics, state
 from armdyn.physics.model import physics_model
@@ -229,3 +231,28 @@ def test_steps_are_short_enough_for_friction_that_turns_round_abruptly():
     assert len(model.path(run).time) <= len(time)
     stiff = model.with_effect(rubbing).with_values({"rubbing.force": 1.2})
     assert stiff.predict(stiff.prepared(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)
+
+
+@effect(summary="A film of oil.", source="Newton 1687")
+def oil(rail: Rail, drag=quantity("N s/m", typical=30.0, lower=0.0)):
+    return replace(rail, force=rail.force - drag * rail.speed)
+
+
+def test_steps_follow_a_value_that_a_fit_makes_many_times_its_typical_size():
+    time = np.arange(0.0, 6.0, 0.01)
+
+    def push(t):
+        return 30.0 * np.sin(2.0 * t) + 15.0 * np.sin(5.1 * t)
+
+    def rates(t, s):
+        return [s[1], push(t) - 20.0 * s[0] - 600.0 * s[1]]
+
+    place = solve_ivp(rates, (0.0, 6.0), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11).y[0]
+    read = place + 1e-5 * np.random.default_rng(0).normal(size=len(time))
+    run = Run("slide.csv", {"tau.push": Channel(time, push(time), "N"), "q.mass": Channel(time, read, "m")})
+    found = add(Study.of(physics_model(slide, own_effects=[oil]), [run], [], [oil]), [oil]).model
+    drag = found.parameters["oil.drag"]
+    assert abs(drag.value - 600.0) < 3.0 * drag.std
+    exact = found.with_values({"mass": 1.0, "spring": 20.0, "oil.drag": 600.0})
+    assert exact.path(run).dt == pytest.approx(0.01)
+    assert exact.predict(exact.prepared(run), exact.theta()).values == pytest.approx(place, abs=1e-7)
