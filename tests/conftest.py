@@ -3,6 +3,7 @@
 import time
 
 import command
+import messages
 import pytest
 from hypothesis import settings
 
@@ -26,6 +27,12 @@ def refused(armdyn):
     """The same for bad input, which is status 2 and nothing but one line: that line."""
     del armdyn
     return command.refused
+
+
+@pytest.fixture
+def complains(request, tmp_path_factory):
+    """``with complains(InputError):`` in place of `pytest.raises`; the sentence is the one kept for the test."""
+    return messages.Sentences(request.node.nodeid.removeprefix("tests/"), tmp_path_factory.getbasetemp())
 
 
 @pytest.fixture(scope="session")

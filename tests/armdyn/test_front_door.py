@@ -56,11 +56,11 @@ def test_repair_tells_the_error_on_an_exam(swing):
     assert found.path[-1].exam_rmse["swing_angle"] < found.path[0].exam_rmse["swing_angle"]
 
 
-def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path):
+def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path, complains):
     target = tmp_path / "pendulum.py"
     armdyn.export(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), target)
     assert "def step(" in target.read_text()
-    with pytest.raises(armdyn.InputError, match="there already"):
+    with complains(armdyn.InputError):
         armdyn.export(armdyn.pendulum.pendulum_model(length=0.35, mass=0.1), target)
     notes = armdyn.export(
         armdyn.arm.arm_model(robot="ur5", effects=[armdyn.CATALOGUE["torque_delay"]]), tmp_path / "a.xml"
@@ -76,9 +76,9 @@ def test_a_motion_to_record_is_a_run():
     assert abs(found.motion.channels["v.wrist_3_joint"].value[0]) < 1e-6
 
 
-def test_an_effect_of_ones_own_that_is_missing_names_the_option(tmp_path):
+def test_an_effect_of_ones_own_that_is_missing_names_the_option(tmp_path, complains):
     (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = ["my_drag"]\n')
-    with pytest.raises(armdyn.InputError, match=r"unknown effect 'my_drag'.*--effects FILE\.py"):
+    with complains(armdyn.InputError):
         armdyn.read_model(tmp_path / "m.toml")
 
 
@@ -123,7 +123,7 @@ def test_an_error_comes_whole_out_of_another_process(error):
     assert vars(again) == vars(error)
 
 
-def test_one_path_is_one_recording_and_effects_are_added_by_name(swing, tmp_path):
+def test_one_path_is_one_recording_and_effects_are_added_by_name(swing, tmp_path, complains):
     model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
     write_run_csv(swing("a", 0), tmp_path / "a.csv")
     for path in (tmp_path / "a.csv", str(tmp_path / "a.csv")):
@@ -131,7 +131,7 @@ def test_one_path_is_one_recording_and_effects_are_added_by_name(swing, tmp_path
     found = armdyn.add(model, "linear_drag+quadratic_drag", tmp_path / "a.csv")
     assert [effect.name for effect in found.model.effects] == ["linear_drag", "quadratic_drag"]
     assert armdyn.add(model, armdyn.CATALOGUE["linear_drag"], swing("a", 0)).model.effects[0].name == "linear_drag"
-    with pytest.raises(UnknownNameError, match="linear_drag"):
+    with complains(UnknownNameError):
         armdyn.add(model, "linear_drog", swing("a", 0))
 
 

@@ -67,13 +67,13 @@ def test_mcap_gives_back_what_was_recorded(tmp_path):
         np.testing.assert_array_equal(run.extra["extra.temperature"].value, 290.0 + TIME[::10])
 
 
-def test_arrays_and_frames_hold_further_columns():
+def test_arrays_and_frames_hold_further_columns(complains):
     values = {"swing_angle": ANGLE, "extra.temperature [degC]": 20.0 + TIME, "extra.valve": TIME}
     run = Run.from_arrays(TIME, values, units={"extra.valve": "percent"})
     np.testing.assert_allclose(run.extra["extra.temperature"].value, 293.15 + TIME)
     frame = {"time": TIME, "swing_angle": ANGLE, "extra.temperature [degC]": 20.0 + TIME}
     assert Run.from_dataframe(frame).extra["extra.temperature"].unit == "K"
-    with pytest.raises(InputError, match="has no unit"):
+    with complains(InputError):
         Run.from_arrays(TIME, {"swing_angle": ANGLE, "extra.temperature": TIME})
 
 
@@ -89,33 +89,33 @@ def test_a_mapping_makes_a_further_column_of_any_other(armdyn):
 
 
 @pytest.mark.parametrize(
-    ("column", "cells", "said"),
+    ("column", "cells"),
     [
-        ("extra. [K]", "21", "extra.NAME"),
-        ("extra [K]", "21", "extra.NAME"),
-        ("extra.my oil [K]", "21", "extra.NAME"),
-        ("extra.temperature", "21", "no unit"),
-        ("extra.temperature []", "21", "no unit"),
-        ("extra.temperature [warm]", "21", "unknown unit"),
-        ("extra.loudness [dB]", "21", "no multiple"),
-        ("extra.temperature [K]", "nan", "no number"),
-        ("extra.temperature [K]", "1e300", "beyond"),
-        ("extra.temperature [K]", "hot", "number"),
-        ("temprature [K]", "21", "extra.NAME"),
-        ("exta.temperature [K]", "21", "extra.temperature"),
-        ("swing_angle [rad]", "21", "both 'swing_angle'"),
+        ("extra. [K]", "21"),
+        ("extra [K]", "21"),
+        ("extra.my oil [K]", "21"),
+        ("extra.temperature", "21"),
+        ("extra.temperature []", "21"),
+        ("extra.temperature [warm]", "21"),
+        ("extra.loudness [dB]", "21"),
+        ("extra.temperature [K]", "nan"),
+        ("extra.temperature [K]", "1e300"),
+        ("extra.temperature [K]", "hot"),
+        ("temprature [K]", "21"),
+        ("exta.temperature [K]", "21"),
+        ("swing_angle [rad]", "21"),
     ],
 )
-def test_what_cannot_be_used_is_one_line(refused, tmp_path, column, cells, said):
-    assert said in refused("inspect", write(tmp_path, column, [cells] * 50))
+def test_what_cannot_be_used_is_one_line(refused, tmp_path, column, cells, complains):
+    complains.line(refused("inspect", write(tmp_path, column, [cells] * 50)))
 
 
-def test_a_recording_of_further_columns_alone_may_belong_to_a_base_of_ones_own(tmp_path):
+def test_a_recording_of_further_columns_alone_may_belong_to_a_base_of_ones_own(tmp_path, complains):
     path = tmp_path / "alone.csv"
     path.write_text("\n".join(["time [s],extra.temperature [K]", *(f"{t},290" for t in TIME)]))
     assert not read_run(path).channels
     path.write_text("\n".join(["time [s]", *map(str, TIME)]))
-    with pytest.raises(InputError, match="nothing but time"):
+    with complains(InputError):
         read_run(path)
 
 
@@ -206,6 +206,6 @@ def test_an_arrow_table_is_a_data_frame():
     np.testing.assert_array_equal(run.channels["load_force"].value, ROWS)
 
 
-def test_a_frame_without_time_says_so():
-    with pytest.raises(InputError, match="no 'time' column"):
+def test_a_frame_without_time_says_so(complains):
+    with complains(InputError):
         Run.from_dataframe(Frame({"q.a": ROWS}))

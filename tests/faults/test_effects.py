@@ -27,62 +27,55 @@ def effect_text(body, declared='"N", typical=0.02', name="own", acts_on="load"):
 
 GOOD = "return load.with_force(-c * load.velocity)"
 BAD = {
-    "if on a symbol": (effect_text("return load if load.rate > 0 else load.with_force(load.velocity * c)"), "if_else"),
-    "max of a symbol": (effect_text("return load.with_force(max(c, 0) * load.velocity)"), "if_else"),
-    "math.sin": (effect_text("return load.with_force(c * math.sin(load.angle) * load.velocity)"), "ca.sin"),
-    "nan": (effect_text("return load.with_force(c * float('nan') * load.velocity)"), "not finite"),
-    "division by null": (
-        effect_text("return load.with_force(load.velocity * ca.sin(c) / c)"),
-        "not finite at its null values",
-    ),
-    "root at null": (effect_text("return load.with_force(load.velocity * ca.sqrt(c))"), "no finite derivative"),
-    "not absent at null": (effect_text("return load.with_force((1 + c) * load.velocity)"), "at its null values"),
-    "unknown unit": (effect_text(GOOD, '"blorb", typical=0.02'), "unknown unit 'blorb'"),
-    "no SI unit": (effect_text(GOOD, '"mm", typical=0.02'), "write 'm'"),
-    "endless unit": (effect_text(GOOD, '"N**9**9**9**9", typical=0.02'), "unknown unit"),
-    "typical of 0": (effect_text(GOOD, '"N", typical=0'), "more than 0"),
-    "typical below 0": (effect_text(GOOD, '"N", typical=-1.0'), "more than 0"),
-    "typical as text": (effect_text(GOOD, '"N", typical="0.02"'), "write a number"),
-    "typical nan": (effect_text(GOOD, '"N", typical=float("nan")'), "write a number"),
-    "null out of range": (effect_text(GOOD, '"N", typical=1.0, null=-1.0, lower=0.0'), "widen the range"),
-    "bad scope": (effect_text(GOOD, '"N", typical=1.0, scope="run"'), "'per_run'"),
-    "name with a path": (effect_text(GOOD, name="../evil"), "rename it"),
-    "empty name": (effect_text(GOOD, name=""), "rename it"),
-    "two of one name": (effect_text(GOOD) + effect_text(GOOD).replace("def own", "def two"), "the same name"),
-    "returns nothing": (effect_text("pass"), "returns a NoneType"),
-    "wrong shape": (effect_text("return load.with_force(c * ca.vertcat(1, 2))"), "own"),
-    "own symbol": (effect_text("return load.with_force(c * ca.SX.sym('k') * load.velocity)"), "symbols of its own"),
-    "unknown attribute": (effect_text("return load.with_force(c * load.sped)"), "no attribute 'sped'"),
-    "exit in the function": (effect_text("sys.exit(0)"), "sys.exit"),
-    "exit in the file": ("sys.exit(0)\n", "ends the program"),
-    "exit without status": ("raise SystemExit\n", "ends the program"),
-    "unknown import": ("import nothing_of_this_name\n", "nothing_of_this_name"),
-    "no Python": ("def f(:\n", "SyntaxError"),
-    "no quantity": (
-        "@effect('own', acts_on='load', summary='', source='')\ndef own(load, c=1): ...\n",
-        "needs a default",
-    ),
+    "if on a symbol": effect_text("return load if load.rate > 0 else load.with_force(load.velocity * c)"),
+    "max of a symbol": effect_text("return load.with_force(max(c, 0) * load.velocity)"),
+    "math.sin": effect_text("return load.with_force(c * math.sin(load.angle) * load.velocity)"),
+    "nan": effect_text("return load.with_force(c * float('nan') * load.velocity)"),
+    "division by null": effect_text("return load.with_force(load.velocity * ca.sin(c) / c)"),
+    "root at null": effect_text("return load.with_force(load.velocity * ca.sqrt(c))"),
+    "not absent at null": effect_text("return load.with_force((1 + c) * load.velocity)"),
+    "unknown unit": effect_text(GOOD, '"blorb", typical=0.02'),
+    "no SI unit": effect_text(GOOD, '"mm", typical=0.02'),
+    "endless unit": effect_text(GOOD, '"N**9**9**9**9", typical=0.02'),
+    "typical of 0": effect_text(GOOD, '"N", typical=0'),
+    "typical below 0": effect_text(GOOD, '"N", typical=-1.0'),
+    "typical as text": effect_text(GOOD, '"N", typical="0.02"'),
+    "typical nan": effect_text(GOOD, '"N", typical=float("nan")'),
+    "null out of range": effect_text(GOOD, '"N", typical=1.0, null=-1.0, lower=0.0'),
+    "bad scope": effect_text(GOOD, '"N", typical=1.0, scope="run"'),
+    "name with a path": effect_text(GOOD, name="../evil"),
+    "empty name": effect_text(GOOD, name=""),
+    "two of one name": effect_text(GOOD) + effect_text(GOOD).replace("def own", "def two"),
+    "returns nothing": effect_text("pass"),
+    "wrong shape": effect_text("return load.with_force(c * ca.vertcat(1, 2))"),
+    "own symbol": effect_text("return load.with_force(c * ca.SX.sym('k') * load.velocity)"),
+    "unknown attribute": effect_text("return load.with_force(c * load.sped)"),
+    "exit in the function": effect_text("sys.exit(0)"),
+    "exit in the file": "sys.exit(0)\n",
+    "exit without status": "raise SystemExit\n",
+    "unknown import": "import nothing_of_this_name\n",
+    "no Python": "def f(:\n",
+    "no quantity": "@effect('own', acts_on='load', summary='', source='')\ndef own(load, c=1): ...\n",
 }
 
 
-@pytest.mark.parametrize(("text", "said"), BAD.values(), ids=BAD)
-def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, armdyn, text, said):
+@pytest.mark.parametrize("text", BAD.values(), ids=BAD)
+def test_a_bad_effect_is_one_line_with_its_place_and_status_two(tmp_path, armdyn, text, complains):
     path = tmp_path / "mine.py"
     path.write_text(HEAD + text)
     status, _, err = armdyn("effects", "--effects", path)
     assert status == 2
-    assert len([line for line in err.splitlines() if line.startswith("armdyn:")]) == 1
-    assert said in err
-    assert "mine.py, line " in err
+    (line,) = [line for line in err.splitlines() if line.startswith("armdyn:")]
+    complains.line(line)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
-    [("x = 1\n", "defines no effect"), (effect_text(GOOD, acts_on="lod"), "acts on 'lod': choose one of")],
+    "text",
+    ["x = 1\n", effect_text(GOOD, acts_on="lod")],
 )
-def test_a_file_without_an_effect_of_any_stage_is_refused(tmp_path, text, said):
+def test_a_file_without_an_effect_of_any_stage_is_refused(tmp_path, text, complains):
     (tmp_path / "mine.py").write_text(HEAD + text)
-    with pytest.raises(InputError, match=said):
+    with complains(InputError):
         load_effects(tmp_path / "mine.py")
 
 
@@ -116,7 +109,7 @@ def own(at):
 
 @pytest.mark.parametrize("where", ["file", "effect", "base"])
 @pytest.mark.parametrize("body", ENDS.values(), ids=ENDS)
-def test_code_that_takes_all_memory_or_ends_the_program_is_refused_with_its_file(tmp_path, where, body):
+def test_code_that_takes_all_memory_or_ends_the_program_is_refused_with_its_file(tmp_path, where, body, complains):
     path = tmp_path / "mine.py"
     text = {
         "file": f"{HEAD}if True:\n    {body}\n",
@@ -124,16 +117,15 @@ def test_code_that_takes_all_memory_or_ends_the_program_is_refused_with_its_file
         "base": BASE.format(body=body, period=1.0),
     }[where]
     path.write_text(text)
-    with pytest.raises(InputError, match=r"mine\.py.*: ") as refused:
+    with complains(InputError):
         (load_base if where == "base" else load_effects)(path)
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("period", ["float('nan')", "1e-9", "1e300", "-1.0", "0.0", "'x'"])
-def test_a_base_needs_a_period_that_something_has(tmp_path, period):
+def test_a_base_needs_a_period_that_something_has(tmp_path, period, complains):
     path = tmp_path / "mine.py"
     path.write_text(BASE.format(body="pass", period=period))
-    with pytest.raises(InputError, match=r"mine\.py"):
+    with complains(InputError):
         load_base(path)
 
 

@@ -38,10 +38,10 @@ def test_links_stay_and_what_they_lead_to_is_replaced_or_made(tmp_path, old):
     assert names(target.parent) == ["m.toml"]
 
 
-def test_links_in_a_circle_are_refused(tmp_path):
+def test_links_in_a_circle_are_refused(tmp_path, complains):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
-    with pytest.raises(InputError, match="cannot write"):
+    with complains(InputError):
         atomic.write_text(tmp_path / "a", TEXT)
     assert names(tmp_path) == ["a", "b"]
 
@@ -65,11 +65,11 @@ def test_a_new_file_has_the_mode_of_the_umask(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everything")
-def test_a_write_protected_file_is_refused(tmp_path):
+def test_a_write_protected_file_is_refused(tmp_path, complains):
     path = tmp_path / "a.txt"
     path.write_text("old")
     path.chmod(0o400)
-    with pytest.raises(InputError, match="write-protected"):
+    with complains(InputError):
         atomic.write_text(path, TEXT)
     assert path.read_text() == "old"
 
@@ -109,22 +109,22 @@ def test_standard_output_is_written_to_in_order(tmp_path, place):
     assert shown == "before\nmiddle\nafter\n"
 
 
-def test_a_full_disk_is_one_line_and_leaves_the_old_file_alone(tmp_path, monkeypatch):
+def test_a_full_disk_is_one_line_and_leaves_the_old_file_alone(tmp_path, monkeypatch, complains):
     (tmp_path / "a.txt").write_text("old")
 
     def full(_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(InputError, match="No space left on device; choose another place"):
+    with complains(InputError):
         atomic.write_text(tmp_path / "a.txt", TEXT)
     assert (tmp_path / "a.txt").read_text() == "old"
     assert names(tmp_path) == ["a.txt"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
-def test_a_full_device_is_one_line():
-    with pytest.raises(InputError, match="No space left"):
+def test_a_full_device_is_one_line(complains):
+    with complains(InputError):
         atomic.write_text(Path("/dev/full"), TEXT)
 
 
@@ -179,11 +179,11 @@ def test_what_a_killed_program_left_goes_with_a_later_write(tmp_path):
     assert foreign.exists()
 
 
-def test_names_that_no_file_can_have_are_refused(tmp_path):
+def test_names_that_no_file_can_have_are_refused(tmp_path, complains):
     for name in ("x" * 300, "nul\0l", "absent/a.txt"):
-        with pytest.raises(InputError, match="cannot write"):
+        with complains(InputError):
             atomic.write_text(tmp_path / name, TEXT)
-        with pytest.raises(InputError, match="cannot write"):
+        with complains(InputError):
             check_outputs(tmp_path / name)
 
 
@@ -217,7 +217,7 @@ def test_a_reader_that_ends_early_is_no_error():
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_a_full_disk_never_leaves_half_a_pair(tmp_path, monkeypatch):
+def test_a_full_disk_never_leaves_half_a_pair(tmp_path, monkeypatch, complains):
     """Whichever of the writes the disk refuses: both files are as they were, and nothing is beside them."""
     run = Run.from_arrays(np.arange(20) / 50, {"load_force": np.linspace(0.7, 0.9, 20)}, description="new")
     usual = os.fsync
@@ -238,7 +238,7 @@ def test_a_full_disk_never_leaves_half_a_pair(tmp_path, monkeypatch):
 
             monkeypatch.setattr(os, "fsync", full)
             if refused <= 2:  # before either takes its place; what follows finds nothing left to write
-                with pytest.raises(InputError, match="No space left"):
+                with complains(InputError):
                     write_run_csv(run, folder / "a.csv")
                 assert names(folder) == ["a.csv", "a.toml"] * existing
                 assert all(path.read_text() == "old" for path in folder.iterdir())

@@ -50,16 +50,16 @@ def folder(armdyn, tmp_path):
         (("batch", "spec.toml", "--output", "out", "--json", "a.toml"), "a.toml"),
     ],
 )
-def test_what_was_read_indirectly_is_kept(folder, refused, command, kept):
+def test_what_was_read_indirectly_is_kept(folder, refused, command, kept, complains):
     before = (folder / kept).read_bytes()
-    assert "input" in refused(*command)
+    complains.line(refused(*command))
     assert (folder / kept).read_bytes() == before
 
 
-def test_a_trials_folder_does_not_hold_what_the_trial_has_read(folder, refused):
+def test_a_trials_folder_does_not_hold_what_the_trial_has_read(folder, refused, complains):
     shutil.copy(folder / "m.toml", folder / "model.toml")
     before = (folder / "model.toml").read_bytes()
-    assert "input" in refused("trial", "--model", "model.toml", "--out", ".", "--seed", "1")
+    complains.line(refused("trial", "--model", "model.toml", "--out", ".", "--seed", "1"))
     assert (folder / "model.toml").read_bytes() == before
 
 
@@ -72,12 +72,12 @@ def test_a_command_may_write_twice_and_a_repair_into_its_own_model(folder, armdy
             assert (folder / "new.txt").read_text() == text
 
 
-def test_what_other_languages_read_counts_and_a_program_of_ones_own_is_free(tmp_path):
+def test_what_other_languages_read_counts_and_a_program_of_ones_own_is_free(tmp_path, complains):
     file = tmp_path / "a.bin"
     file.write_text("old")
     with keeping_inputs():
         reading(file)
-        with pytest.raises(InputError, match="was read"):
+        with complains(InputError):
             atomic.write_text(file, "new")
     assert file.read_text() == "old"
     atomic.write_text(file, "new")

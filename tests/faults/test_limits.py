@@ -17,55 +17,53 @@ from ik.volume import Grid, VolumeTable, build_volume
 SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
 ACCELERATION, JERK = "acceleration = [20.0", "jerk = [1000.0"
 WRONG = {
-    "no acceleration at all": (ACCELERATION, "acceleration = [0.0", "acceleration of 'right_s0' is 0"),
-    "negative": (ACCELERATION, "acceleration = [-20.0", "acceleration of 'right_s0' is -20"),
-    "nan": (ACCELERATION, "acceleration = [nan", "limits.acceleration is nan"),
-    "infinite": (JERK, "jerk = [inf", "limits.jerk is inf"),
-    "enormous": (JERK, "jerk = [1e300", "limits.jerk is 1e+300"),
-    "400 digits": (JERK, "jerk = [1" + 400 * "0", "a number of 401 digits"),
-    "text": (JERK, 'jerk = ["fast"', "is not a number"),
-    "one too few": (JERK + ", ", "jerk = [", "jerk has 6 numbers for 7 joints"),
-    "misspelt": ("acceleration", "acceleratoin", "did you mean 'acceleration'?"),
-    "misspelt table": ("[limits]", "[limts]", "did you mean 'limits'?"),
-    "home outside": ("home = [0.12", "home = [12.0", "home puts 'right_s0' at 12"),
-    "home nan": ("home = [0.12", "home = [nan", "arm.home is nan"),
-    "joints no list": ('joints = ["right_s0", ', 'joints = 3 # ["right_s0", ', "joints = 3 is not a list of names"),
-    "joint twice": ('joints = ["right_s0", ', 'joints = ["right_s0", "right_s0", ', "is listed twice"),
-    "core outside": ("core = [-0.20", "core = [-3.0", "does not lie within range"),
-    "no speed": ("core_speed = 1.005", "core_speed = 0", "core_speed is 0"),
-    "no direction": ("direction = [0.0, 1.0, 0.0]", "direction = [0, 0, 0]", "not a unit vector"),
-    "tool in millimetres": ("offset = [0.0, 0.0, 0.03]", "offset = [0, 0, 300]", "too far away"),
-    "spring on no joint": ('joint = "right_s1"', 'joint = "nose"', "no joint 'nose'"),
-    "spring half on": ("enabled = false", 'enabled = "no"', "neither true nor false"),
-    "frame on no link": ('parent = "right_gripper"', 'parent = "nowhere"', "load_cell: there is no link 'nowhere'"),
-    "nested": ('name = "baxter"', "name = " + 3000 * "[" + 3000 * "]", "nested too deeply"),
+    "no acceleration at all": (ACCELERATION, "acceleration = [0.0"),
+    "negative": (ACCELERATION, "acceleration = [-20.0"),
+    "nan": (ACCELERATION, "acceleration = [nan"),
+    "infinite": (JERK, "jerk = [inf"),
+    "enormous": (JERK, "jerk = [1e300"),
+    "400 digits": (JERK, "jerk = [1" + 400 * "0"),
+    "text": (JERK, 'jerk = ["fast"'),
+    "one too few": (JERK + ", ", "jerk = ["),
+    "misspelt": ("acceleration", "acceleratoin"),
+    "misspelt table": ("[limits]", "[limts]"),
+    "home outside": ("home = [0.12", "home = [12.0"),
+    "home nan": ("home = [0.12", "home = [nan"),
+    "joints no list": ('joints = ["right_s0", ', 'joints = 3 # ["right_s0", '),
+    "joint twice": ('joints = ["right_s0", ', 'joints = ["right_s0", "right_s0", '),
+    "core outside": ("core = [-0.20", "core = [-3.0"),
+    "no speed": ("core_speed = 1.005", "core_speed = 0"),
+    "no direction": ("direction = [0.0, 1.0, 0.0]", "direction = [0, 0, 0]"),
+    "tool in millimetres": ("offset = [0.0, 0.0, 0.03]", "offset = [0, 0, 300]"),
+    "spring on no joint": ('joint = "right_s1"', 'joint = "nose"'),
+    "spring half on": ("enabled = false", 'enabled = "no"'),
+    "frame on no link": ('parent = "right_gripper"', 'parent = "nowhere"'),
+    "nested": ('name = "baxter"', "name = " + 3000 * "[" + 3000 * "]"),
 }
 
 
-@pytest.mark.parametrize(("old", "new", "said"), WRONG.values(), ids=WRONG)
-def test_settings_that_would_guard_nothing_are_refused_in_one_line(tmp_path, old, new, said) -> None:
+@pytest.mark.parametrize(("old", "new"), WRONG.values(), ids=WRONG)
+def test_settings_that_would_guard_nothing_are_refused_in_one_line(tmp_path, old, new, complains) -> None:
     text = SETTINGS.read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(urdf.UrdfError) as error:
+    with complains(urdf.UrdfError):
         urdf.load(path)
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
 
 
-def test_settings_in_latin_1_are_refused(tmp_path) -> None:
+def test_settings_in_latin_1_are_refused(tmp_path, complains) -> None:
     path = tmp_path / "mine.toml"
     path.write_bytes(SETTINGS.read_bytes() + "# é".encode("latin-1"))
-    with pytest.raises(urdf.UrdfError, match="is not UTF-8"):
+    with complains(urdf.UrdfError):
         urdf.load(path)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, -1.0, 1e9])
 @pytest.mark.parametrize("name", ["velocity", "acceleration", "jerk", "effort"])
-def test_no_limit_guards_nothing(name, bad) -> None:
+def test_no_limit_guards_nothing(name, bad, complains) -> None:
     one = {key: np.ones(2) for key in ("upper", "velocity", "acceleration", "jerk", "effort")}
-    with pytest.raises(urdf.UrdfError, match=f"the {name} limit of a joint is"):
+    with complains(urdf.UrdfError):
         urdf.Limits(lower=-np.ones(2), **{**one, name: np.array([1.0, bad])})
 
 
@@ -77,40 +75,39 @@ def saved(baxter, tmp_path_factory) -> Path:
 
 
 CHANGES = {
-    "larger": (lambda a: {"velocity": 100 * a["velocity"]}, "'velocity' differs from that of 'baxter'"),
-    "upside down": (
-        lambda a: {"lower": a["upper"], "upper": a["lower"]},
-        "the position limits of a joint are no range",
-    ),
-    "nan": (lambda a: {"q": np.where(a["q"] == a["q"][7, 3], np.nan, a["q"])}, "'q' holds a number that is none"),
-    "backwards": (lambda a: {"s": a["s"][::-1].copy()}, "'s' does not grow evenly"),
-    "uneven": (lambda a: {"s": a["s"] + 1e-3 * (np.arange(len(a["s"])) == 5)}, "'s' does not grow evenly"),
-    "slow": (lambda a: {"dq_ds": 0.01 * a["dq_ds"]}, "'q', 'dq_ds' and 'd2q_ds2' do not belong together"),
-    "slow everywhere": (
-        lambda a: {"dq_ds": 0.01 * a["dq_ds"], "d2q_ds2": 0.01 * a["d2q_ds2"], "q": 0.99 * a["q"][:1] + 0.01 * a["q"]},
-        "do not follow the path",
-    ),
-    "elsewhere": (lambda a: {"q": a["q"] + 0.1}, "m away from the path"),
-    "shorter": (lambda a: {"q": a["q"][:-1]}, "'q' has the shape"),
-    "integers": (lambda a: {"effort": a["effort"].astype(np.int64)}, "'effort' holds int64"),
+    "larger": lambda a: {"velocity": 100 * a["velocity"]},
+    "upside down": lambda a: {"lower": a["upper"], "upper": a["lower"]},
+    "nan": lambda a: {"q": np.where(a["q"] == a["q"][7, 3], np.nan, a["q"])},
+    "backwards": lambda a: {"s": a["s"][::-1].copy()},
+    "uneven": lambda a: {"s": a["s"] + 1e-3 * (np.arange(len(a["s"])) == 5)},
+    "slow": lambda a: {"dq_ds": 0.01 * a["dq_ds"]},
+    "slow everywhere": lambda a: {
+        "dq_ds": 0.01 * a["dq_ds"],
+        "d2q_ds2": 0.01 * a["d2q_ds2"],
+        "q": 0.99 * a["q"][:1] + 0.01 * a["q"],
+    },
+    "elsewhere": lambda a: {"q": a["q"] + 0.1},
+    "shorter": lambda a: {"q": a["q"][:-1]},
+    "integers": lambda a: {"effort": a["effort"].astype(np.int64)},
 }
 
 
-@pytest.mark.parametrize(("change", "said"), CHANGES.values(), ids=CHANGES)
-def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(saved, baxter, tmp_path, change, said) -> None:
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_table_that_cannot_be_right_is_refused_whatever_its_digest(
+    saved, baxter, tmp_path, change, complains
+) -> None:
     about, arrays = read_arrays(saved, SHAPES)
     about.pop("format")
     write_arrays(tmp_path / "table.npz", about, {**arrays, **change(arrays)})
-    with pytest.raises(ik.StaleTableError, match="build it again") as error:
+    with complains(ik.StaleTableError):
         ik.PathTable.load(tmp_path / "table.npz", baxter)
-    assert said in str(error.value)
 
 
-def test_a_table_of_another_path_is_refused(saved, tmp_path) -> None:
+def test_a_table_of_another_path_is_refused(saved, tmp_path, complains) -> None:
     about, arrays = read_arrays(saved, SHAPES)
     about["path"]["direction"] = [1.0, 0.0, 0.0]
     write_arrays(tmp_path / "table.npz", {key: value for key, value in about.items() if key != "format"}, arrays)
-    with pytest.raises(ik.StaleTableError, match="do not follow the path"):
+    with complains(ik.StaleTableError):
         ik.PathTable.load(tmp_path / "table.npz")
 
 
@@ -120,11 +117,11 @@ def test_what_a_table_is_about_is_part_of_its_digest() -> None:
     assert digest_of("a", arrays) != digest_of("a", {"q": np.zeros((3, 2))})
 
 
-def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch) -> None:
+def test_a_table_that_expands_without_end_is_refused(tmp_path, monkeypatch, complains) -> None:
     monkeypatch.setattr(tablefile, "LARGEST_ARRAY", 2**20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, s=np.zeros(2**18), about=np.array("{}"))
-    with pytest.raises(ik.StaleTableError, match="is no array of a table"):
+    with complains(ik.StaleTableError):
         ik.PathTable.load(path)
 
 
@@ -141,7 +138,7 @@ def files(volume: Path, array: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests"])
-def test_a_volume_with_one_flipped_bit_is_refused(volume, baxter, tmp_path, array) -> None:
+def test_a_volume_with_one_flipped_bit_is_refused(volume, baxter, tmp_path, array, complains) -> None:
     chunks = [path for path in files(volume, array) if path.name != "zarr.json"]
     for place in (0, 5, -1):
         copy = tmp_path / f"copy{place}"
@@ -150,13 +147,15 @@ def test_a_volume_with_one_flipped_bit_is_refused(volume, baxter, tmp_path, arra
         data = bytearray(chunk.read_bytes())
         data[place] ^= 1
         chunk.write_bytes(bytes(data))
-        with pytest.raises(ik.StaleTableError, match="damaged"):
+        with complains(ik.StaleTableError):
             VolumeTable.open(copy, baxter)
 
 
 @pytest.mark.parametrize("array", ["q", "status", "skeleton", "digests"])
 @pytest.mark.parametrize("all_of_it", [True, False])
-def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(volume, baxter, tmp_path, array, all_of_it):
+def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(
+    volume, baxter, tmp_path, array, all_of_it, complains
+):
     copy = tmp_path / "copy"
     shutil.copytree(volume, copy)
     for path in files(copy, array):
@@ -165,16 +164,16 @@ def test_a_volume_without_an_array_or_its_numbers_is_refused_or_built_on(volume,
     if array == "digests" and not all_of_it:  # nothing is lost: it counts as not done yet
         assert len(VolumeTable.open(copy, baxter).missing()) == 1
         return
-    with pytest.raises(ik.StaleTableError, match="damaged"):
+    with complains(ik.StaleTableError):
         VolumeTable.open(copy, baxter)
 
 
-def test_a_grid_that_no_disk_holds_is_refused() -> None:
+def test_a_grid_that_no_disk_holds_is_refused(complains) -> None:
     rotation = np.eye(3)[None]
     for low, high, counts in (
         ((0, 0, 0), (1, 1, 1), (10**6, 10**6, 10**6)),
         ((0, 0, np.nan), (1, 1, 1), (3, 3, 3)),
         ((0, 0, 0), (1, 1, 1e9), (3, 3, 3)),
     ):
-        with pytest.raises(InputError, match="volume: "):
+        with complains(InputError):
             Grid(np.array(low, dtype=float), np.array(high, dtype=float), counts, rotation)

@@ -47,42 +47,35 @@ def spiked(values, at, value):
 
 
 BAD = {
-    "milliseconds as seconds": (table(1000 * TIME), "", "time [ms]"),
-    "microseconds as seconds": (table(1e6 * TIME), "", "check the unit of 'time'"),
-    "clock jumps": (table(jumped(150, 1e6)), "", "jumps by 1e+06 s after 1.49 s"),
-    "clock jumps far": (table(jumped(150, 1.7e9)), "", "after 1.49 s"),
-    "nanosecond steps": (table(1e-9 * np.arange(300)), "", "every 1e-09 s"),
-    "one nanosecond step": (table(spiked(TIME, 100, TIME[99] + 1e-9)), "", "two samples 1e-09 s apart"),
-    "gripper far away once": (table(x=spiked(X, 100, 900.0)), "", "'gripper_x' goes from"),
-    "encoder of 1000 rad once": (
-        table(x=spiked(X, 100, 1000.0)).replace("gripper_x [m]", "swing_angle [rad]"),
-        "",
-        "'swing_angle' goes from 0.00853759 to 1000 rad within 0.01 s at 1 s",
-    ),
+    "milliseconds as seconds": (table(1000 * TIME), ""),
+    "microseconds as seconds": (table(1e6 * TIME), ""),
+    "clock jumps": (table(jumped(150, 1e6)), ""),
+    "clock jumps far": (table(jumped(150, 1.7e9)), ""),
+    "nanosecond steps": (table(1e-9 * np.arange(300)), ""),
+    "one nanosecond step": (table(spiked(TIME, 100, TIME[99] + 1e-9)), ""),
+    "gripper far away once": (table(x=spiked(X, 100, 900.0)), ""),
+    "encoder of 1000 rad once": (table(x=spiked(X, 100, 1000.0)).replace("gripper_x [m]", "swing_angle [rad]"), ""),
     "known effect that the model lacks": (
         table(),
         '[known]\n"quadratic_drag.coefficient" = "0.3 N s^2/m^2 +/- 0.1 N s^2/m^2"\n',
-        "lacks the effect 'quadratic_drag'",
     ),
-    "misspelt known": (table(), '[known]\nlenght = "0.3 m"\n', "did you mean 'length'?"),
-    "known in a wrong unit": (table(), '[known]\ninitial_angle = "3 kg"\n', "'kg' is of another kind than 'rad'"),
-    "misspelt table": (table(), '[knwon]\nmass = "80 g"\n', "unknown key 'knwon': did you mean 'known'?"),
-    "misspelt noise": (table(), '[nosie]\nload_force = "3 mN"\n', "did you mean 'noise'?"),
-    "known outside its table": (table(), 'mass = "80 g"\n', "put it below a line '[known]'"),
-    "endless unit": (table().replace("[N]", "[N**9**9**9**9]"), "", "unknown unit 'N**9**9**9**9'"),
-    "nested sidecar": (table(), "known = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
-    "endless number": (table(), "known = " + "9" * 5000, "is not TOML"),
+    "misspelt known": (table(), '[known]\nlenght = "0.3 m"\n'),
+    "known in a wrong unit": (table(), '[known]\ninitial_angle = "3 kg"\n'),
+    "misspelt table": (table(), '[knwon]\nmass = "80 g"\n'),
+    "misspelt noise": (table(), '[nosie]\nload_force = "3 mN"\n'),
+    "known outside its table": (table(), 'mass = "80 g"\n'),
+    "endless unit": (table().replace("[N]", "[N**9**9**9**9]"), ""),
+    "nested sidecar": (table(), "known = " + "[" * 5000 + "]" * 5000),
+    "endless number": (table(), "known = " + "9" * 5000),
 }
 
 
-@pytest.mark.parametrize(("text", "sidecar", "said"), BAD.values(), ids=BAD)
-def test_a_useless_recording_is_one_line_and_status_two(compare, text, sidecar, said):
+@pytest.mark.parametrize(("text", "sidecar"), BAD.values(), ids=BAD)
+def test_a_useless_recording_is_one_line_and_status_two(compare, text, sidecar, complains):
     begun = time.process_time()
     status, err = compare(text, sidecar)
     assert status == 2, err
-    assert len(err.strip().splitlines()) == 1
-    assert said in err
-    assert "a.csv" in err or "a.toml" in err
+    complains.line(err)
     assert time.process_time() - begun < 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 2 * 2**20  # kB
 
@@ -116,8 +109,8 @@ def test_an_endless_unit_is_refused_at_once(unit):
     assert len(str(error.value)) < 250
 
 
-def test_a_value_that_overflows_in_si_is_refused():
-    with pytest.raises(InputError, match="too large"):
+def test_a_value_that_overflows_in_si_is_refused(complains):
+    with complains(InputError):
         parse_quantity("1e308 km")
 
 
@@ -146,17 +139,17 @@ def bombs():
 
 @pytest.mark.parametrize("kind", ["zstd, stated", "zstd, hidden", "lz4, stated", "lz4, hidden", "many"])
 @pytest.mark.parametrize("recover", [False, True])
-def test_a_compressed_bomb_is_refused_before_it_is_expanded(tmp_path, kind, recover):
+def test_a_compressed_bomb_is_refused_before_it_is_expanded(tmp_path, kind, recover, complains):
     path = tmp_path / "a.mcap"
     path.write_bytes(bombs()[kind])
     begun = time.process_time()
-    with pytest.raises(InputError, match=r"chunk \d+|expands to more"):
+    with complains(InputError):
         read_mcap(path, recover)
     assert time.process_time() - begun < 5
 
 
-def test_an_endless_device_is_refused():
+def test_an_endless_device_is_refused(complains):
     from pathlib import Path
 
-    with pytest.raises(InputError, match="is larger than"):
+    with complains(InputError):
         read_run(Path("/dev/zero"))

@@ -14,6 +14,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import messages
 import numpy as np
 import pytest
 from command import called
@@ -237,3 +238,9 @@ def test_a_command_answers_as_it_did(name, recordings, tmp_path, monkeypatch):
         if not WRITE:
             raise
         file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def test_every_kept_message_belongs_to_a_test():
+    tests = {key.partition("[")[0].partition(" (")[0] for key in messages.kept()}
+    for file, _, name in (test.partition("::") for test in tests):
+        assert f"def {name}(" in (HERE.parent / file).read_text(encoding="utf-8"), f"{file}: {name}"

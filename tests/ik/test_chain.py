@@ -137,14 +137,14 @@ def test_the_largest_force_puts_one_joint_at_its_torque_limit(baxter) -> None:
 
 
 @pytest.mark.parametrize(
-    ("q", "sentence"),
+    "q",
     [
-        ([0.0] * 6, "6 numbers for the position of its 7 joints"),
-        ([0.0, 0.0, float("nan"), 0.0, 0.0, 0.0, 0.0], "position of joint 'right_e0' is not a finite number"),
-        ([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0], "joint 'right_s1' at 5 is outside its limits"),
-        ([0.0, -30.0, 40.0, 90.0, 0.0, 0.0, 0.0], "these look like degrees: give radians"),
+        [0.0] * 6,
+        [0.0, 0.0, float("nan"), 0.0, 0.0, 0.0, 0.0],
+        [0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, -30.0, 40.0, 90.0, 0.0, 0.0, 0.0],
     ],
 )
-def test_postures_that_cannot_be_are_refused(baxter, q: list[float], sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
+def test_postures_that_cannot_be_are_refused(baxter, q: list[float], complains) -> None:
+    with complains(InputError):
         arm_posture(baxter, q)

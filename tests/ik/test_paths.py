@@ -83,7 +83,9 @@ def test_a_path_can_be_described_and_made_again(path: ik.Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["circle", "turning spline"])
-def test_the_tool_stays_on_the_path_between_nodes_by_yourdfpy(kind: str, baxter, tool_poses, tmp_path) -> None:
+def test_the_tool_stays_on_the_path_between_nodes_by_yourdfpy(
+    kind: str, baxter, tool_poses, tmp_path, complains
+) -> None:
     path = PATHS[kind]
     ik.build_path_table(baxter, path).save(tmp_path / "path.npz")
     table = ik.PathTable.load(tmp_path / "path.npz", baxter)
@@ -96,7 +98,7 @@ def test_the_tool_stays_on_the_path_between_nodes_by_yourdfpy(kind: str, baxter,
     differences = (8 * (q[3:-1] - q[1:-3]) - (q[4:] - q[:-4])) / (12 * step)
     # A rotation spline's third derivative jumps at its points, where differences of fourth order are less exact.
     assert np.abs(differences - table.dq_ds[2:-2]).max() < (1e-8 if kind == "circle" else 1e-5)
-    with pytest.raises(ik.StaleTableError, match=f"the table of a {path.describe()['kind']}, not of a line"):
+    with complains(ik.StaleTableError):
         ik.LineTable.load(tmp_path / "path.npz", baxter)
 
 
@@ -122,21 +124,20 @@ def test_a_path_is_read_from_a_file(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    "text",
     [
-        ("kind = ", "is not TOML"),
-        ('kind = "helix"', "unknown kind of path 'helix'"),
-        ('kind = "line"', "entry 'tool_rpy' is missing"),
-        (FILES["line"].replace("[0, 2, 0]", "[0, 0, 0]"), "has no direction"),
-        (FILES["line"].replace("[-0.1, 0.1]", "[0.1, -0.1]"), r"range \[0\.1, -0\.1\] is empty"),
-        (FILES["circle"].replace("0.1\nnormal", "-0.1\nnormal"), "are empty"),
-        (FILES["spline"].replace("[0.1, 0, 0]", "[0, 0, 0]"), "points 0 and 1 coincide"),
-        (FILES["spline"].replace("[0.1, 0, 0]", "[0.1, 0]"), "an entry has the wrong form"),
+        "kind = ",
+        'kind = "helix"',
+        'kind = "line"',
+        FILES["line"].replace("[0, 2, 0]", "[0, 0, 0]"),
+        FILES["line"].replace("[-0.1, 0.1]", "[0.1, -0.1]"),
+        FILES["circle"].replace("0.1\nnormal", "-0.1\nnormal"),
+        FILES["spline"].replace("[0.1, 0, 0]", "[0, 0, 0]"),
+        FILES["spline"].replace("[0.1, 0, 0]", "[0.1, 0]"),
     ],
 )
-def test_bad_path_files_are_refused_in_one_line(tmp_path, text: str, sentence: str) -> None:
+def test_bad_path_files_are_refused_in_one_line(tmp_path, text: str, complains) -> None:
     file = tmp_path / "path.toml"
     file.write_text(text)
-    with pytest.raises(InputError, match=sentence) as caught:
+    with complains(InputError):
         ik.read_path(file)
-    assert "path.toml" in str(caught.value)

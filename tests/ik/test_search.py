@@ -32,8 +32,8 @@ def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
     assert all(collisions.touching(q) is None for q in table.q[::20])
 
 
-def test_a_line_longer_than_the_arm_is_not_found() -> None:
-    with pytest.raises(ik.UnreachableError, match="no line of 4 m"):
+def test_a_line_longer_than_the_arm_is_not_found(complains) -> None:
+    with complains(ik.UnreachableError):
         search_line(urdf.load("ur5"), Demand(s_min=-2.0, s_max=2.0, core=(-1.0, 1.0)))
 
 

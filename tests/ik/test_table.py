@@ -85,8 +85,8 @@ def test_one_coordinate_and_many_give_the_same(table) -> None:
 
 
 @pytest.mark.parametrize("s", [-0.31, 0.56, float("nan"), [0.0, 2.0]])
-def test_a_coordinate_off_the_table_is_refused(table, s) -> None:
-    with pytest.raises(InputError, match=r"not on the table, which covers -0\.3 to 0\.55 m"):
+def test_a_coordinate_off_the_table_is_refused(table, s, complains) -> None:
+    with complains(InputError):
         table.posture(s)
 
 
@@ -157,46 +157,46 @@ def test_a_saved_table_is_read_back_to_the_last_digit(saved, table, baxter) -> N
 
 
 @pytest.mark.parametrize(
-    ("changed", "sentence"),
+    "changed",
     [
-        ({"fingerprint": "0" * 64}, "'baxter' have changed since; build it again"),
-        ({"name": "ur5"}, "it is of robot 'baxter', not 'ur5'"),
+        {"fingerprint": "0" * 64},
+        {"name": "ur5"},
     ],
 )
-def test_a_table_of_another_robot_or_other_settings_is_refused(saved, baxter, changed, sentence) -> None:
-    with pytest.raises(ik.StaleTableError, match=sentence):
+def test_a_table_of_another_robot_or_other_settings_is_refused(saved, baxter, changed, complains) -> None:
+    with complains(ik.StaleTableError):
         ik.LineTable.load(saved, replace(baxter, **changed))
 
 
-def test_a_table_whose_numbers_were_changed_or_taken_out_is_refused(saved, baxter, table) -> None:
+def test_a_table_whose_numbers_were_changed_or_taken_out_is_refused(saved, baxter, table, complains) -> None:
     with np.load(saved) as file:
         content = dict(file)
     q = table.q.copy()
     q[100, 3] += 1e-6
     np.savez(saved, **(content | {"q": q}))
-    with pytest.raises(ik.StaleTableError, match="its numbers were changed"):
+    with complains(ik.StaleTableError):
         ik.LineTable.load(saved, baxter)
     del content["jacobian"]
     np.savez(saved, **content)
-    with pytest.raises(ik.StaleTableError, match="damaged"):
+    with complains(ik.StaleTableError):
         ik.LineTable.load(saved, baxter)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, None])
-def test_a_truncated_table_or_another_kind_of_file_is_refused(saved, baxter, share: float | None) -> None:
+def test_a_truncated_table_or_another_kind_of_file_is_refused(saved, baxter, share: float | None, complains) -> None:
     content = saved.read_bytes()
     saved.write_bytes(b"PK\x03\x04 nonsense" if share is None else content[: int(share * len(content))])
-    with pytest.raises(ik.StaleTableError, match="not an IK table, or damaged"):
+    with complains(ik.StaleTableError):
         ik.LineTable.load(saved, baxter)
 
 
-def test_a_missing_table_is_bad_input_that_says_how_to_get_one(tmp_path, baxter) -> None:
-    with pytest.raises(InputError, match="there is no such table; build it again with 'armdyn ik build'"):
+def test_a_missing_table_is_bad_input_that_says_how_to_get_one(tmp_path, baxter, complains) -> None:
+    with complains(InputError):
         ik.LineTable.load(tmp_path / "none.npz", baxter)
 
 
-def test_writing_to_a_missing_directory_is_bad_input(table, tmp_path) -> None:
-    with pytest.raises(InputError, match="cannot write"):
+def test_writing_to_a_missing_directory_is_bad_input(table, tmp_path, complains) -> None:
+    with complains(InputError):
         table.save(tmp_path / "nowhere" / "table.npz")
 
 

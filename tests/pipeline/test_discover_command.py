@@ -77,9 +77,9 @@ def test_a_law_that_reads_a_temperature_is_added_and_swings_and_leaves_without_o
     assert "extra.temperature: it is held at 295.15 K" in armdyn("export", "r.toml", *law, "--output", "r.py")[1]
 
 
-def test_its_file_must_not_replace_an_input(armdyn, refused):
+def test_its_file_must_not_replace_an_input(armdyn, refused, complains):
     armdyn("new", "pendulum", "m.toml", "--set", "length=0.37 m")
-    assert "is an input" in refused("discover", "m.toml", RECORDINGS / "magnet_1.csv", "--output", "m.toml")
+    complains.line(refused("discover", "m.toml", RECORDINGS / "magnet_1.csv", "--output", "m.toml"))
 
 
 NOTHING = Discovery((), {}, {}, {}, {}, {}, {}, 0.0, leaves_something=True, judged=False, runs=("a.csv",), held_out=())

@@ -76,16 +76,12 @@ def test_fingers_can_be_asked_for(arm):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (("<worldbody>", "<worldbdy>"), "not an XML file"),
-        (('mass="1.3"', 'mass="heavy"'), "MuJoCo refuses it .*bad format in attribute 'mass'"),
-        (('"swing"', '"universe"'), "joint 'universe': Pinocchio uses this name itself; rename the joint"),
-    ],
+    "change",
+    [("<worldbody>", "<worldbdy>"), ('mass="1.3"', 'mass="heavy"'), ('"swing"', '"universe"')],
 )
-def test_a_broken_mjcf_is_one_sentence(arm, change, says):
+def test_a_broken_mjcf_is_one_sentence(arm, change, complains):
     arm.write_text(ARM.replace(*change))
-    with pytest.raises(UrdfError, match=says):
+    with complains(UrdfError):
         load(arm)
 
 
@@ -97,7 +93,7 @@ def test_a_ball_joint_is_held_and_named(arm):
     assert robot.joint_names == ("swing", "tilt", "reach")
 
 
-def test_an_empty_mjcf_is_refused(arm):
+def test_an_empty_mjcf_is_refused(arm, complains):
     arm.write_text("<mujoco/>")
-    with pytest.raises(UrdfError, match="it has no moving joint"):
+    with complains(UrdfError):
         load(arm)

@@ -61,17 +61,17 @@ def test_everything_that_is_wrong_is_told_with_its_table():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    "text",
     [
-        ("name = 3", "name = 3 is not a text"),
-        ("name = 'a'\nwheels = 3", r"write '\[\[wheels\]\]' on a line of its own"),
-        ("name = 'a'\nsizes = 3", r"write '\[sizes\]' on a line of its own"),
-        ("name = 'a'\nnotes = [1]", "notes = 1 is not a text"),
-        ("name = 'a'\n[[wheels]]", r"\[\[wheels\]\] 1: entry 'radius' is missing"),
+        "name = 3",
+        "name = 'a'\nwheels = 3",
+        "name = 'a'\nsizes = 3",
+        "name = 'a'\nnotes = [1]",
+        "name = 'a'\n[[wheels]]",
     ],
 )
-def test_an_entry_of_another_kind_is_refused(text, says):
-    with pytest.raises(TableFileError, match=says):
+def test_an_entry_of_another_kind_is_refused(text, complains):
+    with complains(TableFileError):
         read(text)
 
 
@@ -119,13 +119,13 @@ def test_any_text_is_a_finite_number_or_refused(text):
 
 
 @pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "0x10", "0o17", "0b11", "[1, 1_000]", "{a = 1_000}"])
-def test_numbers_of_a_table_are_decimal_digits(text):
-    with pytest.raises(TableFileError, match="is not a number"):
+def test_numbers_of_a_table_are_decimal_digits(text, complains):
+    with complains(TableFileError):
         parse_table(f"mass = {text}\n")
     assert parse_table(f'"link_1_000" = "{text}"\njoint_0_1 = 2.5e3  # 1_000\n')["joint_0_1"] == 2500.0
 
 
-def test_a_number_of_a_table_that_is_too_large_is_not_infinite():
-    with pytest.raises(TableFileError, match="'1e999' is too large"):
+def test_a_number_of_a_table_that_is_too_large_is_not_infinite(complains):
+    with complains(TableFileError):
         parse_table("rmse = 1e999\n")
     assert parse_table("rmse = inf\n")["rmse"] == float("inf")

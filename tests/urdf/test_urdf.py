@@ -38,62 +38,60 @@ def third(limit: str, kind: str = "revolute") -> str:
 XACRO = '<xacro:if xmlns:xacro="http://www.ros.org/wiki/xacro" value="1"/>'
 AB, ABC = link("a") + link("b"), link("a") + link("b") + link("c")
 REFUSED = {
-    "empty": ("", "not an XML file"),
-    "half": ("<robot name='x'>", "not an XML file"),
-    "another format": ("<sdf/>", "the root element is <sdf>, not <robot>"),
-    "no links": (robot(), "it has no links"),
-    "nothing moves": (robot(AB, joint("j", "a", "b", kind="fixed")), "it has no moving joint"),
-    "unknown link": (robot(link("a"), joint("j", "a", "b")), "joint 'j' refers to link 'b', which is not defined"),
-    "two parents": (robot(ABC, joint("j", "a", "c"), joint("k", "b", "c")), "'c' hangs from two joints, 'j' and 'k'"),
-    "cycle": (robot(AB, joint("j", "a", "b"), joint("k", "b", "a")), "the links form a cycle, . -> . -> .;"),
-    "two roots": (robot(ABC, joint("j", "a", "b")), r"2 links have no parent \(a, c\)"),
-    "same name": (robot(AB, link("b"), joint("j", "a", "b")), "link 'b' is defined twice"),
-    "speed below 0": (third(LIMIT.replace('"2" effort', '"-2" effort')), "velocity limit -2; it must be positive"),
-    "range reversed": (third(LIMIT.replace("-1.5", "3")), "'j2' has limits 3 to 2; the lower one must be the smaller"),
-    "text": (third(LIMIT.replace('"2"', '"fast"', 1)), "'j2': limit has upper=\"fast\"; it must be a finite number"),
-    "nan": (third(LIMIT.replace('"30"', '"nan"')), "'j2': limit has effort=\"nan\"; it must be a finite number"),
-    "two numbers": (third(LIMIT.replace('"30"', '"3 0"')), "'j2': limit has effort=\"3 0\"; it must be 1 numbers"),
-    "huge": (third(LIMIT.replace('"30"', '"1e12"')), "no robot has it, write SI units"),
-    "negative mass": (arm(last=link("l6", mass=-1.0)), "link 'l6': mass has value=\"-1.0\"; it must not be negative"),
-    "no mass": (arm(last=link("l6").replace('<mass value="1.0"/>', "")), "<inertial> has no <mass>; add it"),
-    "no axis": (third(LIMIT).replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'), "its axis has no direction"),
-    "kind": (third(LIMIT, "hinge"), "is of type 'hinge'; choose one of"),
-    "mimics nobody": (third(f'{LIMIT}<mimic joint="j9"/>'), "mimics 'j9'; name another joint"),
-    "no name": (robot('<link name=" "/>', link("a"), joint("j", " ", "a")), "has no usable name"),
-    "universe": (robot(AB, joint("universe", "a", "b")), "Pinocchio uses this name itself"),
-    "xacro": (robot(XACRO), "is a xacro file, as it holds <xacro:if>: expand it with 'xacro"),
-    "xacro, not declared": (robot("<xacro:if/>"), "is a xacro file"),
-    "xacro, a value": (arm(last=link("l6", "${m}")), r'is a xacro file, as it holds value="\${m}": expand it'),
-    "deep": (robot(60 * "<x>" + 60 * "</x>"), "nested more than 50 deep"),
+    "empty": "",
+    "half": "<robot name='x'>",
+    "another format": "<sdf/>",
+    "no links": robot(),
+    "nothing moves": robot(AB, joint("j", "a", "b", kind="fixed")),
+    "unknown link": robot(link("a"), joint("j", "a", "b")),
+    "two parents": robot(ABC, joint("j", "a", "c"), joint("k", "b", "c")),
+    "cycle": robot(AB, joint("j", "a", "b"), joint("k", "b", "a")),
+    "two roots": robot(ABC, joint("j", "a", "b")),
+    "same name": robot(AB, link("b"), joint("j", "a", "b")),
+    "speed below 0": third(LIMIT.replace('"2" effort', '"-2" effort')),
+    "range reversed": third(LIMIT.replace("-1.5", "3")),
+    "text": third(LIMIT.replace('"2"', '"fast"', 1)),
+    "nan": third(LIMIT.replace('"30"', '"nan"')),
+    "two numbers": third(LIMIT.replace('"30"', '"3 0"')),
+    "huge": third(LIMIT.replace('"30"', '"1e12"')),
+    "negative mass": arm(last=link("l6", mass=-1.0)),
+    "no mass": arm(last=link("l6").replace('<mass value="1.0"/>', "")),
+    "no axis": third(LIMIT).replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"'),
+    "kind": third(LIMIT, "hinge"),
+    "mimics nobody": third(f'{LIMIT}<mimic joint="j9"/>'),
+    "no name": robot('<link name=" "/>', link("a"), joint("j", " ", "a")),
+    "universe": robot(AB, joint("universe", "a", "b")),
+    "xacro": robot(XACRO),
+    "xacro, not declared": robot("<xacro:if/>"),
+    "xacro, a value": arm(last=link("l6", "${m}")),
+    "deep": robot(60 * "<x>" + 60 * "</x>"),
 }
 
 
-@pytest.mark.parametrize(("text", "sentence"), REFUSED.values(), ids=REFUSED)
-def test_what_cannot_be_used_is_refused_in_one_sentence(toy, text: str, sentence: str) -> None:
-    with pytest.raises(urdf.UrdfError, match=sentence) as caught:
+@pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_sentence(toy, text: str, complains) -> None:
+    with complains(urdf.UrdfError):
         urdf.load(toy(text))
-    assert "toy.urdf" in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "sentence"),
+    ("text", "options"),
     [
-        (arm(), {"joints": ("elbow",)}, "there is no moving joint 'elbow'; choose among j0, j1"),
-        (arm(), {"joints": ("j1", "j0")}, "the arm's joints in order are j0, j1; list them so"),
-        (arm(), {"joints": ()}, "no joint is named"),
-        (arm(), {"tool": "nose"}, "there is no link 'nose'; choose the link that carries the tool"),
+        (arm(), {"joints": ("elbow",)}),
+        (arm(), {"joints": ("j1", "j0")}),
+        (arm(), {"joints": ()}),
+        (arm(), {"tool": "nose"}),
     ],
 )
-def test_choices_that_a_urdf_does_not_offer_are_refused(toy, text: str, options: dict, sentence: str) -> None:
-    with pytest.raises(urdf.UrdfError, match=sentence):
+def test_choices_that_a_urdf_does_not_offer_are_refused(toy, text: str, options: dict, complains) -> None:
+    with complains(urdf.UrdfError):
         urdf.load(toy(text), **options)
 
 
-def test_a_missing_file_and_an_unknown_robot_are_named(tmp_path) -> None:
-    with pytest.raises(urdf.UrdfError, match=r"none\.urdf: cannot be read \(No such file or directory\)"):
+def test_a_missing_file_and_an_unknown_robot_are_named(tmp_path, complains) -> None:
+    with complains(urdf.UrdfError):
         urdf.load(tmp_path / "none.urdf")
-    with pytest.raises(urdf.UrdfError, match="unknown robot 'baxtre': did you mean 'baxter'"):
+    with complains(urdf.UrdfError):
         urdf.load("baxtre")
 
 
@@ -127,13 +125,15 @@ LACKING = {
 
 
 @pytest.mark.parametrize(("text", "lacking"), LACKING.values(), ids=LACKING)
-def test_a_limit_that_is_not_given_is_missed_only_by_what_moves_the_arm(toy, text: str, lacking: str) -> None:
+def test_a_limit_that_is_not_given_is_missed_only_by_what_moves_the_arm(
+    toy, text: str, lacking: str, complains
+) -> None:
     loaded = urdf.load(toy(text))
     assert f"joint 'j2' has no limit of {lacking}, which check, excite and trials need" in loaded.notes
     whole = urdf.load(toy(arm()))
     q = np.full(6, 0.3)
     np.testing.assert_array_equal(tool(loaded, q), tool(whole, q))
-    with pytest.raises(urdf.UrdfError, match=f"toy.urdf: joint 'j2' has no limit of {lacking}: write it"):
+    with complains(urdf.UrdfError):
         _ = loaded.limits
 
 
@@ -146,11 +146,11 @@ def test_a_joint_that_the_arm_carries_and_lacks_is_named(toy) -> None:
     assert "j2, j4, j5 held at 0 or as recorded; name the joints to have their torques explained" in notes
 
 
-def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy) -> None:
+def test_a_joint_that_copies_one_of_the_arm_is_held_and_named(toy, complains) -> None:
     copy = joint("k", "l3", "x", limit=f'{LIMIT}<mimic joint="j1"/>')
     notes = urdf.load(toy(arm(link("x"), copy))).notes
     assert "k copies j1 and is held at 0 all the same: no joint of an arm follows another" in notes
-    with pytest.raises(urdf.UrdfError, match="joint 'k' copies 'j1'; choose among j0, j1"):
+    with complains(urdf.UrdfError):
         urdf.load(toy(arm(link("x"), copy)), joints=("j0", "k"))
 
 
@@ -192,7 +192,7 @@ def test_the_longest_chain_is_the_arm_and_its_last_link_the_tool(toy) -> None:
     assert urdf.load(loaded.urdf_path).home.tolist() == loaded.home.tolist()
 
 
-def test_some_joints_of_an_arm_make_an_arm(toy, baxter) -> None:
+def test_some_joints_of_an_arm_make_an_arm(toy, baxter, complains) -> None:
     loaded = urdf.load(toy(arm()), joints=("j1", "j2"))
     assert loaded.model.nv == 2
     assert loaded.tool_frame == "l3"
@@ -200,14 +200,14 @@ def test_some_joints_of_an_arm_make_an_arm(toy, baxter) -> None:
     part = urdf.load("baxter", joints=baxter.joint_names[:2])  # keeps its settings
     assert part.home.tolist() == baxter.home[:2].tolist()
     assert [spring.joint for spring in part.springs] == ["right_s1"]
-    with pytest.raises(urdf.UrdfError, match="its arm has no joint 'left_s0'"):
+    with complains(urdf.UrdfError):
         urdf.load("baxter", joints=["left_s0"])
 
 
 @pytest.mark.parametrize("uri", ["package://nowhere/hand.stl", "hand.stl", "file:///nowhere/hand.stl"])
-def test_a_missing_mesh_is_refused_or_left_out_and_listed(toy, uri: str) -> None:
+def test_a_missing_mesh_is_refused_or_left_out_and_listed(toy, uri: str, complains) -> None:
     path = toy(arm(last=link("l6", shape=f'<collision><geometry><mesh filename="{uri}"/></geometry></collision>')))
-    with pytest.raises(urdf.UrdfError, match=f"mesh '{uri}' is missing"):
+    with complains(urdf.UrdfError):
         urdf.load(path)
     loaded = urdf.load(path, meshes=False)
     assert any("hand.stl' is missing; left out" in defect for defect in loaded.defects)
@@ -228,7 +228,7 @@ def test_a_mesh_beside_the_urdf_or_in_its_package_is_found(tmp_path, uri: str) -
     assert element.get("filename") in (uri if uri.startswith("package") else "", str(mesh))
 
 
-def test_settings_of_ones_own_name_a_urdf_beside_them(toy) -> None:
+def test_settings_of_ones_own_name_a_urdf_beside_them(toy, complains) -> None:
     settings = toy(arm()).with_name("mine.toml")
     settings.write_text(
         'name = "mine"\n[urdf]\nfile = "toy.urdf"\n[arm]\njoints = ["j0", "j1"]\nhome = [0.1, 0.2]\n'
@@ -238,7 +238,7 @@ def test_settings_of_ones_own_name_a_urdf_beside_them(toy) -> None:
     assert loaded.name == "mine"
     assert loaded.tool_frame == "l6"
     settings.write_text("name = ")
-    with pytest.raises(urdf.UrdfError, match="is not TOML"):
+    with complains(urdf.UrdfError):
         urdf.load(settings)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from armdyn.run import Run
 
 from .drive import COUNT, NOISE, PRESLIDING, SMALL, SMOOTHING, Hidden, Imperfections, JointMotion, Lump, on_link
+from .least_squares import squares_left
 from .motions import KINDS
 from .plant import Plant, World, source
 
@@ -184,16 +185,6 @@ def showing(worlds: Sequence[World], truth: Sequence[Hidden]) -> tuple[Hidden, .
             break
         left.remove(weakest)
     return tuple(left)
-
-
-def squares_left(columns: Sequence[np.ndarray], target: np.ndarray) -> float:
-    """Squares that (n, k) columns leave of an (n,) target."""
-    if not columns:
-        return float(target @ target)
-    all_columns = np.hstack(columns)
-    all_columns = all_columns / np.maximum(np.linalg.norm(all_columns, axis=0), np.finfo(float).tiny)
-    rest = target - all_columns @ np.linalg.lstsq(all_columns, target, rcond=1e-9)[0]
-    return float(rest @ rest)
 
 
 def _drawn(rng: np.random.Generator, worlds: Sequence[World], effects: Collection[str]) -> list[Hidden]:

@@ -18,6 +18,7 @@ import numpy as np
 from armdyn.run import Run
 
 from .dry_swing import Pendulum
+from .least_squares import squares_left
 from .output_error import Derivatives, Record, accelerating, sizes
 from .pendulum_sensors import ANGLE, FITTED, FRICTIONS, KINDS, Kind, Sensor, ideal, recorded_run, run_of
 
@@ -242,7 +243,4 @@ def sight_of(found: Derivatives, rivals: Sequence[str], samples: int, *, driven:
 
 def left(target: np.ndarray, adapted: Sequence[np.ndarray]) -> float:
     """Root mean square that a linear combination of columns leaves of a target."""
-    columns = np.column_stack(adapted)
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    rest = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean(rest**2)))
+    return float(np.sqrt(squares_left([np.column_stack(adapted)], target) / len(target)))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
 from math import atan2, cos, sin, sqrt, tanh
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -114,6 +115,12 @@ def correlated(n: int, correlation: float, rng: np.random.Generator) -> np.ndarr
 def weighed(run: Run, mass: Known, length: Known) -> Run:
     """The run with what was measured by hand."""
     return Run(run.name, run.channels, {"mass": mass, "length": length}, run.noise)
+
+
+def recordings(seed: int = 7, **settings: Any) -> list[Run]:
+    """Two runs of the usual load, which was weighed and measured; `settings` are those of `Setup`."""
+    rng, known = np.random.default_rng(seed), (Known(0.0802, 4e-4, "kg"), Known(0.3685, 1e-3, "m"))
+    return [weighed(record(f"r{k}.csv", Setup(**settings), rng), *known) for k in range(2)]
 
 
 def simulate(setup: Setup, motion: Callable, time: np.ndarray) -> dict[str, np.ndarray]:

@@ -61,11 +61,10 @@ def test_two_joints_in_one_body_are_two_of_the_arms(written):
     assert_torques_alike(path, read(path, ("s", "e", "x")))
 
 
-@pytest.mark.parametrize(("parts", "says"), [pytest.param(*case, id=name) for name, case in REFUSED.items()])
-def test_what_has_no_place_in_an_arms_model_is_refused_by_its_name(written, parts, says):
-    with pytest.raises(InputError, match=says) as caught:
+@pytest.mark.parametrize("parts", REFUSED.values(), ids=REFUSED)
+def test_what_has_no_place_in_an_arms_model_is_refused_by_its_name(written, parts, complains):
+    with complains(InputError):
         read(written(**parts), ("s", parts.get("name", "e")))
-    assert "\n" not in str(caught.value)
 
 
 def test_dry_friction_of_an_mjcf_is_an_effect_of_the_joints_that_have_it(written):

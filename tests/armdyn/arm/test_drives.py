@@ -125,7 +125,7 @@ def test_the_exported_python_function_holds_the_servos_law(arm):
     assert scope["servo_torque"](q[0], v[0], [9.0, 0.0], v_cmd)[0] == pytest.approx(4.0 - 0.7)
 
 
-def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(tmp_path, runs):
+def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(tmp_path, runs, complains):
     upright = [(name, kind, "0 0 1", place) for name, kind, _, place in urdfs.DOUBLE]  # no gravity about these axes
     flat = urdfs.arm(tmp_path, upright).with_drives(joined())
     study = CheckedStudy.of(flat, runs[:2], runs[2:], trusted=True)
@@ -142,7 +142,7 @@ def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(t
     answer = repair_answer(found)["drives"]["servo"]
     assert answer["gain"]["unit"] == "N m/rad"
     assert answer["determined"] is False
-    with pytest.raises(InputError, match="ratios to k_p"):
+    with complains(InputError):
         require_gripper(study.study)
 
 
@@ -174,17 +174,17 @@ def test_a_command_holds_until_the_next_stamp():
 
 
 @pytest.mark.parametrize(
-    ("entries", "said"),
+    "entries",
     [
-        ({"joints": ["nose"]}, "nose"),
-        ({"law": "wishes"}, "wishes"),
-        ({"gain": "8.9 N"}, "gain"),
-        ({"gain": "-1 N m/rad"}, "positive"),
-        ({"limit": "0 N m"}, "positive"),
+        {"joints": ["nose"]},
+        {"law": "wishes"},
+        {"gain": "8.9 N"},
+        {"gain": "-1 N m/rad"},
+        {"limit": "0 N m"},
     ],
 )
-def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, said):
-    with pytest.raises(InputError, match=rf"\[drives.servo\].*{said}"):
+def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, complains):
+    with complains(InputError):
         arm.with_drives(joined(**entries))
 
 

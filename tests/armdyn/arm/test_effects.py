@@ -203,14 +203,14 @@ def test_turning_an_upright_base_about_the_vertical_is_none_of_its_angles(baxter
     assert pitched.gravity() == pytest.approx([9.81, 0.0, 0.0])  # the base's x axis points down
 
 
-def test_the_base_is_no_joint(baxter):
+def test_the_base_is_no_joint(baxter, complains):
     model = baxter.with_effect(find("base_tilt"))
     assert dict(model.parts("base_tilt")) == {"": model.names}
     assert not model.lacks(find("base_tilt"))
     assert model.without_effect("base_tilt").names == ()
-    with pytest.raises(InputError, match="acts on the base of the arm; leave out the joint"):
+    with complains(InputError):
         baxter.with_effect(find("base_tilt:right_s0"))
-    with pytest.raises(InputError, match="already has the effect 'base_tilt'"):
+    with complains(InputError):
         model.with_effect(find("base_tilt"))
 
 

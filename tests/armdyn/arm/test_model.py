@@ -64,7 +64,7 @@ def test_locked_joints_stay_at_zero(tmp_path):
     assert np.abs(residuals(elbow, run)["tau.elbow"][50:-50]).max() < 6e-3
 
 
-def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter):
+def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter, complains):
     model = baxter.with_effect(find("joint_viscous_friction:right_s1,right_w0"))
     assert model.effects[0].label == "joint_viscous_friction:right_s1,right_w0"
     assert tuple(model.parts("joint_viscous_friction")) == ("right_s1", "right_w0")
@@ -77,7 +77,7 @@ def test_effects_on_some_joints_are_extended_and_removed_joint_by_joint(baxter):
     assert "joint_viscous_friction.coefficient[right_s0]" not in less.names
     assert len(less.names) == 6
     assert less.without_effect("joint_viscous_friction").effects == ()
-    with pytest.raises(UnknownNameError, match="unknown effect of this model"):
+    with complains(UnknownNameError):
         less.without_effect("payload")
 
 
@@ -91,30 +91,30 @@ def test_only_the_named_joints_feel_an_effect(baxter):
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    "name",
     [
-        ("joint_viscous_friction:right_s9", "unknown joint of the arm 'right_s9': did you mean 'right_s"),
-        ("payload:right_s0", "cannot act on joint 'right_s0': it acts on the last joint"),
-        ("joint_coupling:right_s0", "neighbour towards the base"),
-        ("sensor_bias", "acts on a sensor, which a model of base 'arm' lacks"),
-        ("torque_offset", "already has the effect 'torque_offset'"),
+        "joint_viscous_friction:right_s9",
+        "payload:right_s0",
+        "joint_coupling:right_s0",
+        "sensor_bias",
+        "torque_offset",
     ],
 )
-def test_effects_that_do_not_fit_are_refused(baxter, name, message):
+def test_effects_that_do_not_fit_are_refused(baxter, name, complains):
     model = baxter.with_effect(find("torque_offset"))
-    with pytest.raises(InputError, match=message):
+    with complains(InputError):
         model.with_effect(find(name))
 
 
 @pytest.mark.parametrize(
-    ("effect", "message"),
+    "effect",
     [
-        ("joint_viscous_friction", "acts on a joint, which a model of base 'pendulum' lacks"),
-        ("linear_drag:right_s0", "leave out ':right_s0'"),
+        "joint_viscous_friction",
+        "linear_drag:right_s0",
     ],
 )
-def test_a_pendulum_has_no_joints(effect, message):
-    with pytest.raises(InputError, match=message):
+def test_a_pendulum_has_no_joints(effect, complains):
+    with complains(InputError):
         pendulum_model(0.4, 0.1).with_effect(find(effect))
 
 
@@ -146,13 +146,13 @@ def test_a_users_own_effect_takes_ten_lines(baxter):
     assert amplitude == pytest.approx(0.8, rel=0.1)
 
 
-def test_an_effect_whose_gain_changes_with_the_motion_is_refused(baxter):
+def test_an_effect_whose_gain_changes_with_the_motion_is_refused(baxter, complains):
     @effect("odd", acts_on="joint", summary="", source="")
     def odd(joint, share=quantity("1", typical=0.1)):
         return joint.with_gain(1 + share * joint.position)
 
     model = baxter.with_effect(odd)
-    with pytest.raises(InputError, match="can depend on parameters only"):
+    with complains(InputError):
         model.predict(generate(None, 1.0, 0, duration=2.0), model.theta())
 
 
@@ -171,27 +171,24 @@ def with_torque(change):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (lambda run: without(run, "q.right_e0"), "holds no 'q.right_e0'"),
-        (lambda run: without(run, *(f"tau.{j}" for j in JOINTS)), "holds no torque of right_s0"),
-        (with_torque(lambda t, tau: (t, np.ones(len(tau)))), "'tau.right_s0' is 1 N m throughout"),
-        (with_torque(lambda t, tau: (t[:12], tau[:12])), "has . samples while the joints' positions were recorded"),
-        (
-            with_torque(lambda t, tau: (t, np.where(np.arange(len(t)) < 3, tau, 1.0))),  # but at an end
-            "'tau.right_s0' is 1 N m throughout",
-        ),
-        (with_torque(lambda t, tau: (t + 100.0, tau)), "seed 0.*'tau.right_s0', from 100 .* not recorded together"),
+        lambda run: without(run, "q.right_e0"),
+        lambda run: without(run, *(f"tau.{j}" for j in JOINTS)),
+        with_torque(lambda t, tau: (t, np.ones(len(tau)))),
+        with_torque(lambda t, tau: (t[:12], tau[:12])),
+        with_torque(lambda t, tau: (t, np.where(np.arange(len(t)) < 3, tau, 1.0))),
+        with_torque(lambda t, tau: (t + 100.0, tau)),
     ],
 )
-def test_runs_that_cannot_be_compared_are_refused(baxter, change, message):
-    with pytest.raises(InputError, match=message):
+def test_runs_that_cannot_be_compared_are_refused(baxter, change, complains):
+    with complains(InputError):
         baxter.prepared(change(generate(None, 1.0, 0, duration=2.0)))
 
 
-def test_a_position_in_the_wrong_unit_is_refused(tmp_path):
+def test_a_position_in_the_wrong_unit_is_refused(tmp_path, complains):
     run = urdfs.recorded(["slide"], ["rad"], lambda a, **_: a)
-    with pytest.raises(InputError, match="is in rad, but the joint slides"):
+    with complains(InputError):
         urdfs.arm(tmp_path, urdfs.SLIDE).prepared(run)
 
 

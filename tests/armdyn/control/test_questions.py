@@ -145,14 +145,14 @@ def test_a_motion_tells_what_it_was_asked_for():
     assert informed[1] > 100.0 * informed[0]
 
 
-def test_questions_that_cannot_be_asked_are_refused():
-    with pytest.raises(InputError, match="at least one"):
+def test_questions_that_cannot_be_asked_are_refused(complains):
+    with complains(InputError):
         information(())
-    with pytest.raises(InputError, match="direction"):
+    with complains(InputError):
         information(("length",), criterion=Criterion.DIRECTION)
-    with pytest.raises(InputError, match="two models"):
+    with complains(InputError):
         SequentialActionControl(DRAG, question=separation(UNKNOWNS))
-    with pytest.raises(UnknownNameError, match="parameter"):
+    with complains(UnknownNameError):
         SequentialActionControl(DRAG, question=information(("pivot_viscous_friction.coefficient",)))
 
 
@@ -188,8 +188,8 @@ def test_a_needle_keeps_its_impulse_whatever_the_grid():
     assert np.all(schedule[12:] == 0.0)
 
 
-def test_settings_that_cannot_work_are_refused():
-    with pytest.raises(InputError, match="desired_change"):
+def test_settings_that_cannot_work_are_refused(complains):
+    with complains(InputError):
         SacSettings(desired_change=1.0)
-    with pytest.raises(InputError, match="horizon"):
+    with complains(InputError):
         SacSettings(horizon=0.0)

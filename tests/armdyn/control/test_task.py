@@ -98,9 +98,9 @@ def test_linearisation_of_the_problem_is_exact(bare):
     assert_jacobian(lambda z: np.array(problem.step(z[:4], z[4], 0.0, p)), z, np.hstack([A, B]), 1e-3, 1e-7)
 
 
-def test_too_few_iterations_are_said(bare):
+def test_too_few_iterations_are_said(bare, complains):
     model, planner = bare
-    with pytest.raises(TaskFailedError, match="did not converge in 1 steps"):
+    with complains(TaskFailedError):
         planner.optimizer(constrained=False).solve(
             np.zeros(4), planner.dt * np.arange(501), _parameters(model), most_iterations=1
         )
@@ -110,9 +110,9 @@ def _parameters(model):
     return np.concatenate([model.physics_theta(), SWING.vector(), [0.01]])
 
 
-def test_a_planner_refuses_a_model_with_other_effects(bare):
+def test_a_planner_refuses_a_model_with_other_effects(bare, complains):
     other = pendulum_model(0.368, 0.1, [CATALOGUE["linear_drag"]])
-    with pytest.raises(InputError, match="other effects"):
+    with complains(InputError):
         bare[1].plan(other, SWING)
 
 

@@ -93,7 +93,7 @@ def test_in_proportion_to_a_quantity_far_from_zero_is_no_law():
     assert [term.size.unit for term in (*opening, *temperature)] == ["N m", "N m", "N m/K"]
 
 
-def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed():
+def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed(complains):
     time = np.arange(20.0)
 
     def run(**columns):
@@ -103,7 +103,7 @@ def test_a_law_may_depend_on_what_every_run_recorded_and_what_changed():
     both = {"oil": (290.0 + time, "K"), "still": (1.0, "1")}
     first, second = run(**both, alone=(time, "1")), run(**both)
     assert [v.quantity for v in recorded_variables([first, second])] == ["extra.oil"]
-    with pytest.raises(InputError, match=r"'extra.oil' is in K in a, in m in a"):
+    with complains(InputError):
         check_same_units([first, run(oil=(time, "m"))])
     assert recorded_variables([first])[0].column == RecordedColumn("extra.oil", "K", 299.5)
 

@@ -93,20 +93,20 @@ def test_where_nothing_was_recorded_the_usual_value_acts():
     assert model.variational().names == model.physics_names
 
 
-def test_a_column_in_another_unit_is_refused():
+def test_a_column_in_another_unit_is_refused(complains):
     model = pendulum(oil)
-    with pytest.raises(InputError, match="is in m, where an effect reads it in K"):
+    with complains(InputError):
         model.predict(swing({"extra.temperature": replace(TEMPERATURE, unit="m")}), model.theta())
 
 
-def test_a_recording_that_an_effect_cannot_read_is_named():
+def test_a_recording_that_an_effect_cannot_read_is_named(complains):
     model, early = pendulum(oil), Channel(TEMPERATURE.time + 100.0, TEMPERATURE.value, "K")
-    for channel, said in ((replace(TEMPERATURE, unit="m"), "a.csv: 'extra.temperature' is in m"), (early, "one clock")):
-        with pytest.raises(InputError, match=said):
+    for channel in (replace(TEMPERATURE, unit="m"), early):
+        with complains(InputError):
             check_run(model, swing({"extra.temperature": channel}))
 
 
-def test_a_column_may_change_forces_and_readings_only():
+def test_a_column_may_change_forces_and_readings_only(complains):
     @effect(summary="", source="")
     def stretch(string, k=quantity("m/K", typical=1e-5), c=column("extra.temperature", "K", usual=USUAL)):
         return string.with_length(string.length + k * (c - USUAL))
@@ -116,7 +116,7 @@ def test_a_column_may_change_forces_and_readings_only():
         return sensor.with_force(sensor.force + k * (c - USUAL))
 
     longer = pendulum(stretch)
-    with pytest.raises(InputError, match="a recorded column"):
+    with complains(InputError):
         longer.predict(swing(), longer.theta())
     model, still = pendulum(drift, k=1e-2), pendulum(drift)
     run = swing({"extra.temperature": TEMPERATURE})
@@ -154,26 +154,25 @@ def test_a_base_of_the_users_own_reads_columns_as_well():
 
 
 @pytest.mark.parametrize(
-    ("declared", "said"),
+    "declared",
     [
-        ('column("temperature", "K", usual=290)', "extra.temperature"),
-        ('column("extra.temperature", "degC", usual=20)', "SI base units"),
-        ('column("extra.temperature", "warm", usual=20)', "unknown unit"),
-        ('column("extra.temperature", "K", usual="cold")', "usual"),
-        ('column("extra.temperature", "K", usual=float("nan"))', "usual"),
-        ('column("extra.temperature", 3, usual=290)', "unit"),
-        ('column("extra.temperature", "K")', "usual"),
+        'column("temperature", "K", usual=290)',
+        'column("extra.temperature", "degC", usual=20)',
+        'column("extra.temperature", "warm", usual=20)',
+        'column("extra.temperature", "K", usual="cold")',
+        'column("extra.temperature", "K", usual=float("nan"))',
+        'column("extra.temperature", 3, usual=290)',
+        'column("extra.temperature", "K")',
     ],
 )
-def test_a_wrong_declaration_is_one_line(tmp_path, declared, said):
+def test_a_wrong_declaration_is_one_line(tmp_path, declared, complains):
     path = Path(tmp_path, "law.py")
     path.write_text(
         "from armdyn import column, effect, quantity\n\n\n@effect(summary='', source='')\n"
         f"def oil(string, k=quantity('N m', typical=1.0), c={declared}):\n    return string.with_torque(k * c)\n"
     )
-    with pytest.raises(InputError, match=said) as found:
+    with complains(InputError):
         load_effects(path)
-    assert "\n" not in str(found.value)
 
 
 def test_an_effect_on_joints_is_made_once():

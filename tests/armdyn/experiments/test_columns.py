@@ -73,10 +73,9 @@ def test_an_effect_that_acts_through_its_mass_has_one(baxter, effects):
     assert np.all(np.any(columns.at(random_states(baxter.arm, 20)) != 0.0, axis=(0, 1)))
 
 
-def test_a_delay_is_refused_in_one_line(shoulder, effects):
-    with pytest.raises(InputError, match="depends on what was before") as caught:
+def test_a_delay_is_refused_in_one_line(shoulder, effects, complains):
+    with complains(InputError):
         extended(shoulder, effects("torque_delay")).at(random_states(shoulder.arm, 2))
-    assert "\n" not in str(caught.value)
 
 
 def coefficients(series):

@@ -52,12 +52,12 @@ def test_a_payload_is_no_rival_of_the_link_that_holds_it(shoulder):
     assert goal.inseparable[0].startswith("payload on right_e0")
 
 
-def test_effects_that_no_motion_can_tell_apart_are_refused_with_the_reason(shoulder):
+def test_effects_that_no_motion_can_tell_apart_are_refused_with_the_reason(shoulder, complains):
     """About a vertical axis an inertia is all that a rotor has too."""
     coulomb = find("joint_coulomb_friction:right_s0")
-    with pytest.raises(InputError, match="two different"):
+    with complains(InputError):
         separating(shoulder, coulomb, coulomb, 100.0)
-    with pytest.raises(TaskFailedError, match="no motion can tell"):
+    with complains(TaskFailedError):
         separating(shoulder.with_only([]), find("payload"), find("payload_twin", [_twin()]), 100.0)
 
 
@@ -67,8 +67,8 @@ def _twin():
     return replace(find("payload"), name="payload_twin")
 
 
-def test_an_effect_of_another_model_is_refused(shoulder):
-    with pytest.raises(InputError, match="acts on a load"):
+def test_an_effect_of_another_model_is_refused(shoulder, complains):
+    with complains(InputError):
         determining(shoulder, [find("linear_drag")], 100.0)
     with pytest.raises(UnknownNameError):
         determining(shoulder, [find("payload:right_w9")], 100.0)

@@ -90,13 +90,13 @@ def test_only_what_was_not_done_is_proposed(windy):
     assert "weigh" in [e.kind for e in other_kinds(unweighed, 5.0)]
 
 
-def test_names_that_cannot_be_rivals_are_refused(windy):
-    with pytest.raises(UnknownNameError, match="nonsense"):
+def test_names_that_cannot_be_rivals_are_refused(windy, complains):
+    with complains(UnknownNameError):
         named(windy, ["nonsense"])
     arm = SimpleNamespace(base="arm", hangs_from_gripper=False, open_questions=())
-    with pytest.raises(InputError, match="armdyn excite"):
+    with complains(InputError):
         require_gripper(SimpleNamespace(model=arm, runs=()))
     time = np.arange(20.0)
     free = Run("free.csv", {"swing_angle": Channel(time, np.sin(time), "rad")})
-    with pytest.raises(InputError, match="gripper_x"):
+    with complains(InputError):
         require_gripper(SimpleNamespace(model=windy.model, runs=(free,)))

@@ -198,10 +198,10 @@ def test_belief_follows_from_the_fit_of_earlier_runs():
     np.testing.assert_allclose(beliefs((one, two)), [0.8, 0.2])
 
 
-def test_a_motion_that_is_too_short_is_refused():
-    with pytest.raises(InputError, match="1 s"):
+def test_a_motion_that_is_too_short_is_refused(complains):
+    with complains(InputError):
         motion_series(1.0)
-    with pytest.raises(InputError, match="travel"):
+    with complains(InputError):
         GripperLimits(travel=0.0)
 
 

@@ -51,61 +51,61 @@ def nothing_written(refused, place):
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    "text",
     [
-        (changed("load_force [N]", "gripper_v [m/s]"), "nothing to compare"),
-        (LINES[0] + "".join(line.rsplit(",", 1)[0] + ",0.8\n" for line in LINES[1:]), "throughout"),
+        changed("load_force [N]", "gripper_v [m/s]"),
+        LINES[0] + "".join(line.rsplit(",", 1)[0] + ",0.8\n" for line in LINES[1:]),
     ],
 )
-def test_a_bad_recording_is_refused(nothing_written, place, text, expected):
+def test_a_bad_recording_is_refused(nothing_written, place, text, complains):
     (place / "bad.csv").write_text(text)
-    assert expected in nothing_written("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-")
+    complains.line(nothing_written("repair", "m.toml", "bad.csv", "--output", "n.toml", "--json", "-"))
 
 
 @pytest.mark.parametrize(
-    ("model", "expected"),
+    "model",
     [
-        ('base = "pendulum"\neffects = ["quadratic_dragg"]\n', "did you mean 'quadratic_drag'"),
-        ('base = "pendulum"\n[parameters]\nlenght = { value = 1.0 }\n', "did you mean 'length'"),
-        ('base = "pendulm"\n', "did you mean 'pendulum'"),
-        ("base = \n", "not TOML"),
-        ('base = "pendulum"\n[parameters]\nlength = { value = -1.0 }\n', "physical range"),
-        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, std = nan }\n', "std = nan"),
-        ('base = "pendulum"\n[parameters]\nlength = { value = 1.0, prior = "9.0 +/- 0.1" }\n', "physical range"),
-        ("effects = []\n", "there is no base"),
+        'base = "pendulum"\neffects = ["quadratic_dragg"]\n',
+        'base = "pendulum"\n[parameters]\nlenght = { value = 1.0 }\n',
+        'base = "pendulm"\n',
+        "base = \n",
+        'base = "pendulum"\n[parameters]\nlength = { value = -1.0 }\n',
+        'base = "pendulum"\n[parameters]\nlength = { value = 1.0, std = nan }\n',
+        'base = "pendulum"\n[parameters]\nlength = { value = 1.0, prior = "9.0 +/- 0.1" }\n',
+        "effects = []\n",
     ],
 )
-def test_a_bad_model_file_is_refused(nothing_written, place, model, expected):
+def test_a_bad_model_file_is_refused(nothing_written, place, model, complains):
     (place / "m.toml").write_text(model)
-    assert expected in nothing_written("compare", "m.toml", "good.csv")
+    complains.line(nothing_written("compare", "m.toml", "good.csv"))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
+    "arguments",
     [
-        (("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"), "held-out run"),
-        (("diagnose", "m.toml", "."), "is a directory"),
-        (("diagnose", "m.toml", "absent.csv"), "no such file"),
-        (("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"), "no directory"),
-        (("repair", "m.toml", "good.csv", "--output", "good.csv"), "is an input"),
-        (("compare", "m.toml", "good.csv", "--report", "m.toml"), "is an input"),
-        (("compare", "m.toml", "good.csv", "--report", "r", "--json", "r"), "also to be written"),
-        (("compare", "m.toml", "good.csv", "copy.csv"), "same data"),
-        (("compare", "m.toml", "good.csv", "--held-out", "copy.csv"), "same data"),
-        (("repair", "m.toml", "good.csv", "--exam", "copy.csv"), "same data"),
-        (("diagnose", "m.toml", "good.csv", "--exam", "good.csv"), "an exam run and also a training run"),
-        (("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"), "mend its file"),
-        (("trial", "--out", "good.csv"), "choose another directory"),
-        (("trial", "--json", "nowhere/x.json"), "no directory"),
-        (("new", "pendulum", "good.csv"), "no model file"),
-        (("new", "pendulum", "n.toml", "--set", "mass=80"), "has no unit"),
-        (("new", "pendulum", "n.toml", "--set", "masss=80 g"), "did you mean 'mass'"),
-        (("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"), "right_s7"),
-        (("effects", "--effects", "absent.py"), "no such file"),
+        ("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"),
+        ("diagnose", "m.toml", "."),
+        ("diagnose", "m.toml", "absent.csv"),
+        ("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"),
+        ("repair", "m.toml", "good.csv", "--output", "good.csv"),
+        ("compare", "m.toml", "good.csv", "--report", "m.toml"),
+        ("compare", "m.toml", "good.csv", "--report", "r", "--json", "r"),
+        ("compare", "m.toml", "good.csv", "copy.csv"),
+        ("compare", "m.toml", "good.csv", "--held-out", "copy.csv"),
+        ("repair", "m.toml", "good.csv", "--exam", "copy.csv"),
+        ("diagnose", "m.toml", "good.csv", "--exam", "good.csv"),
+        ("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"),
+        ("trial", "--out", "good.csv"),
+        ("trial", "--json", "nowhere/x.json"),
+        ("new", "pendulum", "good.csv"),
+        ("new", "pendulum", "n.toml", "--set", "mass=80"),
+        ("new", "pendulum", "n.toml", "--set", "masss=80 g"),
+        ("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"),
+        ("effects", "--effects", "absent.py"),
     ],
 )
-def test_bad_arguments_are_refused(nothing_written, arguments, expected):
-    assert expected in nothing_written(*arguments)
+def test_bad_arguments_are_refused(nothing_written, arguments, complains):
+    complains.line(nothing_written(*arguments))
 
 
 def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, place):

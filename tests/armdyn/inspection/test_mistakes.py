@@ -211,11 +211,11 @@ def test_what_nothing_has_is_said(effect, values):
     assert "check your recording" in found[0].sentence
 
 
-def test_what_a_user_told_the_model_is_no_verdict():
+def test_what_a_user_told_the_model_is_no_verdict(complains):
     model = arm_model(robot="panda", joints=mistakes.Plant("panda").joints, effects=[CATALOGUE["base_tilt"]])
     on_a_wall = model.with_values({"base_tilt.roll": 1.57})
     require_plausible(on_a_wall, [], on_a_wall)
-    with pytest.raises(WrongRecordingError, match="lean by 90 degrees"):
+    with complains(WrongRecordingError):
         require_plausible(on_a_wall, [], model)
 
 

@@ -206,11 +206,11 @@ def test_control_leaves_the_state_as_it_is_at_the_start():
     assert model.rest_angle() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_state_that_changes_the_length_is_refused():
+def test_a_state_that_changes_the_length_is_refused(complains):
     @effect("creeping", acts_on="string", summary="", source="")
     def creeping(string, rate=quantity("1/s", typical=1.0)):
         string, z = string.with_state(lambda z: rate - z)
         return string.with_length(string.length + z)
 
-    with pytest.raises(InputError, match="a force, a torque or a reading"):
+    with complains(InputError):
         pendulum_model(LENGTH, MASS, [creeping]).dynamics()

@@ -107,18 +107,18 @@ def test_a_spring_in_vacuum_keeps_its_frequency(run):
     assert len(time) == len(run.channels["q.mass"]) - 1  # the last was measured after the input's last
 
 
-def test_effects_act_joint_by_joint():
+def test_effects_act_joint_by_joint(complains):
     model = physics_model(oscillator()).with_effect(viscous.on("right"))
     assert model.parameters["viscous.c[right]"].joint == "right"
     assert model.with_effect(viscous).names[-2:] == ("viscous.c[right]", "viscous.c[left]")
-    with pytest.raises(UnknownNameError, match="joint of the slider"):
+    with complains(UnknownNameError):
         model.with_effect(viscous.on("middle"))
 
 
-def test_what_changes_nothing_is_refused():
+def test_what_changes_nothing_is_refused(complains):
     model = physics_model(oscillator())
     assert not model.lacks(idle)
-    with pytest.raises(InputError, match="changes nothing"):
+    with complains(InputError):
         model.with_effect(idle)
 
 
@@ -129,17 +129,17 @@ def test_a_measured_state_and_its_rate_are_guessed(run):
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    "changed",
     [
-        ({"outputs": {"q.mass": "N"}}, "q.mass is in rad or m, not in N"),
-        ({"outputs": {"angle": "rad"}}, "unknown channel 'angle'"),
-        ({"states": (state("stretch", "m", typical=0.1),)}, "unknown parameter or state 'speed'"),
-        ({"outputs": {"q.mass": "m", "q.other": "m"}}, "say nothing of the output 'q.other'"),
-        ({"inputs": {}}, "unknown input 'gripper_x'"),
+        {"outputs": {"q.mass": "N"}},
+        {"outputs": {"angle": "rad"}},
+        {"states": (state("stretch", "m", typical=0.1),)},
+        {"outputs": {"q.mass": "m", "q.other": "m"}},
+        {"inputs": {}},
     ],
 )  # fmt: skip
-def test_a_wrong_declaration_is_refused_in_one_line(changed, message):
-    with pytest.raises(InputError, match=message):
+def test_a_wrong_declaration_is_refused_in_one_line(changed, complains):
+    with complains(InputError):
         list(physics_model(oscillator(**changed)).names)
 
 
@@ -167,7 +167,7 @@ def test_what_a_physics_without_states_lacks_is_named():
     assert found.model.value("stiffness") == pytest.approx(12.0, rel=1e-3)
 
 
-def test_a_run_without_what_drives_the_motion_is_refused(run):
+def test_a_run_without_what_drives_the_motion_is_refused(run, complains):
     bare = {"q.mass": run.channels["q.mass"]}
-    with pytest.raises(InputError, match="holds no 'gripper_x', which drives the motion"):
+    with complains(InputError):
         physics_model(oscillator()).predict(replace(run, channels=bare), physics_model(oscillator()).theta())

@@ -159,15 +159,14 @@ def test_a_state_that_nothing_shows_stays_where_it_begins():
     assert found.parameters["initial_angle"].value == 0.0
 
 
-@pytest.mark.parametrize("stated", [{"stiffness": ("2 N/m", "1 mN/m"), "damping": ("0.01 N s/m", "0.01 mN s/m")},
-                                    {"inertia": ("0.5 kg", "1 ug")}])  # fmt: skip
-def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(tmp_path, oscillator, oscillations, stated):
+def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(
+    tmp_path, oscillator, oscillations, complains
+):
     runs = [tmp_path / run.name for run in oscillations]
     for run, path in zip(oscillations, runs, strict=True):
         write_run_csv(run, path)
     model, output = tmp_path / "m.toml", tmp_path / "repaired.toml"
-    known = [word for name, (value, std) in stated.items() for word in ("--set", f"{name}={value} +/- {std}")]
-    assert called("new", "--base", oscillator, model, *known)[0] == 0
+    assert called("new", "--base", oscillator, model, "--set", "inertia=0.5 kg +/- 1 ug")[0] == 0
     for command in (("compare",), ("diagnose",), ("repair", "--output", output)):
         answer = tmp_path / f"{command[0]}.json"
         assert called(command[0], model, *runs, *command[1:], "--json", answer, "--report", tmp_path / "r.html")[0] == 1
@@ -176,5 +175,5 @@ def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(tmp_pa
         assert found["sentence"].startswith("lost: give start values or a prior for ")
         assert not any(found.get(what) for what in ("effects", "candidates", "missing_force"))
     assert not output.exists()
-    with pytest.raises(TaskFailedError, match="lost: "):
+    with complains(TaskFailedError):
         fit(model, runs)

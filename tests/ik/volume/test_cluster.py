@@ -38,9 +38,9 @@ def test_a_volume_survives_the_death_of_a_worker(cluster, baxter, small, tmp_pat
     assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(alone.q[:]), equal_nan=True)
 
 
-def test_a_scheduler_that_does_not_answer_is_bad_input(baxter, small, tmp_path, monkeypatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_bad_input(baxter, small, tmp_path, monkeypatch, complains) -> None:
     monkeypatch.setattr("ik.workers.CONNECT_TIMEOUT_SECONDS", 0.5)
     started = time.monotonic()
-    with pytest.raises(InputError, match="no dask scheduler answers there"):
+    with complains(InputError):
         build_volume(baxter, small, tmp_path / "none.zarr", scheduler=f"tcp://127.0.0.1:{free_port()}")
     assert time.monotonic() - started < 30

@@ -76,7 +76,7 @@ def test_a_pool_of_processes_gives_the_same(volume, baxter, small, tmp_path) -> 
     assert np.array_equal(np.asarray(report.table.q[:]), np.asarray(volume.q[:]), equal_nan=True)
 
 
-def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
+def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path, complains) -> None:
     near = Grid(np.array([0.3, -0.5, -0.3]), np.array([0.5, -0.1, 0.0]), (8, 12, 8), baxter.line.rotation[None])
     table = build_volume(baxter, near, tmp_path / "near.zarr", collisions=True).table
     status = np.asarray(table.status[:])
@@ -84,31 +84,31 @@ def test_collisions_are_told_where_they_are_asked_for(baxter, tmp_path) -> None:
     for index in np.argwhere(status != Status.UNREACHABLE)[::7]:
         touches = collisions.touching(np.asarray(table.q[tuple(index)])) is not None
         assert touches == (status[tuple(index)] == Status.TOUCHING)
-    with pytest.raises(StaleTableError, match="was built with '--collisions', not without"):
+    with complains(StaleTableError):
         build_volume(baxter, near, table.path)
 
 
-def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other, small, tmp_path) -> None:
-    with pytest.raises(StaleTableError, match="settings of 'baxter' have changed"):
+def test_a_volume_of_other_settings_or_targets_is_refused(volume, baxter, other, small, tmp_path, complains) -> None:
+    with complains(StaleTableError):
         VolumeTable.open(volume.path, other)
-    with pytest.raises(InputError, match="holds a volume of other targets"):
+    with complains(InputError):
         build_volume(baxter, Grid(small.low, small.high, (10, 10, 10), small.rotations), volume.path)
-    with pytest.raises(InputError, match="there is no such volume"):
+    with complains(InputError):
         VolumeTable.open(tmp_path / "none.zarr")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(StaleTableError, match="not an IK volume"):
+    with complains(StaleTableError):
         VolumeTable.open(tmp_path / "empty")
 
 
-def test_a_volume_far_away_is_out_of_reach(baxter, tmp_path) -> None:
+def test_a_volume_far_away_is_out_of_reach(baxter, tmp_path, complains) -> None:
     far = Grid(np.array([3.0, 3.0, 3.0]), np.array([3.2, 3.2, 3.2]), (4, 4, 4), baxter.line.rotation[None])
-    with pytest.raises(UnreachableError, match="no target of the volume can be held"):
+    with complains(UnreachableError):
         build_volume(baxter, far, tmp_path / "far.zarr")
 
 
 @pytest.mark.parametrize(
     ("low", "high", "counts"), [([0, 0, 0], [1, 1, 0], (3, 3, 3)), ([0, 0, 0], [1, 1, 1], (3, 1, 3))]
 )
-def test_grids_that_span_nothing_are_refused(low, high, counts) -> None:
-    with pytest.raises(InputError, match="volume: "):
+def test_grids_that_span_nothing_are_refused(low, high, counts, complains) -> None:
+    with complains(InputError):
         Grid(np.array(low), np.array(high), counts, np.eye(3)[None])

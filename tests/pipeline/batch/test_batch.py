@@ -170,9 +170,9 @@ def test_repair_says_what_each_recording_lacks(lab, armdyn):
 
 
 @pytest.mark.usefixtures("lab")
-def test_another_batch_in_the_same_folder_is_refused(refused):
+def test_another_batch_in_the_same_folder_is_refused(refused, complains):
     with own_folder(Path("out"), Path("out")):
-        assert "another batch writes to out: wait for it" in refused(*BATCH)
+        complains.line(refused(*BATCH))
 
 
 def test_a_recording_that_is_not_what_it_says_has_no_values_unless_it_is_trusted(lab):

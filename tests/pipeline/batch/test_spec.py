@@ -49,37 +49,32 @@ def test_a_recording_that_is_named_and_missing_is_a_row_not_an_error(folder):
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    "text",
     [
-        ("", "there are no [[recordings]]"),
-        ("recordings = 3", "write '[[recordings]]' on a line of its own"),
-        ("[[recordings]]\nmodell = 'm.toml'", "unknown key 'modell': did you mean 'model'?"),
-        ("[[recordings]]\nmodel = 'm.toml'", "'runs' is missing"),
-        (GOOD.replace("m.toml", "n.toml"), None),
-        (GOOD.replace("m.toml", "n*.toml"), "model: 'n*.toml' matches no file"),
-        (GOOD.replace("*.csv", "*.mcap"), "runs: '*.mcap' matches no recording"),
-        (GOOD.replace('["*.csv"]', "[3]"), "[[recordings]] 1: runs = 3 is not a text"),
-        (GOOD.replace("*.csv", "{robot}.csv"), "runs: {robot} stands for what it is in `model`"),
-        (f"task = 'repare'\n{GOOD}", "unknown task 'repare': did you mean 'repair'?"),
-        (f"taks = 'repair'\n{GOOD}", "unknown key 'taks': did you mean 'task'?"),
-        (f"[changes]\nfalse_alarms = 2\n{GOOD}", "give a probability from 0.001 to 0.2"),
-        (f"[changes]\nfalse_alarms = true\n{GOOD}", "false_alarms = True is not a number"),
-        (f"[time]\nfrom = 'file'\n{GOOD}", "[time]: from = 'file': choose one of spec, sidecar, name"),
-        (f"[time]\nform = 'log'\n{GOOD}", "form = 'log': write what the name is"),
-        (f"time = 3\n{GOOD}", "'time' is not a table"),
-        (GOOD + "times = { 'b.csv' = 2026-05-04 }", "unknown recording in times of [[recordings]] 1 'b.csv'"),
-        (GOOD + "times = { 'a.csv' = 5 }", "'a.csv': is no time: write it as 2026-05-04"),
-        ("[[recordings]", "is not TOML"),
+        "",
+        "recordings = 3",
+        "[[recordings]]\nmodell = 'm.toml'",
+        "[[recordings]]\nmodel = 'm.toml'",
+        GOOD.replace("m.toml", "n.toml"),
+        GOOD.replace("m.toml", "n*.toml"),
+        GOOD.replace("*.csv", "*.mcap"),
+        GOOD.replace('["*.csv"]', "[3]"),
+        GOOD.replace("*.csv", "{robot}.csv"),
+        f"task = 'repare'\n{GOOD}",
+        f"taks = 'repair'\n{GOOD}",
+        f"[changes]\nfalse_alarms = 2\n{GOOD}",
+        f"[changes]\nfalse_alarms = true\n{GOOD}",
+        f"[time]\nfrom = 'file'\n{GOOD}",
+        f"[time]\nform = 'log'\n{GOOD}",
+        f"time = 3\n{GOOD}",
+        GOOD + "times = { 'b.csv' = 2026-05-04 }",
+        GOOD + "times = { 'a.csv' = 5 }",
+        "[[recordings]",
     ],
 )
-def test_a_wrong_spec_is_refused_in_one_line(folder, text, complaint):
-    if complaint is None:
-        complaint = "model: 'n.toml' matches no file"
-    with pytest.raises(InputError) as error:
+def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
+    with complains(InputError):
         read(folder, text)
-    assert complaint in str(error.value)
-    assert str(folder / "spec.toml") in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def when(name, clock=None, given=()):

@@ -125,13 +125,13 @@ def test_a_cluster_that_loses_a_worker_does_everything_once(cluster, lab):
     check_done_once(lab, done)
 
 
-def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch, complains):
     from armdyn.errors import InputError
 
     pytest.importorskip("distributed")
     monkeypatch.setattr("ik.workers.CONNECT_TIMEOUT_SECONDS", 0.5)
     (lab / "out").mkdir()
-    with pytest.raises(InputError, match="no dask scheduler answers there"):
+    with complains(InputError):
         run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")
 
 

@@ -118,11 +118,11 @@ def test_a_definition_that_is_wrong_leaves_out_its_messages_alone(definition, tm
         assert any("/cell" in note for note in foreign.notes)
 
 
-def test_what_is_no_bag_says_so(tmp_path):
+def test_what_is_no_bag_says_so(tmp_path, complains):
     (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(range(200)))
-    with pytest.raises(InputError, match="cannot be read as a bag"):
+    with complains(InputError):
         read_bag(tmp_path / "a.bag")
-    with pytest.raises(InputError, match="no such file"):
+    with complains(InputError):
         read_bag(tmp_path / "b.bag")
 
 
@@ -186,12 +186,12 @@ def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_
     assert any("UR's drivers" in note for note in foreign.notes) == (names[0] != "a")
 
 
-def test_a_recording_of_armdyn_needs_no_import(tmp_path):
+def test_a_recording_of_armdyn_needs_no_import(tmp_path, complains):
     recorder = Recorder(tmp_path / "a.mcap", {"load_force": "N"})
     for t in TIME:
         recorder.record("load_force", float(t), 1.0)
     recorder.close()
-    with pytest.raises(InputError, match="which is a run already"):
+    with complains(InputError):
         read_foreign(tmp_path / "a.mcap")
 
 

@@ -69,23 +69,19 @@ def test_a_matlab_file_of_a_slide_becomes_a_run(armdyn, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("was", "wrong", "told"),
+    ("was", "wrong"),
     [
-        ('"4 s"', '"4 V"', "runs.estimation: time: 'V' is of another kind than 's'"),
-        ('"4 s"', '"0 s"', "'0 s' is no time from one row to the next"),
-        ('"4 s"', '"4 h"', "is no rate of a recording"),
-        ("runs.validation]", 'runs."../up"]', "call a run by letters, digits, '_' and '-', not '../up'"),
-        (
-            "[runs.estimation.columns]\n",
-            "[runs.estimation.rows]\n",
-            "runs.estimation: 2 problems: (1) unknown key 'rows'",
-        ),
-        ("yVal = {", "yMal = {", "dataBenchmark_validation: unknown column 'yMal'"),
+        ('"4 s"', '"4 V"'),
+        ('"4 s"', '"0 s"'),
+        ('"4 s"', '"4 h"'),
+        ("runs.validation]", 'runs."../up"]'),
+        ("[runs.estimation.columns]\n", "[runs.estimation.rows]\n"),
+        ("yVal = {", "yMal = {"),
     ],
 )
-def test_what_is_wrong_with_a_run_of_a_mapping_is_told_in_its_place(refused, tmp_path, columns, was, wrong, told):
+def test_what_is_wrong_with_a_run_of_a_mapping_is_told_in_its_place(refused, tmp_path, columns, was, wrong, complains):
     names, rows = ",".join(columns), zip(*columns.values(), strict=True)
     (tmp_path / "dataBenchmark.csv").write_text("\n".join([names, *(",".join(map(str, row)) for row in rows), ""]))
     (tmp_path / "map.toml").write_text(TWO_RUNS.replace(was, wrong))
-    assert told in refused("import", "dataBenchmark.csv", "--map", "map.toml", "--output", "runs")
+    complains.line(refused("import", "dataBenchmark.csv", "--map", "map.toml", "--output", "runs"))
     assert not (tmp_path / "runs").exists()

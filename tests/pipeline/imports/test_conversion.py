@@ -99,14 +99,14 @@ def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
 
 
 @pytest.mark.parametrize(
-    ("entry", "count", "says"),
+    ("entry", "count"),
     [
-        (Entry("load_force", "N", gear_ratio=2.0), 20, "load_force has no gear"),
-        (Entry("q.a", "A", torque_constant="1 N m/A"), 20, "makes torques of currents, not q.a"),
-        (Entry("load_force", "N"), 9, "holds 9 numbers where at least 10 are needed"),
+        (Entry("load_force", "N", gear_ratio=2.0), 20),
+        (Entry("q.a", "A", torque_constant="1 N m/A"), 20),
+        (Entry("load_force", "N"), 9),
     ],
 )
-def test_a_line_that_cannot_be_is_told(entry, count, says):
+def test_a_line_that_cannot_be_is_told(entry, count, complains):
     value = np.where(np.arange(20) < count, 1.0, np.nan)
-    with pytest.raises(InputError, match=says):
+    with complains(InputError):
         imported(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t"))

@@ -106,7 +106,7 @@ def test_every_problem_of_the_columns_is_told_at_once(german, tmp_path):
         assert part in message
 
 
-def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints):
+def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints, complains):
     path = tmp_path / "a.parquet"
     stamps = np.datetime64("2026-01-01") + (TIME * 1e9).astype("timedelta64[ns]")
     lists = [list(row) if i != 7 else None for i, row in enumerate(joints[0])]
@@ -122,7 +122,7 @@ def test_a_parquet_file_holds_channels_dates_and_lists(tmp_path, joints):
     np.testing.assert_allclose(run.channels["q.a"].value, joints[0][:, 0])
     np.testing.assert_allclose(run.channels["q.a"].time, TIME, atol=1e-9)
     parquet.write_table(pyarrow.table(table)[:0], path)
-    with pytest.raises(InputError, match="holds no row"):
+    with complains(InputError):
         read_foreign(path)
 
 
@@ -174,22 +174,21 @@ def test_episodes_of_a_lerobot_data_set(version, stamped, tmp_path, joints):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    "text",
     [
-        ("", "is empty"),
-        ("a;b\n", "a header and no row"),
-        ("a,b\n1,2\n3\n", "row 3 has 1 cells where the header has 2"),
-        ("a,b\nx,y\n", "no column holds numbers"),
-        ("a,b\n1,2\n3,4..5\n5,6\n", "row 3, column 'b': '4..5' is no number that anything has"),
-        ("a,b\n1,2\n3,1e300\n", "row 3, column 'b'"),
+        "",
+        "a;b\n",
+        "a,b\n1,2\n3\n",
+        "a,b\nx,y\n",
+        "a,b\n1,2\n3,4..5\n5,6\n",
+        "a,b\n1,2\n3,1e300\n",
     ],
 )
-def test_a_broken_table_says_what_is_wrong(text, says, tmp_path):
+def test_a_broken_table_says_what_is_wrong(text, tmp_path, complains):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
+    with complains(InputError):
         read_foreign(path)
-    assert says in str(caught.value)
 
 
 def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):
@@ -209,11 +208,9 @@ def test_words_among_numbers_are_missing_and_columns_of_text_are_told(tmp_path):
     )
 
 
-def test_time_that_goes_back_row_by_row_is_refused(tmp_path):
+def test_time_that_goes_back_row_by_row_is_refused(tmp_path, complains):
     path = tmp_path / "a.csv"
     path.write_text("time,load_force [N]\n" + "".join(f"{20 - i},{i}\n" for i in range(20)))
     (foreign,) = read_foreign(path)
-    with pytest.raises(
-        InputError, match=r"'time' is no time: 20 rows came, 1 are used; .*19 whose stamp.*: sort the rows by time"
-    ):
+    with complains(InputError):
         imported(foreign, known_columns(foreign))

@@ -68,13 +68,13 @@ TABLES = {
 
 
 @pytest.mark.parametrize("kind", TABLES)
-def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path):
+def test_tables_of_every_kind_become_the_run_or_ask(kind, tmp_path, complains):
     """`none`: what is no torque becomes none; other words: what the one line says."""
     text, rate, outcome = TABLES[kind]
     (tmp_path / "a.csv").write_text(text)
     (foreign,) = read_foreign(tmp_path / "a.csv")
     if outcome not in (RIGHT, ASK, "none"):
-        with pytest.raises(InputError, match=outcome):
+        with complains(InputError):
             guess_map([foreign], ALONE, rate)
         return
     mapping = guess_map([foreign], ALONE, rate)
@@ -124,20 +124,20 @@ def test_matlabs_arrays_are_columns(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    "content",
     [
-        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400), "-v7"),
-        (b"not MATLAB's" * 50, "no MATLAB file that can be read"),
-        (b"", "no MATLAB file that can be read"),
+        b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400),
+        b"not MATLAB's" * 50,
+        b"",
     ],
 )
-def test_what_is_no_matlab_file_is_one_line(content, says, tmp_path):
+def test_what_is_no_matlab_file_is_one_line(content, tmp_path, complains):
     (tmp_path / "a.mat").write_bytes(content)
-    with pytest.raises(InputError, match=says):
+    with complains(InputError):
         read_foreign(tmp_path / "a.mat")
 
 
-def test_a_pendulum_by_video_or_phone(tmp_path):
+def test_a_pendulum_by_video_or_phone(tmp_path, complains):
     """Tracker and phyphox: the angle is the angle, a rate is a rate, x and y in a picture are no gripper."""
     swing = 0.4 * np.sin(4 * TRUE)
     rate = 1.6 * np.cos(4 * TRUE)
@@ -150,7 +150,7 @@ def test_a_pendulum_by_video_or_phone(tmp_path):
         assert {entry.channel for entry in mapping.entries.values()} == channels
         assert all(entry.check for entry in mapping.entries.values())
     (tmp_path / "a.txt").write_text("t,x,y\n" + rows(TRUE, np.sin(swing), -np.cos(swing)))
-    with pytest.raises(InputError, match="x and y of a load are no channels"):
+    with complains(InputError):
         guess_map(read_foreign(tmp_path / "a.txt"))
 
 
@@ -158,7 +158,7 @@ SHEET = """<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/200
 STRINGS = """<sst xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">{}</sst>"""
 
 
-def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path):
+def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path, complains):
     names = HEAD.split(",")
     head = "".join(f'<c r="{chr(65 + i)}1" t="s"><v>{i}</v></c>' for i in range(len(names)))
     lines = [
@@ -172,5 +172,5 @@ def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path):
     (foreign,) = read_foreign(tmp_path / "a.xlsx")
     check_against_truth(imported(foreign, guess_map([foreign], ALONE)).run)
     (tmp_path / "a.xlsx").write_bytes(b"?")
-    with pytest.raises(InputError, match="save it as CSV"):
+    with complains(InputError):
         read_foreign(tmp_path / "a.xlsx")

@@ -57,32 +57,30 @@ def test_the_file_of_the_document_is_a_calibration(tmp_path):
         ("{", ""),
     ],
 )
-def test_a_calibration_that_cannot_be_used_says_so_in_one_line(tmp_path, old, new):
+def test_a_calibration_that_cannot_be_used_says_so_in_one_line(tmp_path, old, new, complains):
     path = tmp_path / "loadcell.toml"
     CALIBRATION.save(path)
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
-    with pytest.raises(InputError, match="armdyn loadcell calibrate PORT") as caught:
+    with complains(InputError):
         Calibration.load(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\xff\xfe\x00", b"folder"])
-def test_a_missing_or_foreign_file_says_what_to_run(tmp_path, content):
+def test_a_missing_or_foreign_file_says_what_to_run(tmp_path, content, complains):
     path = tmp_path / "loadcell.toml"
     if content == b"folder":
         path.mkdir()
     elif content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match="armdyn loadcell calibrate PORT"):
+    with complains(InputError):
         Calibration.load(path)
 
 
-def test_a_calibration_that_cannot_be_written_leaves_nothing_behind(tmp_path):
+def test_a_calibration_that_cannot_be_written_leaves_nothing_behind(tmp_path, complains):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match="choose another place"):
+    with complains(InputError):
         CALIBRATION.save(tmp_path / "file" / "loadcell.toml")
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
 
@@ -104,10 +102,9 @@ def test_weights_are_masses_or_forces():
 @pytest.mark.parametrize(
     "text", ["", ",", "0 g", "0 g, 0 N", "100", "0 g, -100 g", "0 g, 2 s", "0 g, heavy", "0 g; 100 g"]
 )
-def test_nonsense_weights_are_refused_in_one_line(text):
-    with pytest.raises(InputError, match="--weights") as caught:
+def test_nonsense_weights_are_refused_in_one_line(text, complains):
+    with complains(InputError):
         parse_weights(text, 9.81)
-    assert "\n" not in str(caught.value)
 
 
 OFFSET, SCALE, NOISE = 84213.4, 5.6e-6, 40.0
@@ -188,14 +185,14 @@ def test_slow_drift_and_correlated_noise_widen_the_mean():
 
 
 @pytest.mark.parametrize(("wild", "refused"), [(20, False), (21, True)])
-def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_is_not(wild, refused):
+def test_a_tenth_of_the_samples_may_be_wild_and_what_is_within_five_deviations_is_not(wild, refused, complains):
     rng = np.random.default_rng(1)
     counts = OFFSET + NOISE * rng.permutation(np.linspace(-1.4826, 1.4826, 200))  # the median deviation is half of that
     limit = 5.0 * 1.4826 * np.median(np.abs(counts - np.median(counts)))
     counts[:wild] = OFFSET + 1.2 * limit
     counts[100] = OFFSET - 0.9 * limit
     if refused:
-        with pytest.raises(TaskFailedError, match="21 of 200 samples are far off"):
+        with complains(TaskFailedError):
             Plateau.of(Weight("x", 1.0), counts)
     else:
         plateau = Plateau.of(Weight("x", 1.0), counts)
@@ -232,20 +229,20 @@ def test_residuals_are_what_the_line_leaves():
 
 
 @pytest.mark.parametrize(
-    ("forces", "options", "says"),
+    ("forces", "options"),
     [
-        ([0.0, 0.0, 0.0], {}, "same counts.*was the weight changed"),
-        ([0.0, 0.981, 0.981], {}, "100 g and 200 g give the same counts"),
-        ([0.0, 1.962, 0.981], {}, "do not follow the weights"),
-        ([0.0, 0.981, 2.5], {}, "do not lie on a line"),
-        ([0.0, 0.981, 1.962], {"noise": 30_000.0}, "the noise is .* % of the weights' span"),
+        ([0.0, 0.0, 0.0], {}),
+        ([0.0, 0.981, 0.981], {}),
+        ([0.0, 1.962, 0.981], {}),
+        ([0.0, 0.981, 2.5], {}),
+        ([0.0, 0.981, 1.962], {"noise": 30_000.0}),
     ],
 )
-def test_counts_that_are_no_calibration_are_refused(forces, options, says):
+def test_counts_that_are_no_calibration_are_refused(forces, options, complains):
     rng = np.random.default_rng(8)
     weights = parse_weights("0 g, 100 g, 200 g", G)
     plateaus = plateaus_at(rng, weights, forces, **options)
-    with pytest.raises(TaskFailedError, match=says):
+    with complains(TaskFailedError):
         fit_calibration(plateaus, "test")
 
 
@@ -261,32 +258,32 @@ def test_a_hundredth_of_the_span_beside_the_line_is_a_wrong_weight_unless_it_is_
         assert max(fit_calibration(plateaus, "test").residuals) == pytest.approx(share * weights[2].force, rel=1e-2)
 
 
-def test_a_weight_that_still_swings_is_refused():
+def test_a_weight_that_still_swings_is_refused(complains):
     rng = np.random.default_rng(9)
     weights = parse_weights("0 g, 100 g, 200 g", G)
     still = [Plateau.of(w, counts_at(rng, w.force)) for w in weights[:2]]
     angle = 0.15 * np.cos(5.2 * np.arange(200) / 80)
     swinging = Plateau.of(weights[2], counts_at(rng, 1.962 * (1 + 0.15**2 - 1.5 * angle**2)))
-    with pytest.raises(TaskFailedError, match=r"200 g: the counts move .* let it come to rest"):
+    with complains(TaskFailedError):
         fit_calibration([*still, swinging], "test")
 
 
-def test_weights_closer_than_the_noise_are_refused():
+def test_weights_closer_than_the_noise_are_refused(complains):
     rng = np.random.default_rng(10)
-    with pytest.raises(TaskFailedError, match=r"0 g and 0\.1 g cannot be told apart in the noise"):
+    with complains(TaskFailedError):
         fit(rng, "0 g, 0.1 g, 200 g", samples=5000)
 
 
 @pytest.mark.parametrize(
-    ("counts", "says"),
+    "counts",
     [
-        ([5] * 10, "too few"),
-        ([123] * 100, "stand still at 123"),
-        ([100, 110, 0x7FFFFF] * 50, "end of its range"),
-        ([100, 110, -0x800000] * 50, "end of its range"),
-        ([100, 101, 102] * 50 + [9000, 12000] * 20, "far off: do not touch"),
+        [5] * 10,
+        [123] * 100,
+        [100, 110, 0x7FFFFF] * 50,
+        [100, 110, -0x800000] * 50,
+        [100, 101, 102] * 50 + [9000, 12000] * 20,
     ],
 )
-def test_a_dead_saturated_or_touched_cell_is_refused(counts, says):
-    with pytest.raises(TaskFailedError, match=says):
+def test_a_dead_saturated_or_touched_cell_is_refused(counts, complains):
+    with complains(TaskFailedError):
         Plateau.of(Weight("100 g", 0.981), counts)

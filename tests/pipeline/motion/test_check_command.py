@@ -110,10 +110,10 @@ def test_what_is_wrong_is_one_line(refused, tmp_path, joints, q, header, columns
     assert re.search(match, refused("check", file, *options))
 
 
-@pytest.mark.parametrize(("name", "match"), [("none.csv", "no such file"), (".", "directory"), ("empty.csv", "empty")])
-def test_files_that_are_no_trajectory_are_named(refused, tmp_path, name, match):
+@pytest.mark.parametrize("name", ["none.csv", ".", "empty.csv"])
+def test_files_that_are_no_trajectory_are_named(refused, tmp_path, name, complains):
     (tmp_path / "empty.csv").touch()
-    assert match in refused("check", name)
+    complains.line(refused("check", name))
 
 
 def test_the_noise_of_positions_is_found_under_their_motion():

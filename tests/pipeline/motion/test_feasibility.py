@@ -52,12 +52,12 @@ def test_a_slow_motion_along_the_line_is_feasible(robot, table):
     }  # fmt: skip
 
 
-def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot, table):
+def test_the_first_joint_to_be_too_fast_is_named_with_its_bound(robot, table, complains):
     report = check_line(table, robot, line_sine(0.25, 0.8), PLAIN)
     fast = [violation for violation in report.violations if violation.limit == "velocity"]
     assert {violation.joint for violation in fast} <= {"right_s0", "right_s1", "right_e0", "right_e1"}
     assert all(abs(violation.value) > 1.5 and abs(violation.bound) == 1.5 for violation in fast)
-    with pytest.raises(TaskFailedError, match=r"swing: not feasible.* and \d+ more"):
+    with complains(TaskFailedError):
         report.require_feasible("swing")
 
 
@@ -117,19 +117,19 @@ def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot, data
         assert wrong <= {robot.joint_names[k] for k in np.flatnonzero(~clear | (expected < 0))}
 
 
-def test_renaming_or_reordering_joints_is_refused(robot):
+def test_renaming_or_reordering_joints_is_refused(robot, complains):
     motion = joint_sines(robot, np.full(7, 0.1), np.full(7, 0.5))
-    with pytest.raises(InputError, match="its joints are"):
+    with complains(InputError):
         check_joints(robot, replace(motion, joint_names=robot.joint_names[::-1]))
 
 
-def test_a_start_where_the_arm_is_not_is_refused(robot, table):
+def test_a_start_where_the_arm_is_not_is_refused(robot, table, complains):
     motion, here = line_sine(0.1, 0.5), table.posture(0.0).q
     assert check_line(table, robot, motion, PLAIN, at=here).feasible
     elsewhere = here + np.array([0, 0, 0, 0.1, 0, 0, 0])
     report = check_line(table, robot, motion, PLAIN, at=elsewhere)
     assert broken(report) == {("start", "right_e1")}
-    with pytest.raises(InputError, match="finite joint positions"):
+    with complains(InputError):
         check_line(table, robot, motion, PLAIN, at=here[:6])
 
 
@@ -178,8 +178,8 @@ def test_damping_and_springs_count(robot):
 
 
 @pytest.mark.parametrize("mass", [-1.0, float("nan")])
-def test_what_is_no_mass_is_refused(robot, mass):
-    with pytest.raises(InputError, match="mass"):
+def test_what_is_no_mass_is_refused(robot, mass, complains):
+    with complains(InputError):
         JointTorque(robot, load_mass=mass)
 
 

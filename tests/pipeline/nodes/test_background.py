@@ -70,27 +70,27 @@ def raised(error):
 
 
 @pytest.mark.parametrize(
-    ("error", "says"),
+    "error",
     [
-        (InputError("a sentence of ours"), "^a sentence of ours$"),
-        (np.linalg.LinAlgError("singular"), r"odd failed: LinAlgError: singular \(test_background.py, line"),
-        (SystemExit(0), "SystemExit"),
+        InputError("a sentence of ours"),
+        np.linalg.LinAlgError("singular"),
+        SystemExit(0),
     ],
 )
-def test_what_the_work_raises_is_raised_in_the_loop(process, collected, error, says):
+def test_what_the_work_raises_is_raised_in_the_loop(process, collected, error, complains):
     process.provide("odd", raised(error))
     process.start()
     process.ask("odd", None, lambda _result: None)
-    with pytest.raises(TaskFailedError, match=says):
+    with complains(TaskFailedError):
         collected(process, [])
     assert not process.busy("odd")
 
 
-def test_a_process_that_was_killed_is_a_sentence(process, collected):
+def test_a_process_that_was_killed_is_a_sentence(process, collected, complains):
     process.provide("dies", lambda _argument: os.kill(os.getpid(), signal.SIGKILL))
     process.start()
     process.ask("dies", None, lambda _result: None)
-    with pytest.raises(TaskFailedError, match="has ended"):
+    with complains(TaskFailedError):
         collected(process, [])
 
 

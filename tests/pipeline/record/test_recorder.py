@@ -102,11 +102,11 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_a_killed_program_leaves_all_but_the_last_half_second(tmp_path):
+def test_a_killed_program_leaves_all_but_the_last_half_second(tmp_path, complains):
     path = tmp_path / "trial.mcap"
     done = subprocess.run([sys.executable, "-c", CRASH, str(path)], check=False)
     assert done.returncode == -signal.SIGKILL
-    with pytest.raises(InputError, match=r"cut off, its recording did not end properly: .*recover=True"):
+    with complains(InputError):
         read_run(path)
     run = read_run(path, recover=True)
     force = run.channel("load_force")
@@ -191,26 +191,26 @@ def test_bad_samples_are_left_out_and_counted(tmp_path):
     np.testing.assert_array_equal(read_run(path).channel("load_force").value, 1.0 + np.arange(20))
 
 
-def test_a_recording_without_samples_leaves_no_csv(tmp_path):
+def test_a_recording_without_samples_leaves_no_csv(tmp_path, complains):
     with Recorder(tmp_path / "trial.mcap", CHANNELS):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["trial.mcap"]
-    with pytest.raises(InputError, match="holds no samples"):
+    with complains(InputError):
         read_run(tmp_path / "trial.mcap")
 
 
-def test_wrong_use_is_refused(tmp_path):
+def test_wrong_use_is_refused(tmp_path, complains):
     path = tmp_path / "trial.mcap"
-    for place, channels, noise, says in (
-        (path, {"load_force": "mN"}, {}, "recorded in N, not in mN"),
-        (path, {"estimate.time": "s"}, {}, r"'estimate\.time' cannot be recorded"),
-        (tmp_path / "absent" / "trial.mcap", {"load_force": "N"}, {}, "cannot write"),
-        (path, {"load_force": "N"}, {"load_forse": 0.003}, "did you mean 'load_force'"),
+    for place, channels, noise in (
+        (path, {"load_force": "mN"}, {}),
+        (path, {"estimate.time": "s"}, {}),
+        (tmp_path / "absent" / "trial.mcap", {"load_force": "N"}, {}),
+        (path, {"load_force": "N"}, {"load_forse": 0.003}),
     ):
-        with pytest.raises(InputError, match=says):
+        with complains(InputError):
             Recorder(place, channels, noise=noise)
     recorder = Recorder(path, {"load_force": "N"})
-    with pytest.raises(UnknownNameError, match="did you mean 'load_force'"):
+    with complains(UnknownNameError):
         recorder.record("load_froce", 0.0, 1.0)
     recorder.close()
     recorder.close()

@@ -231,13 +231,13 @@ def test_shares_are_percent():
     assert percent(0.953) == "95 %"
 
 
-def test_report_is_written_in_one_step(tmp_path, table):
+def test_report_is_written_in_one_step(tmp_path, table, complains):
     path = tmp_path / "report.html"
     path.write_text("old")
     write_page(table_report(table), path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
-    with pytest.raises(InputError, match="cannot write"):
+    with complains(InputError):
         write_page(table_report(table), tmp_path / "absent" / "report.html")
 
 

@@ -113,17 +113,17 @@ def test_sheet_holds_six_moments(baxter, swing, tmp_path):
         assert image.size == (3 * SMALL[0], 2 * SMALL[1])
 
 
-def test_machine_without_egl_is_told_what_to_install(baxter, swing, tmp_path, monkeypatch):
+def test_machine_without_egl_is_told_what_to_install(baxter, swing, tmp_path, monkeypatch, complains):
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
-    with pytest.raises(InputError, match="libegl1"):
+    with complains(InputError):
         render_swing(baxter, SETTINGS, swing, tmp_path / "swing.png", size=SMALL)
     assert not (tmp_path / "swing.png").exists()
 
 
-def test_other_file_types_and_an_empty_motion_are_refused(baxter, swing, plant, tmp_path):
-    with pytest.raises(InputError, match=r"\.gif"):
+def test_other_file_types_and_an_empty_motion_are_refused(baxter, swing, plant, tmp_path, complains):
+    with complains(InputError):
         render_swing(baxter, SETTINGS, swing, tmp_path / "swing.mp4")
-    with pytest.raises(InputError, match="empty"):
+    with complains(InputError):
         render_swing(baxter, SETTINGS, plant().history(), tmp_path / "swing.gif")
 
 

@@ -64,8 +64,8 @@ def test_one_thread_per_sender_never_mixes_messages(loopback, bridge):
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_not_a_number_never_leaves(loopback, bridge, value):
-    with pytest.raises(InputError, match="/load was not sent"):
+def test_not_a_number_never_leaves(loopback, bridge, value, complains):
+    with complains(InputError):
         bridge.publish(TOPIC, {"data": [0.0, value]})
     bridge.publish(TOPIC, {"data": 1.0})
     loopback.wait_for(lambda: loopback.requests)
@@ -79,13 +79,13 @@ def test_only_the_newest_message_is_asked_for_and_none_is_held_back(loopback, br
     assert bridge._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
-def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, until):
+def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, until, complains):
     bridge.publish(TOPIC, {"data": 1.0})
     loopback.wait_for(lambda: loopback.requests)
     loopback.drop()
     until(lambda: bridge.failure)
     for _ in range(100):
-        with pytest.raises(BridgeError, match=r"connection to the bridge .* is lost"):
+        with complains(BridgeError):
             bridge.publish(TOPIC, {"data": 2.0})
     with Bridge(loopback.uri) as again:
         again.publish(TOPIC, {"data": 3.0})
@@ -93,7 +93,7 @@ def test_after_a_lost_connection_nothing_is_sent_or_queued(loopback, bridge, unt
     assert loopback.published(TOPIC) == [{"data": 1.0}, {"data": 3.0}]
 
 
-def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch):
+def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch, complains):
     monkeypatch.setattr(bridge_module, "SEND_TIMEOUT_SECONDS", 0.02)
     loopback.stall()
     large = {"data": "x" * 500_000}  # after a few of them more than the buffers of both systems
@@ -102,7 +102,7 @@ def test_a_bridge_that_takes_nothing_is_given_up(loopback, bridge, monkeypatch):
         for _ in range(100):
             bridge.publish(TOPIC, large)
 
-    with pytest.raises(BridgeError, match="accepted nothing for 20 ms"):
+    with complains(BridgeError):
         insist()
 
 
@@ -129,12 +129,12 @@ def test_a_service_answers(loopback, bridge):
     assert asked == [{}]
 
 
-def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge, monkeypatch):
+def test_a_service_that_fails_or_is_silent_is_named(loopback, bridge, monkeypatch, complains):
     monkeypatch.setattr(bridge_module, "CONNECTING", 0.5)
     loopback.answers["/broken"] = lambda _arguments: None
-    with pytest.raises(InputError, match="/broken failed"):
+    with complains(InputError):
         bridge.call("/broken")
-    with pytest.raises(InputError, match=r"/nobody did not answer within 0.5 s"):
+    with complains(InputError):
         bridge.call("/nobody")
 
 
@@ -146,20 +146,20 @@ def test_closing_twice_is_fine_and_ends_the_thread(loopback):
 
 
 @pytest.mark.parametrize(
-    ("uri", "says"),
+    "uri",
     [
-        ("http://localhost:9090", "write ws://HOST:9090"),
-        ("robot", "write ws://HOST:9090"),
-        ("wss://localhost:9090", "encrypted"),
-        ("ws://127.0.0.1:1", "no rosbridge answers there .*roslaunch"),
+        "http://localhost:9090",
+        "robot",
+        "wss://localhost:9090",
+        "ws://127.0.0.1:1",
     ],
 )
-def test_an_address_that_cannot_be_used_is_explained(uri, says):
-    with pytest.raises(InputError, match=says):
+def test_an_address_that_cannot_be_used_is_explained(uri, complains):
+    with complains(InputError):
         Bridge(uri)
 
 
-def test_something_else_behind_the_port_is_explained():
+def test_something_else_behind_the_port_is_explained(complains):
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer():
@@ -170,6 +170,6 @@ def test_something_else_behind_the_port_is_explained():
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(InputError, match="is not a rosbridge"):
+        with complains(InputError):
             Bridge(f"ws://127.0.0.1:{server.getsockname()[1]}")
         thread.join()

@@ -151,13 +151,13 @@ def test_stop_brakes_within_the_limits_and_holds(robot, baxter, until):
     assert standing[standing > 50][0] - 60 <= 10
 
 
-def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until):
+def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until, complains):
     stream(robot, 60, speed=0.5)
     before = robot.statistics.commands
-    with pytest.raises(TaskFailedError, match="faster than its limit"):
+    with complains(TaskFailedError):
         robot.command(POSTURE + 0.1, np.zeros(7), np.zeros(7))
     until(lambda: not robot._braking.is_set())
-    with pytest.raises(TaskFailedError, match="faster than its limit"):
+    with complains(TaskFailedError):
         robot.command(robot.arm.q, np.zeros(7), np.zeros(7))
     path = sent(robot)
     assert np.all(np.abs(np.diff(path)) <= 1.5 * PERIOD)
@@ -165,7 +165,7 @@ def test_a_refused_command_is_not_sent_and_ends_the_run(robot, until):
     assert "faster than its limit" in robot.fault
 
 
-def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
+def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until, complains):
     q, v = stream(robot, 60, speed=0.3)
     robot.arm.silent = True
 
@@ -174,13 +174,13 @@ def test_states_that_stop_coming_end_the_run_and_nothing_resumes(robot, until):
             robot.arm.step(PERIOD)
             robot.command(q + k * PERIOD * v, v, np.zeros(7))
 
-    with pytest.raises(TaskFailedError, match="joint state is too old"):
+    with complains(TaskFailedError):
         go_on()
     count = robot.statistics.commands
     robot.arm.silent = False
     robot.advance(0.1)
     until(lambda: not robot._braking.is_set())
-    with pytest.raises(TaskFailedError, match="joint state is too old"):
+    with complains(TaskFailedError):
         robot.command(robot.newest_state().q, np.zeros(7), np.zeros(7))
     assert len(sent(robot)) == count
 
@@ -221,19 +221,19 @@ def lose_master(robot):
 
 
 @pytest.mark.parametrize(
-    ("fault", "says", "braked"),
+    ("fault", "braked"),
     [
-        (press, "stopped by the red button", False),
-        (intrude, "another program sends commands on /robot/limb/right/joint_command", False),
-        (lambda robot: robot.arm.loopback.drop(), "connection to the bridge", False),
-        (lose_master, "the ROS master is gone", True),  # the arm still follows
+        (press, False),
+        (intrude, False),
+        (lambda robot: robot.arm.loopback.drop(), False),
+        (lose_master, True),  # the arm still follows
     ],
 )
-def test_what_fails_outside_ends_the_run(robot, until, fault, says, braked):
+def test_what_fails_outside_ends_the_run(robot, until, fault, braked, complains):
     stream(robot, 5)
     fault(robot)
     until(lambda: robot.fault)
-    with pytest.raises(TaskFailedError, match=says):
+    with complains(TaskFailedError):
         stream(robot, 1)
     until(lambda: not robot._braking.is_set())
     assert (len(robot.arm.loopback.published(TOPICS.command)) > 6) == braked  # the other program sends one
@@ -261,29 +261,29 @@ def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a
     assert np.max(np.abs(np.diff(path, n=3))) / PERIOD**3 < 6.0
 
 
-def test_a_stream_that_would_begin_elsewhere_is_refused(robot):
+def test_a_stream_that_would_begin_elsewhere_is_refused(robot, complains):
     robot.arm.q = POSTURE - 0.03
     robot.advance(PERIOD)
-    with pytest.raises(TaskFailedError, match="away from where the arm is"):
+    with complains(TaskFailedError):
         stream(robot, 1)
     assert robot.statistics.commands == 0
 
 
-def test_another_commander_at_the_start_is_refused(arm, baxter):
+def test_another_commander_at_the_start_is_refused(arm, baxter, complains):
     def intrude():
         arm.loopback.wait_subscribed(TOPICS.command)
         arm.loopback.publish(TOPICS.command, {"mode": 1, "names": [], "command": [1.0]})
 
     thread = threading.Thread(target=intrude)
     thread.start()
-    with pytest.raises(InputError, match="another program sends commands"):
+    with complains(InputError):
         SteppedRobot(arm, baxter)
     thread.join()
 
 
-def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch):
+def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch, complains):
     monkeypatch.setattr(states_module, "FIRST_STATE", 0.05)
-    with pytest.raises(InputError, match=r"/robot/joint_states: no state of right_s0, .* within 0.05 s"):
+    with complains(InputError):
         RosRobot(loopback.uri, baxter, TOPICS)
 
 
@@ -314,10 +314,10 @@ def test_enabling_resets_first_and_waits(robot):
     assert arm.loopback.published(TOPICS.timeout) == [{"data": 0.1}]
 
 
-def test_a_pressed_button_is_told(robot, until):
+def test_a_pressed_button_is_told(robot, until, complains):
     press(robot)
     until(lambda: robot.fault)
-    with pytest.raises(InputError, match="release it"):
+    with complains(InputError):
         robot.prepare()
 
 

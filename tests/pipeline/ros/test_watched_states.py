@@ -56,8 +56,8 @@ def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
     assert after[-1][0] > before[-1][0]
 
 
-def test_states_without_torques_are_refused(loopback, arm, monkeypatch):
+def test_states_without_torques_are_refused(loopback, arm, monkeypatch, complains):
     monkeypatch.setattr(sources, "FIRST_STATE", 0.2)
     threading.Thread(target=speak, args=(loopback, arm, 400, False), daemon=True).start()
-    with pytest.raises(InputError, match="no efforts are sent"):
+    with complains(InputError):
         list(RosStates(loopback.uri, TOPIC, arm.joints).samples())

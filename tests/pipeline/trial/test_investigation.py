@@ -74,7 +74,7 @@ def test_drag_is_a_question_and_the_load_may_sway():
         assert model.parameters[name].prior is not None
 
 
-def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table):
+def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table, complains):
     ending = Ending(False, "the string went slack", True)
     stopped = SimpleNamespace(drive=SimpleNamespace(state=SimpleNamespace(s=0.01)), interrupted=15)
 
@@ -90,23 +90,23 @@ def test_an_experiment_that_is_stopped_ends_the_investigation(baxter, table):
     assert ending_before(trial, found) is ending
     assert trial.interrupted == 15
     assert ending_before(trial, None) is None
-    with pytest.raises(InputError, match="at least one"):
+    with complains(InputError):
         investigated(0)
 
 
-def test_a_motion_at_another_rate_than_the_robots_is_refused():
+def test_a_motion_at_another_rate_than_the_robots_is_refused(complains):
     time = np.arange(0.0, 4.0, 0.02)
     still = np.zeros(len(time))
-    with pytest.raises(InputError, match=r"every 0\.01 s"):
+    with complains(InputError):
         ProtocolSettings(motion=LineTrajectory(time, still, still, still))
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
-    [(("--investigate", "-1"), "--investigate -1"), (("--investigate", "2", "--no-estimation"), "need an estimate")],
+    "options",
+    [("--investigate", "-1"), ("--investigate", "2", "--no-estimation")],
 )
-def test_options_that_make_no_sense_are_refused(refused, options, said):
-    assert said in refused("trial", *options)
+def test_options_that_make_no_sense_are_refused(refused, options, complains):
+    complains.line(refused("trial", *options))
 
 
 def test_a_trial_whose_first_experiment_was_stopped_has_a_report(monkeypatch, tmp_path):

@@ -56,11 +56,11 @@ def test_a_run_a_foreign_recording_and_a_urdf_become_what_they_are(folder, files
     assert is_temporary(arm)
 
 
-def test_a_pendulum_is_started_with_what_is_known(folder):
+def test_a_pendulum_is_started_with_what_is_known(folder, complains):
     model = read_model(pendulum(folder, "80 g +/- 0.4 g", ""))
     assert model.value("mass") == pytest.approx(0.08)
     assert model.parameters["mass"].prior.std == pytest.approx(4e-4)
-    with pytest.raises(InputError, match="mass: "):
+    with complains(InputError):
         pendulum(folder, "80 bananas", "")
 
 
@@ -72,22 +72,22 @@ def test_a_pendulum_is_started_with_what_is_known(folder):
         ("a.parquet", b"PAR1"), ("a.docx", b"x"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_used_is_one_sentence(folder, name, content):
+def test_what_cannot_be_used_is_one_sentence(folder, name, content, complains):
     (folder / name).write_bytes(content)
-    with pytest.raises(InputError, match=r"^[^\n]+$"):
+    with complains(InputError):
         read_dropped(folder / name)
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\x.csv", "/tmp/x.csv", "a\0b.csv", ".."])
-def test_a_dropped_file_stays_in_its_folder_or_is_refused(folder, name):
+def test_a_dropped_file_stays_in_its_folder_or_is_refused(folder, name, complains):
     if name == "..":
-        with pytest.raises(InputError, match="no name of a file"):
+        with complains(InputError):
             place_for(folder, name)
     else:
         assert place_for(folder, name).parent == folder
 
 
-def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path):
+def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path, complains):
     work = tmp_path / "work"
     (work / "deep").mkdir(parents=True)
     (work / "link").symlink_to(tmp_path)
@@ -95,7 +95,7 @@ def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_n
     for there in (work / "m.toml", work / "deep/m.toml", work / "deep/../m.toml"):
         writable.check(there, over=False)
     for elsewhere in (tmp_path / "m.toml", work / "../m.toml", work / "link/m.toml", Path("/etc/m.toml"), work / "/m"):
-        with pytest.raises(InputError, match="is not below"):
+        with complains(InputError):
             writable.check(elsewhere, over=True)
 
     mine, other, linked = (work / name for name in ("mine.toml", "other.toml", "linked.toml"))
@@ -104,13 +104,13 @@ def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_n
     linked.symlink_to(other)
     writable.note(mine)
     writable.check(mine, over=True)
-    with pytest.raises(InputError, match="is there already"):
+    with complains(InputError):
         writable.check(mine, over=False)
     for file in (other, linked, work / "deep"):
-        with pytest.raises(InputError, match="not as a page of this workbench left it"):
+        with complains(InputError):
             writable.check(file, over=True)
     mine.write_text("a = 2")
-    with pytest.raises(InputError, match="not as a page of this workbench left it"):
+    with complains(InputError):
         writable.check(mine, over=True)
 
 
