@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.checked_study import AnyModel, CheckedStudy, Runs, Say
-from armdyn.errors import InputError, TaskFailedError
+from armdyn.errors import TaskFailedError
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 
@@ -79,15 +79,13 @@ def excite(
         UnknownNameError: there is no such effect or joint.
         TaskFailedError: no feasible motion was found.
     """
-    from armdyn.arm.model import ArmModel
+    from armdyn.arm.model import required_arm
     from armdyn.effects.catalogue import find
     from armdyn.experiments.goal import determining, separating
     from pipeline.motion.excitation import excitation
 
-    arm = model if isinstance(model, Model) else read_model_file(model).model
-    if not isinstance(arm, ArmModel):
-        raise InputError(f"a motion is designed for arms, and this model's base is '{arm.base}': give an arm's")
-    arm = arm.named_only()
+    given = model if isinstance(model, Model) else read_model_file(model).model
+    arm = required_arm(given, "a motion is designed", "give an arm's").named_only()
     if rivals is None:
         goal = determining(arm, [find(name) for name in effects], rate)
     else:

@@ -333,6 +333,17 @@ ROTOR = "rotor_inertia"
 """The effect that adds inertia to a joint itself."""
 
 
+def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
+    """The model, which must be an arm's; `purpose` and `remedy` begin and end the error's sentence.
+
+    Raises:
+        InputError: the model has another base.
+    """
+    if not isinstance(model, ArmModel):
+        raise InputError(f"{purpose} for arms, and this model's base is '{model.base}': {remedy}")
+    return model
+
+
 def arm_model(
     urdf: str | Path | None = None,
     robot: str | None = None,

@@ -56,7 +56,7 @@ def watch(
     ] = None,
 ) -> None:
     """Hold a repaired model against its arm at work: what touches it, what it carries, what changed. Sends nothing."""
-    from armdyn.arm.model import ArmModel
+    from armdyn.arm.model import required_arm
     from armdyn.effects.user import load_effects
     from armdyn.errors import at
     from armdyn.model_file import read_model_file
@@ -73,11 +73,7 @@ def watch(
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
     with spinner() as say:
         file = read_model_file(model, load_effects(effects, stages=None))
-        given = file.model
-        if not isinstance(given, ArmModel):
-            raise InputError(
-                f"{model}: a watch is for arms, and this model's base is '{given.base}': 'armdyn compare' takes it"
-            )
+        given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = runs_of(given, calibrate), runs_of(given, files)
         given = given.following([*sound_runs, *watched])
         say("measuring what is usual")
