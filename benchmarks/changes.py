@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline.batch.change import find_changes
-from pipeline.batch.series import Series
+from pipeline.batch.series import ParameterSeries
 
 DAY = 86400.0
 ROBOTS, PARAMETERS, RECORDINGS, DAYS = 10, 4, 40, 120
@@ -83,7 +83,7 @@ def batch(rng: np.random.Generator, noise: Noise, recordings: int = RECORDINGS, 
             value, std = noise(rng, t, common)
             if step and robot == parameter == 0:
                 value = value + step * (np.arange(recordings) >= recordings // 2)
-            series[f"robot {robot}", f"p{parameter}"] = Series(t, value, std)
+            series[f"robot {robot}", f"p{parameter}"] = ParameterSeries(t, value, std)
     return series
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 LOAD_RADIUS = 0.014
 """Radius of the paper's load [m], a ball."""
-LEAST = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
+SMALLEST_BOX_SIZES = {"near_wall": -math.inf, "rim": -math.inf, "friction": 0.0}
 """Smallest value of what may be less than a millimetre."""
 
 
@@ -58,7 +58,7 @@ class Box:
 
     def __post_init__(self) -> None:
         for name in (item.name for item in fields(self)):
-            value, least = getattr(self, name), LEAST.get(name, 1e-3)
+            value, least = getattr(self, name), SMALLEST_BOX_SIZES.get(name, 1e-3)
             if not (math.isfinite(value) and value >= least):
                 raise InputError(f"Box.{name} is {value:g}: give a finite value of at least {least:g}")
 

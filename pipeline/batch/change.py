@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from armdyn.recording.channels import FloatArray
-from pipeline.batch.series import Series, StepTest, correlation
+from pipeline.batch.series import ParameterSeries, StepTest, correlation
 
 FALSE_ALARM_RATE = 0.01
 """Probability that a batch in which nothing changes has an alarm."""
@@ -35,7 +35,7 @@ Name: TypeAlias = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Step:
+class ParameterStep:
     """A sudden change of one parameter.
 
     Attributes:
@@ -78,7 +78,7 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class Found:
+class ChangeTest:
     """Result of the test on a batch of series.
 
     Attributes:
@@ -89,7 +89,7 @@ class Found:
         false_alarms: probability of at least one step, and of at least one drift, in a batch in which nothing changes.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[ParameterStep, ...]
     drifts: tuple[Drift, ...]
     tested: int
     too_short: int
@@ -97,12 +97,12 @@ class Found:
 
 
 def find_changes(
-    series: Mapping[Name, Series],
+    series: Mapping[Name, ParameterSeries],
     false_alarms: float = FALSE_ALARM_RATE,
     *,
     batches: int = SIMULATED_BATCHES,
     seed: int = 0,
-) -> Found:
+) -> ChangeTest:
     """Find the steps and drifts in a batch of parameter series.
 
     Args:
@@ -117,7 +117,7 @@ def find_changes(
     rng = np.random.default_rng(seed)
     tests = {name: test for name, one in series.items() if (test := StepTest.of(one)) is not None}
     if not tests:
-        return Found((), (), 0, len(series), false_alarms)
+        return ChangeTest((), (), 0, len(series), false_alarms)
     kinds: dict[str, list[StepTest]] = {}
     for (_, parameter), test in tests.items():
         kinds.setdefault(_kind(parameter), []).append(test)
@@ -129,7 +129,7 @@ def find_changes(
     for test in tests.values():
         np.maximum(largest, test.by_chance(batches, rng), out=largest)
     step_bound, drift_bound = np.quantile(largest, 1.0 - false_alarms, axis=1)
-    steps: list[Step] = []
+    steps: list[ParameterStep] = []
     drifts: list[Drift] = []
     for name, test in tests.items():
         found = list(_steps(name, series[name], (0, len(test.time)), test.phi, largest[0], step_bound))
@@ -138,7 +138,7 @@ def find_changes(
         if not found and trend > drift_bound:
             slope = float(theilslopes(test.value, test.time).slope)
             drifts.append(Drift(*name, slope, _chance(trend, largest[1])))
-    return Found(
+    return ChangeTest(
         tuple(sorted(steps, key=lambda s: (s.chance, s.first_after))),
         tuple(sorted(drifts, key=lambda d: d.chance)),
         len(tests),
@@ -148,8 +148,8 @@ def find_changes(
 
 
 def _steps(
-    name: Name, series: Series, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
-) -> Iterator[Step]:
+    name: Name, series: ParameterSeries, part: tuple[int, int], phi: float, by_chance: FloatArray, bound: float
+) -> Iterator[ParameterStep]:
     """Steps in one part of a series; both sides of every step found are searched again.
 
     Args:
@@ -180,7 +180,7 @@ def _steps(
     start = max((s.index for s in earlier), default=first)
     stop = min((s.index for s in later), default=end)
     yield from earlier
-    yield Step(
+    yield ParameterStep(
         *name, float(series.time[middle - 1]), float(series.time[middle]),
         float(np.median(series.value[start:middle])), float(np.median(series.value[middle:stop])),
         _chance(deviate, by_chance), middle,

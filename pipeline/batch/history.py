@@ -7,9 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.batch.change import Found, Name, Step, find_changes
+from pipeline.batch.change import ChangeTest, Name, ParameterStep, find_changes
 from pipeline.batch.run import Row
-from pipeline.batch.series import Series
+from pipeline.batch.series import ParameterSeries
 from pipeline.batch.spec import Spec
 
 EPOCH = datetime(1970, 1, 1)
@@ -17,12 +17,12 @@ DAY_SECONDS = 86400.0
 """s"""
 
 
-Event: TypeAlias = tuple[Step, ...]
+ChangeEvent: TypeAlias = tuple[ParameterStep, ...]
 """Changes of one robot at the same time: one of each parameter that changed, the clearest first."""
 
 
 @dataclass(frozen=True)
-class History:
+class ParameterHistory:
     """A batch's parameters over time, and their changes.
 
     Attributes:
@@ -33,14 +33,14 @@ class History:
         events: events in the order of time.
     """
 
-    series: dict[Name, Series]
+    series: dict[Name, ParameterSeries]
     rows: dict[Name, list[Row]]
     units: dict[str, str]
-    found: Found
-    events: tuple[Event, ...]
+    found: ChangeTest
+    events: tuple[ChangeEvent, ...]
 
 
-def history(spec: Spec, rows: Sequence[Row]) -> History:
+def history(spec: Spec, rows: Sequence[Row]) -> ParameterHistory:
     """Parameters over time, and their changes, from the rows of a batch."""
     several = {item.robot for item in spec.items if len({i.model for i in spec.items if i.robot == item.robot}) > 1}
     points: dict[Name, list[tuple[float, float, float, Row]]] = {}
@@ -59,14 +59,14 @@ def history(spec: Spec, rows: Sequence[Row]) -> History:
     for key, found in points.items():
         found.sort(key=lambda point: point[0])
         times, value, std = (np.array([point[i] for point in found], dtype=float) for i in range(3))
-        series[key], of[key] = Series(times, value, std), [point[3] for point in found]
+        series[key], of[key] = ParameterSeries(times, value, std), [point[3] for point in found]
     changes = find_changes(series, spec.false_alarms)
-    return History(series, of, units, changes, _events(changes.steps))
+    return ParameterHistory(series, of, units, changes, _events(changes.steps))
 
 
-def _events(steps: Sequence[Step]) -> tuple[Event, ...]:
+def _events(steps: Sequence[ParameterStep]) -> tuple[ChangeEvent, ...]:
     """Events in the order of time; steps of one robot whose days overlap are one event, on the day of the clearest."""
-    events: list[list[Step]] = []
+    events: list[list[ParameterStep]] = []
     for step in steps:
         for event in events:
             first = event[0]
@@ -87,7 +87,7 @@ def moment(seconds: float) -> datetime:
     return EPOCH + timedelta(seconds=seconds)
 
 
-def between(step: Step) -> str:
+def between(step: ParameterStep) -> str:
     """Text such as ``between 2026-05-03 and 2026-05-04``, with times where both are on one day."""
     first, last = moment(step.last_before), moment(step.first_after)
     if first.date() == last.date():

@@ -18,8 +18,8 @@ from armdyn import atomic
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import Lost, in_processes, on_cluster
-from pipeline.batch.spec import Item, Spec
-from pipeline.batch.work import Job, Outcome, key_of, key_of_model, work
+from pipeline.batch.spec import BatchItem, Spec
+from pipeline.batch.work import Job, JobOutcome, key_of, key_of_model, work
 from pipeline.processes import Closing
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
@@ -42,7 +42,7 @@ class Journal(Closing):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.outcomes: dict[str, Outcome] = {}
+        self.outcomes: dict[str, JobOutcome] = {}
         try:
             data = read_bytes(path, LARGEST_JOURNAL) if path.exists() else b""
             self._file = path.open("ab")
@@ -53,11 +53,11 @@ class Journal(Closing):
                 f"cannot write to {path.parent}: {error.strerror or error}; choose another --output"
             ) from error
         for line in data[:whole].splitlines():
-            outcome = Outcome.of(line) if len(line) <= LARGEST_LINE else None
+            outcome = JobOutcome.of(line) if len(line) <= LARGEST_LINE else None
             if outcome is not None:  # otherwise the line is damaged or of another version: the job is done again
                 self.outcomes[outcome.key] = outcome
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: JobOutcome) -> None:
         """Add an outcome to the journal.
 
         Raises:
@@ -83,8 +83,8 @@ class Journal(Closing):
 class Row:
     """One recording of a batch: its entry in the SPEC, and its outcome."""
 
-    item: Item
-    outcome: Outcome
+    item: BatchItem
+    outcome: JobOutcome
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def run_batch(
 
 def _outcomes(
     jobs: Sequence[Job], processes: int, scheduler: str | None, stopped: Callable[[], bool]
-) -> Iterator[Outcome]:
+) -> Iterator[JobOutcome]:
     if scheduler is None:
         if START_METHOD == "forkserver":
             set_forkserver_preload(list(PRELOADED))
@@ -165,7 +165,7 @@ def _outcomes(
         done = on_cluster(work, jobs, scheduler, "batch", stopped)
     for job, outcome in done:
         if isinstance(outcome, Lost):
-            outcome = Outcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
+            outcome = JobOutcome(job.key, problem=f"{outcome.reason}; the same command tries it again", passing=True)
         yield outcome
 
 
@@ -217,7 +217,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
         pq.write_table(pa.table(columns), file, compression="zstd")
 
 
-def _numbers(outcome: Outcome) -> dict[str, float | None]:
+def _numbers(outcome: JobOutcome) -> dict[str, float | None]:
     return {
         f"{column}.{name} [{entry['unit']}]": entry[key]
         for entries, keys in (

@@ -37,7 +37,7 @@ PHI_GRID_SERIES = 400
 
 
 @dataclass(frozen=True)
-class Series:
+class ParameterSeries:
     """Recorded values of one parameter of one robot.
 
     Attributes:
@@ -50,10 +50,10 @@ class Series:
     value: FloatArray
     std: FloatArray | None = None
 
-    def part(self, first: int, end: int) -> "Series":
+    def part(self, first: int, end: int) -> "ParameterSeries":
         """The recordings from number `first` to before `end`."""
         std = None if self.std is None else self.std[first:end]
-        return Series(self.time[first:end], self.value[first:end], std)
+        return ParameterSeries(self.time[first:end], self.value[first:end], std)
 
     @property
     def scale(self) -> FloatArray:
@@ -102,7 +102,7 @@ class StepTest:
     lengths: FloatArray
 
     @classmethod
-    def of(cls, series: Series, phi: float = 0.0) -> "StepTest | None":
+    def of(cls, series: ParameterSeries, phi: float = 0.0) -> "StepTest | None":
         """Prepare a series; None where it is too short, or all its values or times are equal."""
         time, value = series.time, series.value
         count = len(value)

@@ -77,7 +77,7 @@ class _Entries:
 
 
 @dataclass(frozen=True)
-class Item:
+class BatchItem:
     """One model and one recording of a batch.
 
     Attributes:
@@ -109,7 +109,7 @@ class Spec:
     folder: Path
     task: str
     effects: Path | None
-    items: tuple[Item, ...]
+    items: tuple[BatchItem, ...]
     false_alarms: float
     trust: bool = False
 
@@ -137,7 +137,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
         raise InputError('there are no [[recordings]]: write below such a line model = "m.toml" and runs = ["*.csv"]')
     effects = folder / said.effects if said.effects is not None else None
     clock = Clock(None if said.time.from_ is None else PLACES[said.time.from_], said.time.form)
-    items: dict[tuple[Path, Path], Item] = {}
+    items: dict[tuple[Path, Path], BatchItem] = {}
     for number, entry in enumerate(said.recordings, start=1):
         where = f"[[recordings]] {number}"
         for item in _items(entry, where, folder, clock):
@@ -147,7 +147,7 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
     return Spec(folder, said.task, effects, tuple(items.values()), said.changes.false_alarms, said.trust_data)
 
 
-def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[Item]:
+def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
     if ROBOT not in entry.model and any(ROBOT in run for run in runs):
         raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
@@ -161,7 +161,7 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterat
                 raise InputError(f"{where}: runs: '{run.replace(ROBOT, robot)}' matches no recording: correct it")
             for path in found:
                 named |= {path.name, seen_from(path, folder)}
-                yield Item(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times))
+                yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times))
     for name in times:
         if name not in named:
             raise UnknownNameError(f"recording in times of {where}", name, sorted(named))

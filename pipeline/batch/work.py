@@ -49,7 +49,7 @@ class Job:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class JobOutcome:
     """Outcome of a job, without the SPEC's entry; all fields can be written as JSON.
 
     Attributes:
@@ -90,7 +90,7 @@ class Outcome:
         return json.dumps({"digest": digest([text]), **json.loads(text)})
 
     @classmethod
-    def of(cls, line: bytes) -> "Outcome | None":
+    def of(cls, line: bytes) -> "JobOutcome | None":
         """The outcome in a line; None where the line is damaged, or of another version."""
         try:
             entry = json.loads(line)
@@ -101,7 +101,7 @@ class Outcome:
         return None
 
 
-def work(job: Job) -> Outcome:
+def work(job: Job) -> JobOutcome:
     """Do a job; whatever is wrong with the recording becomes part of the outcome."""
     with _one_at_a_time, warnings.catch_warnings(), keeping_inputs():
         warnings.simplefilter("ignore", DescriptionWarning)  # the batch's user has seen these warnings
@@ -118,7 +118,7 @@ def work(job: Job) -> Outcome:
         except Exception as error:  # a bad file must never end a batch
             found = {"problem": sentence_of(error, "not foreseen"), "passing": True}
         gc.collect()  # results refer to their recording; its memory is needed for the next one
-        return Outcome(job.key, seconds=time.perf_counter() - began, **found)
+        return JobOutcome(job.key, seconds=time.perf_counter() - began, **found)
 
 
 def _found(job: Job) -> dict[str, Any]:

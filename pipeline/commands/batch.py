@@ -11,7 +11,7 @@ from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import finish, spinner
 
 if TYPE_CHECKING:
-    from pipeline.batch.history import History
+    from pipeline.batch.history import ParameterHistory
     from pipeline.batch.run import Done
     from pipeline.batch.spec import Spec
 
@@ -64,7 +64,7 @@ def batch(
     finish(document, lambda: _answer(asked, done, found), json_file, report, lambda: document, written)
 
 
-def _answer(spec: "Spec", done: "Done", found: "History") -> dict[str, Any]:
+def _answer(spec: "Spec", done: "Done", found: "ParameterHistory") -> dict[str, Any]:
     from pipeline.batch.history import moment
     from pipeline.fields import fields
     from pipeline.report.batch import verdicts

@@ -28,7 +28,7 @@ MOST_NAMED = 8
 
 
 @dataclass(frozen=True)
-class Conversion:
+class ImportOptions:
     """Options that say what is made of which files."""
 
     files: Annotated[
@@ -54,7 +54,7 @@ class Conversion:
 
 
 def import_(
-    wanted: Conversion, choice: RobotChoice, trust_data: TrustOption = False, json_file: JsonOption = None
+    wanted: ImportOptions, choice: RobotChoice, trust_data: TrustOption = False, json_file: JsonOption = None
 ) -> None:
     """Make runs of recordings in other formats; a robot names their joints, and is what they are inspected with."""
     from pipeline.imports import read_foreign
@@ -77,7 +77,7 @@ def import_(
 
 
 def _import(
-    wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoice, trust_data: bool, json_file: Path | None
+    wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, trust_data: bool, json_file: Path | None
 ) -> None:
     from armdyn.arm.model import arm_model
     from armdyn.inspection.check import Inspection, by_severity
@@ -120,7 +120,7 @@ def _joints(choice: RobotChoice) -> "Joints | None":
     return Joints.of(find_arm(choice.urdf_file, choice.robot).robot) if choice else None
 
 
-def _write(runs: "list[Run]", wanted: Conversion) -> list[Path]:
+def _write(runs: "list[Run]", wanted: ImportOptions) -> list[Path]:
     paths = [wanted.output / f"{run.name}.csv" for run in runs]
     twice = {path.name for path in paths if paths.count(path) > 1}
     if twice:
@@ -133,7 +133,7 @@ def _write(runs: "list[Run]", wanted: Conversion) -> list[Path]:
     return paths
 
 
-def _propose(wanted: Conversion, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
+def _propose(wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, json_file: Path | None) -> None:
     from pipeline.fields import fields
     from pipeline.imports.guess import guess_map
     from pipeline.imports.mapping import map_text

@@ -9,7 +9,7 @@ import typer
 from armdyn.errors import InputError
 from pipeline.console.options import EffectsOption, JsonOption, parse_hidden, quantity
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import Say, spinner
+from pipeline.console.screen import ProgressDisplay, spinner
 from pipeline.console.trial_result import RobotOptions, conclude_trial, real_trial
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _pendulum(file: Path, effects: Path | None) -> "PendulumModel":
     return model
 
 
-def _render(done: "SimulatedTrial", out: Path, show: Say) -> tuple[Path, ...]:
+def _render(done: "SimulatedTrial", out: Path, show: ProgressDisplay) -> tuple[Path, ...]:
     from pipeline.robot.picture import render_swing
 
     history = done.swing_history()

@@ -21,7 +21,7 @@ from pipeline.console.options import (
     TrustOption,
 )
 from pipeline.console.outputs import check_outputs
-from pipeline.console.screen import Say, finish, spinner
+from pipeline.console.screen import ProgressDisplay, finish, spinner
 
 if TYPE_CHECKING:
     from armdyn.checked_study import CheckedStudy
@@ -82,7 +82,7 @@ class StudyInputs(Inputs):
     @contextmanager
     def begin(
         self, output: Path | None = None, *, over_model: bool = False, adding: str = "", choosing: bool = True
-    ) -> "Iterator[tuple[CheckedStudy, Say]]":
+    ) -> "Iterator[tuple[CheckedStudy, ProgressDisplay]]":
         """Check the outputs, read all inputs, then run the block with a progress display; a wrong recording ends all.
 
         Args:

@@ -171,7 +171,7 @@ def write_answer(json_file: Path | None, answer: Callable[[], dict[str, Any]]) -
     return json_file != Path("-")
 
 
-class Say(Protocol):
+class ProgressDisplay(Protocol):
     """Function that reports a command's progress."""
 
     def __call__(self, what: str, share: float | None = None) -> None:
@@ -183,7 +183,7 @@ COUNTED = re.compile(r"(\d+) of (\d+) ")
 
 
 @contextmanager
-def spinner() -> Iterator[Say]:
+def spinner() -> Iterator[ProgressDisplay]:
     """Show a command's activity, elapsed time and progress on a terminal's standard error, until the block ends.
 
     Yields:

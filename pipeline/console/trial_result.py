@@ -9,7 +9,7 @@ import typer
 
 from armdyn.errors import InputError
 from pipeline.console.options import CalibrationOption
-from pipeline.console.screen import Say, save_report, spinner, to_screen, write_answer, write_json
+from pipeline.console.screen import ProgressDisplay, save_report, spinner, to_screen, write_answer, write_json
 from pipeline.fields import fields
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def conclude_trial(
     *,
     known: str = "",
     note: str = "",
-    draw: Callable[[Say], Sequence[Path]] = lambda _: (),
+    draw: Callable[[ProgressDisplay], Sequence[Path]] = lambda _: (),
     always_report: bool = False,
 ) -> None:
     """Write and print a trial's result; exit status 1 where the load missed, 128 + n where signal n ended it.

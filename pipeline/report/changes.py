@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Section, Table, columns_of
-from pipeline.batch.history import DAY_SECONDS, Event, History, between
+from pipeline.batch.history import DAY_SECONDS, ChangeEvent, ParameterHistory, between
 from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
@@ -21,7 +21,7 @@ MAX_CHANGE_ROWS = 200
 """Of a table; all rows are in the Parquet file."""
 
 
-def change_section(history: History) -> Section:
+def change_section(history: ParameterHistory) -> Section:
     """Sections on sudden changes, each with a figure of its clearest parameter, and on drifts."""
     test = history.found
     text = (
@@ -58,7 +58,7 @@ def change_section(history: History) -> Section:
     return Section("What changed", text, charts, [table for table in tables if len(table)])
 
 
-def _event_chart(event: Event, history: History) -> Chart:
+def _event_chart(event: ChangeEvent, history: ParameterHistory) -> Chart:
     first, *_ = event
     name = first.parameter
     series = history.series[first.robot, name]
@@ -79,7 +79,7 @@ def _event_chart(event: Event, history: History) -> Chart:
     return Chart(figure, f"{what}. Bars: one standard deviation; dotted: medians.")
 
 
-def time_section(history: History) -> Section:
+def time_section(history: ParameterHistory) -> Section:
     """A tab per parameter with a figure of all robots; parameters that changed come first."""
     changed = [s.parameter for s in history.found.steps]
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
@@ -90,7 +90,7 @@ def time_section(history: History) -> Section:
     return Section("Parameters over time", text, charts, tabs={name: _plain(name) for name in shown})
 
 
-def _figure_over_time(name: str, history: History) -> go.Figure:
+def _figure_over_time(name: str, history: ParameterHistory) -> go.Figure:
     figure = _over_time(_quantity(name, history), 380)
     changed = list(dict.fromkeys(s.robot for s in history.found.steps if s.parameter == name))[: len(COLOURS)]
     quiet = [robot for robot, parameter in history.series if parameter == name and robot not in changed]
@@ -139,7 +139,7 @@ def _hover(row: Row) -> str:
     return f"{row.item.robot}: {row.item.run.name}"
 
 
-def _quantity(parameter: str, found: History) -> str:
+def _quantity(parameter: str, found: ParameterHistory) -> str:
     """Short title of an axis, such as ``torque [N m]`` for ``joint_coulomb_friction.torque[elbow]``."""
     name = parameter.partition("[")[0].rpartition(".")[2].replace("_", " ")
     return f"{name} [{found.units[parameter]}]"

@@ -81,7 +81,7 @@ def page_html(document: Document) -> str:
         script=template("report", "page.js"),
         draw=template("report", "draw.js"),
         overlay=template("report", "overlay.js"),
-        look=script_json(LOOK),
+        look=script_json(FIGURE_LOOK),
         data=packed(script_json({"figures": figures, "widgets": widgets})),
         plotly=_library(),
     )
@@ -183,7 +183,7 @@ def template(package: str, name: str) -> str:
     return (Path(__file__).parents[1] / package / "templates" / name).read_text(encoding="utf-8")
 
 
-LOOK = {"template": TEMPLATE, "dark": DARK}
+FIGURE_LOOK = {"template": TEMPLATE, "dark": DARK}
 
 
 def page_head(title: str, style: str = "") -> str:

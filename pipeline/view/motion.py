@@ -11,7 +11,20 @@ from armdyn.model import Model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 from pipeline.box import LOAD_RADIUS, Box
-from pipeline.view.scene import BODY_DARK, STEEL, WOOD, Body, Mark, Mesh, Scene, ball, block, frames, moved, standing
+from pipeline.view.scene import (
+    BODY_DARK,
+    STEEL,
+    WOOD,
+    Mark,
+    Mesh,
+    Scene,
+    SceneBody,
+    ball,
+    block,
+    frames,
+    moved,
+    standing,
+)
 from pipeline.view.shapes import Links
 from urdf import Line, Robot
 
@@ -21,7 +34,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Swing:
+class LoadSwing:
     """Motion of a load on a string.
 
     Attributes:
@@ -81,34 +94,34 @@ def joint_motion(run: Run, robot: Robot) -> tuple[FloatArray, FloatArray]:
     return time, q
 
 
-def swing_scene(title: str, kind: str, swing: Swing) -> Scene:
+def swing_scene(title: str, kind: str, swing: LoadSwing) -> Scene:
     """Scene of a load on a string below a gripper that moves along a line, from left to right."""
     at = _frames_of(swing)
     pivot = np.column_stack([_follow(at, swing.gripper), np.zeros(len(at)), _follow(at, swing.height)])
     load = pivot + swing.length * _hanging(at, swing, np.array([1.0, 0.0, 0.0]))
     low, high = float(pivot[:, 0].min()) - 0.15, float(pivot[:, 0].max()) + 0.15
-    rail = Body("rail", [block((high - low, 0.012, 0.012), STEEL)],
+    rail = SceneBody("rail", [block((high - low, 0.012, 0.012), STEEL)],
                 standing((0.5 * (low + high), 0.0, float(pivot[:, 2].max()) + 0.02)))  # fmt: skip
-    bodies = [rail, Body("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
-              Body("load", [ball(LOAD_RADIUS)], moved(load))]  # fmt: skip
+    bodies = [rail, SceneBody("gripper", [block((0.05, 0.035, 0.03), BODY_DARK)], moved(pivot)),
+              SceneBody("load", [ball(LOAD_RADIUS)], moved(load))]  # fmt: skip
     return Scene(title, kind, at, bodies, [np.stack([pivot, load], axis=1)], load, note=swing.note)
 
 
-def trial_scene(title: str, links: Links, run: Run, swing: Swing, box: Box | None) -> Scene:
+def trial_scene(title: str, links: Links, run: Run, swing: LoadSwing, box: Box | None) -> Scene:
     """Scene of an arm that swings a load along its line into a box."""
     robot, at = links.robot, _frames_of(swing)
     postures = _at(at, *joint_motion(run, robot))
     line = robot.line
     pivot = links.tool(postures)
     load = pivot + swing.length * _hanging(at, swing, line.direction)
-    bodies = [*links.bodies(postures), Body("load", [ball(LOAD_RADIUS)], moved(load))]
+    bodies = [*links.bodies(postures), SceneBody("load", [ball(LOAD_RADIUS)], moved(load))]
     if box is not None:
-        bodies.append(Body("box", _walls(line, box), standing(line.origin)))
+        bodies.append(SceneBody("box", _walls(line, box), standing(line.origin)))
     cords = [np.stack([pivot, load], axis=1)]
     return Scene(title, "trial", at, bodies, cords, load, note=" ".join(filter(None, (swing.note, links.note))))
 
 
-def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
+def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwing:
     """Motion of a run's load: the measured angle, or a model's prediction where none was measured.
 
     Args:
@@ -134,7 +147,7 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> Swing:
     if length is None:
         length, note = USUAL_LENGTH, f"{note} The length of the string is not known: drawn as {USUAL_LENGTH} m.".strip()
     channels = run.channels
-    return Swing(channels.get("gripper_x"), angle, float(length), channels.get("gripper_z"), note)
+    return LoadSwing(channels.get("gripper_x"), angle, float(length), channels.get("gripper_z"), note)
 
 
 def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, Mapping[str, float]]:
@@ -151,14 +164,14 @@ def _predicted_angle(run: Run, model: Model, fit: Fit | None) -> tuple[Channel, 
     return angle, dict(zip(problem.model.names, theta.tolist(), strict=True))
 
 
-def _frames_of(swing: Swing) -> FloatArray:
+def _frames_of(swing: LoadSwing) -> FloatArray:
     start, end = float(swing.angle.time[0]), float(swing.angle.time[-1])
     if swing.gripper is not None:
         start, end = max(start, float(swing.gripper.time[0])), min(end, float(swing.gripper.time[-1]))
     return frames(start, end)
 
 
-def _hanging(at: FloatArray, swing: Swing, along: FloatArray) -> FloatArray:
+def _hanging(at: FloatArray, swing: LoadSwing, along: FloatArray) -> FloatArray:
     """(k, 3) unit vectors from the upper end of the string to the load."""
     angle = _follow(at, swing.angle)
     return -np.sin(angle)[:, None] * along - np.cos(angle)[:, None] * UP

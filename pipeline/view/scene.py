@@ -42,7 +42,7 @@ class Mesh(NamedTuple):
     opacity: float = 1.0
 
 
-class Body(NamedTuple):
+class SceneBody(NamedTuple):
     """A rigid body with its motion.
 
     Attributes:
@@ -88,7 +88,7 @@ class Scene:
     title: str
     kind: str
     time: FloatArray
-    bodies: Sequence[Body]
+    bodies: Sequence[SceneBody]
     cords: Sequence[FloatArray] = ()
     trail: FloatArray | None = None
     marks: Sequence[Mark] = ()

@@ -11,7 +11,7 @@ import trimesh
 import yourdfpy
 
 from armdyn.recording.channels import FloatArray
-from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Body, Mesh, capsule
+from pipeline.view.scene import BODY_DARK, BODY_GREY, STEEL, Mesh, SceneBody, capsule
 from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import captured_output
@@ -42,7 +42,7 @@ class Links:
     meshes: Sequence[Sequence[Mesh]]
     note: str = ""
 
-    def bodies(self, q: FloatArray) -> list[Body]:
+    def bodies(self, q: FloatArray) -> list[SceneBody]:
         """Bodies of the links at postures q, (k, n) [rad or m]."""
         model = self.robot.model
         data, poses = model.createData(), np.empty((len(q), model.njoints, 7))
@@ -51,7 +51,7 @@ class Links:
             poses[i] = [pin.SE3ToXYZQUAT(placement) for placement in data.oMi]
         names = ["base", *list(model.names)[1:]]
         return [
-            Body(names[j], meshes, poses[:1, j] if j == 0 else poses[:, j])
+            SceneBody(names[j], meshes, poses[:1, j] if j == 0 else poses[:, j])
             for j, meshes in enumerate(self.meshes)
             if meshes
         ]

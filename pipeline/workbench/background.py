@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from armdyn.checked_study import ModelWithCatalogue
     from armdyn.identify.study import Study
 
-T = TypeVar("T")
-Work = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
+_T = TypeVar("_T")
+SearchWork = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
 """Function from files, labels of effects that the model gets first, and a receiver of progress, to an answer."""
 Tell = Callable[[str, Any], None]
 """Told from another thread how a search goes: "progress" or "failed" with a sentence, "done" with an answer."""
@@ -48,7 +48,7 @@ class Session:
         """Wait until the change by an effect can be predicted."""
         await asyncio.wrap_future(self._ready)
 
-    async def do(self, work: Callable[[], T]) -> T:
+    async def do(self, work: Callable[[], _T]) -> _T:
         """Run a slow function in the session's thread, and return its answer."""
         return await asyncio.wrap_future(self._thread.submit(work))
 
@@ -68,7 +68,7 @@ def key_of(inputs: Inputs) -> tuple[object, ...]:
     )
 
 
-class Search:
+class SearchProcess:
     """One search in a separate process; it takes from a second to minutes.
 
     Args:
@@ -78,7 +78,7 @@ class Search:
         tell: see `Tell`; the answer is that of `work`.
     """
 
-    def __init__(self, work: Work, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
+    def __init__(self, work: SearchWork, inputs: Inputs, effects: Sequence[str], tell: Tell) -> None:
         # The process is not forked: the server has threads, whose locks a copy would hold for ever.
         context = get_context("spawn")
         mine, theirs = context.Pipe(duplex=False)
@@ -106,7 +106,7 @@ class Search:
         self._process.join()
 
 
-def _search(work: Work, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
+def _search(work: SearchWork, inputs: Inputs, effects: tuple[str, ...], answers: Connection) -> None:
     begin_child()
     os.nice(5)  # the page's process has priority
     try:

@@ -14,10 +14,10 @@ from urllib.parse import parse_qs, urlsplit
 
 from urdf.bounds import LARGEST_UPLOAD
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-Application = Callable[[Message, Receive, Send], Awaitable[None]]
+AsgiMessage = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[AsgiMessage]]
+Send = Callable[[AsgiMessage], Awaitable[None]]
+Application = Callable[[AsgiMessage, Receive, Send], Awaitable[None]]
 
 FIELD = "token"
 """Of the address."""
@@ -43,7 +43,7 @@ class Guard:
         self.token = secrets.token_urlsafe(24)
         self._cookie = f"armdyn-{port}"  # cookies are shared by all ports of a host
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: AsgiMessage, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection: pass it to the application, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._application(scope, receive, send)
@@ -90,7 +90,7 @@ class Guard:
         return True
 
     def _with_cookie(self, send: Send) -> Send:
-        async def sending(message: Message) -> None:
+        async def sending(message: AsgiMessage) -> None:
             if message["type"] == "http.response.start":
                 cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
                 message["headers"] = [*message.get("headers", ()), (b"set-cookie", cookie.encode()),
@@ -100,7 +100,7 @@ class Guard:
         return sending
 
     @staticmethod
-    async def _refuse(scope: Message, receive: Receive, send: Send, status: int, why: str) -> None:
+    async def _refuse(scope: AsgiMessage, receive: Receive, send: Send, status: int, why: str) -> None:
         if scope["type"] == "websocket":
             await receive()
             await send({"type": "websocket.close", "code": REFUSED, "reason": why})
@@ -115,7 +115,7 @@ def _bounded(receive: Receive) -> Receive:
     """Receiver of a client's data, which disconnects a client that sends more than its limit."""
     left = LARGEST_UPLOAD
 
-    async def receiving() -> Message:
+    async def receiving() -> AsgiMessage:
         nonlocal left
         message = await receive()
         if message["type"] == "http.request":

@@ -13,12 +13,12 @@ from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.report.page import template
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import Search, Session, Work, diagnosed, discovered
+from pipeline.workbench.background import SearchProcess, SearchWork, Session, diagnosed, discovered
 from pipeline.workbench.tab import OpenSession, Tab, scene_of_run
 from urdf.bounds import LARGEST_UPLOAD
 from urdf.loader import known_robots
 
-STILL = 0.25
+CLICK_PAUSE_SECONDS = 0.25
 """s without another click before a refit begins: it takes time from the answers to the clicks."""
 
 
@@ -89,7 +89,7 @@ class Page(Tab):
         await self._show_missing_force(state)
         if not effects:
             return
-        await asyncio.sleep(STILL)
+        await asyncio.sleep(CLICK_PAUSE_SECONDS)
         if asked != self._asked:
             return
         fitted = await self._working("refitting", lambda: bench.refit(self._ticked) if asked == self._asked else None)
@@ -117,7 +117,7 @@ class Page(Tab):
         self._begin(discovered, self._proposed)
         self._call("panel", "proposal", "Looking for a formula; the progress is under 'What is missing'.")
 
-    def _begin(self, work: Work, done: Callable[[Any], Awaitable[None]]) -> None:
+    def _begin(self, work: SearchWork, done: Callable[[Any], Awaitable[None]]) -> None:
         session, _given, bench = self._opened()
         self._stop_search()
         loop = asyncio.get_running_loop()
@@ -130,7 +130,7 @@ class Page(Tab):
         self._call("panel", "ranking", "<p class='busy' id='progress'>starting the search</p>")
         self._call("show", "stop", True)
         labels = [effect.label for effect in bench.effects_of(self._ticked)]
-        self._search = Search(work, session.inputs, labels, tell)
+        self._search = SearchProcess(work, session.inputs, labels, tell)
 
     async def _heard(self, asked: Session, kind: str, what: Any, done: Callable[[Any], Awaitable[None]]) -> None:
         if asked is not self._session:

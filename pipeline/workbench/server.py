@@ -25,7 +25,7 @@ from pipeline.workbench.background import Session, key_of
 from pipeline.workbench.guard import FIELD, Guard
 from pipeline.workbench.page import Page
 
-HOST = "127.0.0.1"
+LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
 SWITCH_SECONDS = 1e-3
@@ -36,7 +36,7 @@ IN_ORDER, AT_MOST = 0.3, 0.7
 reads an upload, in a thread, cannot be stopped."""
 
 
-def listening(port: int | None, host: str = HOST) -> socket.socket:
+def listening(port: int | None, host: str = LOOPBACK) -> socket.socket:
     """A listening socket on the requested port, or by default on the usual port or any free one.
 
     Raises:

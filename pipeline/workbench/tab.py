@@ -16,16 +16,16 @@ from pipeline.console.inputs import Inputs
 from pipeline.report.missing_force import missing_force_charts
 from pipeline.report.motion import motion_charts
 from pipeline.report.overlay import Overlays, changed
-from pipeline.report.page import LOOK, tabs_html, widget_html
+from pipeline.report.page import FIGURE_LOOK, tabs_html, widget_html
 from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene
 from pipeline.view.scene import Scene
 from pipeline.view.shapes import Links, links_of
 from pipeline.workbench import files, panels
-from pipeline.workbench.background import Search, Session
+from pipeline.workbench.background import SearchProcess, Session
 from pipeline.workbench.bench import AS_GIVEN, NOW, TickedModel, Workbench
 
 AS_TICKED = "as ticked"
-FIRST = 0.05
+CURVES_ALONE_SECONDS = 0.05
 """s in which the curves that answer a click leave before anything else is computed."""
 OpenSession = Callable[[Inputs], Session]
 
@@ -68,7 +68,7 @@ class Tab:
         self._values: dict[str, float] = {}
         self._asked = 0  # number of the newest request
         self._points = 0
-        self._search: Search | None = None
+        self._search: SearchProcess | None = None
 
     def close(self) -> None:
         """Clean up after the browser has closed the tab."""
@@ -126,7 +126,7 @@ class Tab:
         self._points = overlays.points
         widget = overlays.widget()
         html = f"{tabs_html(overlays.tabs, 'bench')}<form class='widget'>{widget_html(widget)}</form>"
-        self._call("open", {"html": html, "data": widget.data, "look": LOOK})
+        self._call("open", {"html": html, "data": widget.data, "look": FIGURE_LOOK})
         self._call("panel", "errors", panels.errors_panel(state))
         self._call("panel", "knobs", panels.knobs_panel(state))
         await self._show_missing_force(state)
@@ -143,7 +143,7 @@ class Tab:
     async def _show_missing_force(self, state: TickedModel) -> None:
         bench = self._opened().bench
         asked = self._asked
-        await asyncio.sleep(FIRST)
+        await asyncio.sleep(CURVES_ALONE_SECONDS)
         if asked == self._asked:
             await self._show_charts("missing", lambda: missing_force_charts(bench.missing_force(state), AS_TICKED))
 

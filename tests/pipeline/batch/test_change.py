@@ -6,7 +6,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from pipeline.batch.change import find_changes
-from pipeline.batch.series import Series, StepTest
+from pipeline.batch.series import ParameterSeries, StepTest
 
 DAY = 86400.0
 DAYS = DAY * np.arange(40)
@@ -17,7 +17,7 @@ def noise(seed, count=40):
 
 
 def found(value, time=DAYS, **options):
-    return find_changes({("robot", "mass"): Series(time, value)}, batches=1000, **options)
+    return find_changes({("robot", "mass"): ParameterSeries(time, value)}, batches=1000, **options)
 
 
 @pytest.mark.parametrize("day", [4, 13, 20, 36])
@@ -58,7 +58,7 @@ def test_steps_are_told_from_what_is_slow_or_odd(value, steps):
 
 def test_poor_recordings_count_less():
     std = np.where(DAYS < 20 * DAY, 0.05, 2.0)
-    series = {("robot", "mass"): Series(DAYS, std * noise(8), std)}
+    series = {("robot", "mass"): ParameterSeries(DAYS, std * noise(8), std)}
     assert find_changes(series, batches=1000).steps == ()
 
 
@@ -94,7 +94,7 @@ def batch(seed, phi):
             weather[:, k] = phi * weather[:, k - 1] + np.sqrt(1.0 - phi**2) * weather[:, k]
         for parameter in range(3):
             value = 0.6 * weather[3] + 0.8 * weather[parameter]
-            series[f"robot {robot}", f"p{parameter}"] = Series(DAYS[:30], value)
+            series[f"robot {robot}", f"p{parameter}"] = ParameterSeries(DAYS[:30], value)
     return series
 
 
@@ -110,7 +110,7 @@ def test_the_best_step_is_that_of_a_regression(phi):
     """Every step beside a line, weighted and with what neighbours share taken out, by plain least squares."""
     rng, count = np.random.default_rng(0), 20
     time, std = np.cumsum(rng.uniform(0.5, 2.0, count)), rng.uniform(0.5, 2.0, count)
-    test = StepTest.of(Series(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
+    test = StepTest.of(ParameterSeries(time, rng.standard_normal(count) + 2.0 * (np.arange(count) > 9), std), phi)
     own = np.eye(count) - phi * np.eye(count, k=-1)
     own[0, 0] = np.sqrt(1.0 - phi**2)
     sizes = []
