@@ -11,7 +11,7 @@ from types import FrameType
 from typing import NoReturn
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
-GRACE = 1.0
+GRACE_SECONDS = 1.0
 """Time to clean up [s]; then the process ends as it is. Libraries swallow exceptions while they are imported."""
 
 
@@ -126,5 +126,5 @@ def leave(number: int, status: int | None = None) -> NoReturn:
 
 
 def _leave_soon(number: int) -> None:
-    time.sleep(GRACE)
+    time.sleep(GRACE_SECONDS)
     leave(number)

@@ -22,12 +22,12 @@ class Closing:
         raise NotImplementedError
 
 
-PRIORITY = 10
+REAL_TIME_PRIORITY = 10
 """Of 1 to 99: above every ordinary program, below what the system itself runs with."""
-PROMPT = PRIORITY + 1
+PROMPT_PRIORITY = REAL_TIME_PRIORITY + 1
 """Of threads that wait for something and are done with it at once: two of equal rank wait for each other, 100 ms at
 most on Linux, and so a state that arrived would wait until the loop has computed."""
-SWITCH = 0.001
+SWITCH_SECONDS = 0.001
 """How long one thread of a program may keep the others waiting in Python [s]; 5 ms is half a cycle."""
 LOCK_EVERYTHING = 1 | 2 | 4
 """``MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT`` of ``sys/mman.h``."""
@@ -39,13 +39,13 @@ def ask_for_real_time() -> bool:
     Returns:
         Whether it was granted: to the superuser, or where ``/etc/security/limits.conf`` grants ``rtprio``.
     """
-    sys.setswitchinterval(SWITCH)
+    sys.setswitchinterval(SWITCH_SECONDS)
     if not hasattr(os, "sched_setscheduler"):  # macOS, Windows
         return False
     try:
         for thread in threading.enumerate():
             if thread.native_id is not None:
-                rank = PROMPT if isinstance(thread, PromptThread) else PRIORITY
+                rank = PROMPT_PRIORITY if isinstance(thread, PromptThread) else REAL_TIME_PRIORITY
                 os.sched_setscheduler(thread.native_id, os.SCHED_RR, os.sched_param(rank))
     except OSError:
         return False
@@ -62,7 +62,7 @@ class PromptThread(threading.Thread):
     def run(self) -> None:
         """See `threading.Thread.run`."""
         if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PROMPT))
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PROMPT_PRIORITY))
         super().run()
 
 

@@ -92,7 +92,7 @@ def check(
     return 0 if result.feasible else 1
 
 
-ON_LINE = 0.05
+ON_LINE_DISTANCE = 0.05
 """m from the robot's line, at which its tool is taken to be on it."""
 
 
@@ -106,7 +106,7 @@ def _starts_on(line: "urdf.Line", motion: "LineTrajectory | JointTrajectory", ar
         return True
     aside = arm.tool_pose(motion.q[0]).translation - line.origin
     along = float(np.clip(aside @ line.direction, line.s_min, line.s_max))
-    return bool(np.linalg.norm(aside - along * line.direction) < ON_LINE)
+    return bool(np.linalg.norm(aside - along * line.direction) < ON_LINE_DISTANCE)
 
 
 def _where(uri: str, robot: str, start: str | None, arm: "urdf.Robot") -> "list[float]":

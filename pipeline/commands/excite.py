@@ -34,7 +34,7 @@ MIN_EXCITE_SECONDS, MAX_EXCITE_SECONDS = 2.0, 600.0
 """s; a shorter motion excites little, a longer one repeats a period of 20 s and adds no information per second."""
 MIN_SAMPLE_RATE, MAX_SAMPLE_RATE = 20.0, 1000.0
 """Samples per second: twice the 10 Hz below which torques are compared, and what robots are commanded with at most."""
-MOST_RANDOM = 1000
+MAX_RANDOM_MOTIONS = 1000
 
 
 def excite(
@@ -62,7 +62,7 @@ def excite(
     ] = 20.0,
     rate: Annotated[float, typer.Option(min=MIN_SAMPLE_RATE, max=MAX_SAMPLE_RATE, help="Samples per second.")] = 100.0,
     random: Annotated[
-        int, typer.Option(min=1, max=MOST_RANDOM, help="Random motions to start from and to compare with.")
+        int, typer.Option(min=1, max=MAX_RANDOM_MOTIONS, help="Random motions to start from and to compare with.")
     ] = 100,
     compare: Annotated[
         bool, typer.Option("--compare/--no-compare", help="Compare with the motion of the least condition number.")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pipeline.imports.mapping import ColumnMap
 
 PANEL = "Recordings"
-MOST_NAMED = 8
+MAX_NAMED_COLUMNS = 8
 """Columns that are named on the screen where there are more."""
 
 
@@ -179,8 +179,8 @@ def _say_guess(found: "ColumnMap", recordings: "list[Foreign]", target: Path) ->
         ("to be looked at", asked),
     ):
         if names:
-            more = len(names) - MOST_NAMED
-            typer.echo(f"{what}: {', '.join(names[:MOST_NAMED])}" + (f" and {more} more" if more > 0 else ""))
+            more = len(names) - MAX_NAMED_COLUMNS
+            typer.echo(f"{what}: {', '.join(names[:MAX_NAMED_COLUMNS])}" + (f" and {more} more" if more > 0 else ""))
     typer.echo(f"written to {target}")
 
 

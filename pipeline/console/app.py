@@ -158,12 +158,12 @@ def _is_urdf_error(error: BaseException) -> bool:
     return module is not None and isinstance(error, module.UrdfError)
 
 
-LONGEST_WORD = 300
+MAX_WORD_LENGTH = 300
 """Letters; a path of a deep folder has 100."""
 
 
 def _say(message: str, status: int) -> int:
-    words = (word if len(word) <= LONGEST_WORD else f"{word[:60]}..." for word in message.split())
+    words = (word if len(word) <= MAX_WORD_LENGTH else f"{word[:60]}..." for word in message.split())
     line = f"armdyn: {' '.join(words)}{os.linesep}"
     if sys.stderr is not None:
         sys.stderr.write(line)

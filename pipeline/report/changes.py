@@ -13,9 +13,9 @@ from pipeline.batch.run import Row
 from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, SHADE, SKY, VERMILLION
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
-MOST_EVENTS = 12
+MAX_EVENT_CHARTS = 12
 """That have a figure of their own; all are in the table."""
-MOST_PARAMETERS = 60
+MAX_PARAMETER_CHARTS = 60
 """That have a figure over time."""
 MAX_CHANGE_ROWS = 200
 """Of a table; all rows are in the Parquet file."""
@@ -29,7 +29,7 @@ def change_section(history: ParameterHistory) -> Section:
         f"marked with a probability of {100 * test.false_alarms:.2g} %, and a drift likewise."
     )
     text += f" {test.too_short} series are too short or never vary." if test.too_short else ""
-    charts = [_event_chart(event, history) for event in history.events[:MOST_EVENTS]]
+    charts = [_event_chart(event, history) for event in history.events[:MAX_EVENT_CHARTS]]
     steps = [(event, step) for event in history.events for step in event][:MAX_CHANGE_ROWS]
     drifts = test.drifts[:MAX_CHANGE_ROWS]
     tables = [
@@ -83,9 +83,9 @@ def time_section(history: ParameterHistory) -> Section:
     """A tab per parameter with a figure of all robots; parameters that changed come first."""
     changed = [s.parameter for s in history.found.steps]
     names = list(dict.fromkeys([*changed, *(name for _, name in history.series)]))
-    shown = names[:MOST_PARAMETERS]
+    shown = names[:MAX_PARAMETER_CHARTS]
     text = "Each point is the fit of one recording alone. Robots whose parameter changed are in colour."
-    text += f" Shown: {MOST_PARAMETERS} of {len(names)} parameters." if len(names) > MOST_PARAMETERS else ""
+    text += f" Shown: {MAX_PARAMETER_CHARTS} of {len(names)} parameters." if len(names) > MAX_PARAMETER_CHARTS else ""
     charts = [Chart(_figure_over_time(name, history), tab=name if len(shown) > 1 else "") for name in shown]
     return Section("Parameters over time", text, charts, tabs={name: _plain(name) for name in shown})
 

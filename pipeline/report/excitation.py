@@ -12,7 +12,7 @@ from pipeline.motion.excitation import Excitation
 from pipeline.report.feasibility import joint_sections, margin_section, used_section
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
 
-MOST_UNKNOWNS = 400
+MAX_UNKNOWN_ROWS = 400
 """Rows of the table; the JSON has all."""
 MAX_MOTION_SAMPLES = 2000
 """Samples per line of a figure."""
@@ -69,7 +69,7 @@ def excitation_page(found: Excitation) -> Document:
             if other is not None
         ]
         figures = [*better, *figures]
-    document = excitation_document(found, MOST_UNKNOWNS)
+    document = excitation_document(found, MAX_UNKNOWN_ROWS)
     tells, moves = document.sections
     return replace(
         document,

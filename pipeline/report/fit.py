@@ -1,5 +1,7 @@
 """Parts of every report about a fit: errors, dependence of the residual on covariates, key figures."""
 
+from heapq import nlargest
+
 import numpy as np
 import plotly.graph_objects as go
 
@@ -41,9 +43,9 @@ def error_section(shown: Overlays) -> Section:
     return Section("Errors", tables=[Table(columns, caption)])
 
 
-BINS = 24
-MOST_DOTS = 800
-MOST_CHARTS = 4
+RESIDUAL_BINS = 24
+MAX_DOTS = 800
+MAX_CHARTS_PER_TAB = 4
 """Under each tab: what matters most."""
 
 
@@ -69,18 +71,18 @@ def dependence_section(fit: Fit, whose: str) -> Section:
         "What the residual depends on",
         f"Residual of {whose}. A line that leaves the band has a cause: a step at zero speed is dry friction, a slope "
         "is viscous.",
-        [chart for found in by_tab.values() for _, chart in sorted(found, key=lambda item: -item[0])[:MOST_CHARTS]],
+        [chart for found in by_tab.values() for _, chart in nlargest(MAX_CHARTS_PER_TAB, found, key=lambda f: f[0])],
         tabs={tab: short_name(tab) for tab in by_tab},
     )
 
 
 def _dependence(tab: str, against: str, unit: str, at: np.ndarray, residual: np.ndarray) -> tuple[float, Chart]:
     """Strength of a dependence, and its figure: residual (n,) in units of the noise, and its mean in bins."""
-    edges = np.quantile(at, np.linspace(0, 1, BINS + 1))
-    place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, BINS - 1)
-    count = np.maximum(np.bincount(place, minlength=BINS), 1)
-    mean, middle = (np.bincount(place, values, minlength=BINS) / count for values in (residual, at))
-    every = slice(None, None, max(1, len(at) // MOST_DOTS))
+    edges = np.quantile(at, np.linspace(0, 1, RESIDUAL_BINS + 1))
+    place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, RESIDUAL_BINS - 1)
+    count = np.maximum(np.bincount(place, minlength=RESIDUAL_BINS), 1)
+    mean, middle = (np.bincount(place, values, minlength=RESIDUAL_BINS) / count for values in (residual, at))
+    every = slice(None, None, max(1, len(at) // MAX_DOTS))
     figure = go.Figure(layout={"height": 280})
     figure.update_xaxes(title_text=f"{full_name(against, unit)} [{unit}]")
     figure.update_yaxes(title_text="residual [std of noise]")

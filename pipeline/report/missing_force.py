@@ -16,7 +16,7 @@ HINT = (
     "What the model cannot explain, averaged. Over the speed, a step at zero is dry friction, a straight line viscous "
     "friction; a flat line at zero means that nothing is missing there."
 )
-WIDTH = 2.0
+BAND_STANDARD_ERRORS = 2.0
 """Standard errors on either side that a band shows."""
 PANEL_GAP = 0.025
 """Between two panels, as a share of the figure's width."""
@@ -47,7 +47,8 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
     for joint, mine in by_joint.items():
         found = law(mine)
         nothing = f"None of the simple laws is clear{f' for {joint}' if joint else ''}."
-        caption = f"{f'Here {found.sentence}.' if found else nothing} Shaded: ± {WIDTH:g} standard errors of the mean."
+        caption = f"Here {found.sentence}." if found else nothing
+        caption += f" Shaded: ± {BAND_STANDARD_ERRORS:g} standard errors of the mean."
         charts.append(Chart(_row(mine, added or "repaired"), caption, f"tau.{joint}" if joint else ""))
     return charts
 
@@ -85,7 +86,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
 
 
 def _line(x: FloatArray, mean: FloatArray, std: FloatArray, name: str, colour: str, shade: str) -> list[dict[str, Any]]:
-    low, high = mean - WIDTH * std, mean + WIDTH * std
+    low, high = mean - BAND_STANDARD_ERRORS * std, mean + BAND_STANDARD_ERRORS * std
     outline = {"x": _short(np.concatenate([x, x[::-1]])), "y": _short(np.concatenate([high, low[::-1]]))}
     band = {**BAND, **outline, "fillcolor": shade, "fill": "toself", "legendgroup": name, "showlegend": False}
     look = {"mode": "lines+markers", "line": {"color": colour, "width": 2}, "marker": {"color": colour, "size": 5}}

@@ -10,11 +10,21 @@ from armdyn.arm.rollout import RollOut
 from armdyn.document import Chart, Section
 from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
 from armdyn.recording.channels import Channel, FloatArray
-from pipeline.report.theme import ACTUAL, GREY, MEASURED, MOST_POINTS, ORANGE, TIME_AXIS, WIDE, short_name, thinned
+from pipeline.report.theme import (
+    ACTUAL,
+    GREY,
+    MAX_PLOTTED_POINTS,
+    MEASURED,
+    ORANGE,
+    TIME_AXIS,
+    WIDE,
+    short_name,
+    thinned,
+)
 
 MOTION_TITLE = "Motion"
 MOTION_HEIGHT = 380
-SPLIT, MOTION_GAP = 0.42, 0.06
+ERROR_PANEL_SHARE, MOTION_GAP = 0.42, 0.06
 """Shares of a picture's height: of the error below, and between it and the positions."""
 
 
@@ -43,8 +53,9 @@ def _picture(of: RollOut) -> dict[str, Any]:
     """Figure of positions above and their errors below over time; `go.Figure`, whose checks are slow, is avoided."""
     layout: dict[str, Any] = {"height": MOTION_HEIGHT, "margin": {"t": 30}, "hovermode": "closest", "meta": WIDE}
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
-    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [SPLIT + MOTION_GAP, 1.0]}
-    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, SPLIT - MOTION_GAP], "anchor": "x"}
+    top, bottom = ERROR_PANEL_SHARE + MOTION_GAP, ERROR_PANEL_SHARE - MOTION_GAP
+    layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [top, 1.0]}
+    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, bottom], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
         *([_line(of, of.told, "commanded", told)] if of.told is not None else []),
@@ -61,6 +72,6 @@ def _picture(of: RollOut) -> dict[str, Any]:
 
 def _line(of: RollOut, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y") -> dict[str, Any]:
     there = np.isfinite(value)
-    time, shown = thinned(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MOST_POINTS)
+    time, shown = thinned(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MAX_PLOTTED_POINTS)
     drawn = {"x": time.round(4).tolist(), "y": [float(f"{v:.5g}") for v in shown.tolist()]}
     return {"type": "scatter", "name": name, "legendgroup": name, "yaxis": axis, **drawn, **look}

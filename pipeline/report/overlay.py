@@ -18,11 +18,11 @@ from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import of_all_runs, sentence
 from armdyn.run import Run
 from pipeline.report.page import pills
-from pipeline.report.theme import MOST_POINTS, quantity_of, short_name, thinned
+from pipeline.report.theme import MAX_PLOTTED_POINTS, quantity_of, short_name, thinned
 
-MOST_VALUES = 200_000
+MAX_PAGE_VALUES = 200_000
 """Of all curves together: about half a megabyte in the page."""
-LEAST_POINTS = 300
+MIN_CURVE_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"
 RUN_KINDS = {
@@ -196,7 +196,7 @@ class Overlays:
     def points(self) -> int:
         """Largest number of points of each curve, so that all curves together fit on a page."""
         rows = sum(2 + len(curve.residuals) + (2 if curve.recorded is not None else 0) for curve in self.curves)
-        return int(np.clip(MOST_VALUES // max(rows, 1), LEAST_POINTS, MOST_POINTS))
+        return int(np.clip(MAX_PAGE_VALUES // max(rows, 1), MIN_CURVE_POINTS, MAX_PLOTTED_POINTS))
 
     def widget(self) -> Widget:
         """The controls, and the data that the page's script draws."""

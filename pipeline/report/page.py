@@ -40,12 +40,12 @@ def _is_number(text: str) -> bool:
     return not text or text[0].isdigit() or text[0] in "-–−+±<"
 
 
-LONG = 40
+MIN_WORDS_LENGTH = 40
 """Characters of a cell that needs room, so that it does not become a tower of single words on a narrow screen."""
 
 
 def _cell(tag: str, text: str, number: bool) -> str:
-    kind = " class=number" if number else " class=words" if tag == "td" and len(text) > LONG else ""
+    kind = " class=number" if number else " class=words" if tag == "td" and len(text) > MIN_WORDS_LENGTH else ""
     return f"<{tag}{kind}>{escape(text)}</{tag}>"
 
 
@@ -159,7 +159,7 @@ def _chart(chart: Chart, figures: list[dict[str, Any]]) -> str:
     return f"<div data-of='{escape(chart.tab)}'>{html}</div>" if chart.tab else html
 
 
-PRECISE = 1e-5
+PICTURE_PRECISION = 1e-5
 """Of an array's span: finer than a screen shows."""
 
 
@@ -173,7 +173,7 @@ def _light(value: Any) -> Any:
         return {key: _light(entry) for key, entry in value.items()}
     array = np.frombuffer(base64.b64decode(value["bdata"]), dtype="<f8")
     finite = array[np.isfinite(array)]
-    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > PRECISE * np.ptp(finite):
+    if finite.size == 0 or np.spacing(np.float32(np.abs(finite).max())) > PICTURE_PRECISION * np.ptp(finite):
         return value
     return {**value, "dtype": "f4", "bdata": base64.b64encode(array.astype("<f4").tobytes()).decode()}
 

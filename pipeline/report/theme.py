@@ -185,11 +185,11 @@ def full_name(channel: str, unit: str = "N m") -> str:
     return f"{name} of {joint}" if joint and kind in _OF_A_JOINT else name
 
 
-MOST_POINTS = 3000
+MAX_PLOTTED_POINTS = 3000
 """Per curve; more makes the page heavy and the picture no clearer."""
 
 
-def thinned(channel: Channel, most: int = MOST_POINTS) -> tuple[FloatArray, FloatArray]:
+def thinned(channel: Channel, most: int = MAX_PLOTTED_POINTS) -> tuple[FloatArray, FloatArray]:
     """Time and value of a signal with at most `most` samples: the extremes of each stretch, which look the same."""
     time, value = channel.time, channel.value
     if len(value) > most:

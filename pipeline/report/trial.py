@@ -28,7 +28,7 @@ from pipeline.report.theme import (
     stacked,
 )
 
-SNAPSHOTS = 9
+STRING_SNAPSHOTS = 9
 """Positions of the string that are drawn."""
 
 
@@ -59,15 +59,15 @@ def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | N
     """
     shown = executed or planned
     figure = go.Figure(layout={"height": 520, "hovermode": "closest"})
-    times = np.linspace(shown.time[0], shown.time[-1], SNAPSHOTS)
+    times = np.linspace(shown.time[0], shown.time[-1], STRING_SNAPSHOTS)
     gripper, x, z = (np.interp(times, shown.time, path) for path in shown[1:])
-    ends = np.full((2, SNAPSHOTS, 3), np.nan)  # the two ends of each string, then a gap in the curve
+    ends = np.full((2, STRING_SNAPSHOTS, 3), np.nan)  # the two ends of each string, then a gap in the curve
     ends[:, :, :2] = [np.column_stack([gripper, x]), np.column_stack([0 * z, z])]
     thin = {"color": GREY, "width": 1}
     figure.add_scatter(x=ends[0].ravel(), y=ends[1].ravel(), name="string", mode="lines", line=thin, hoverinfo="skip")
-    for i in range(SNAPSHOTS):
+    for i in range(STRING_SNAPSHOTS):
         disc = {"x0": x[i] - radius, "x1": x[i] + radius, "y0": z[i] - radius, "y1": z[i] + radius}
-        opacity = 0.25 + 0.6 * i / (SNAPSHOTS - 1)
+        opacity = 0.25 + 0.6 * i / (STRING_SNAPSHOTS - 1)
         figure.add_shape(type="circle", **disc, line=thin, fillcolor=BLUE, opacity=opacity, layer="below")
     if box is not None:
         near, far = box.near_wall, box.near_wall + box.width
@@ -84,7 +84,7 @@ def swing_section(planned: SwingTrace, executed: SwingTrace | None, box: Box | N
     figure.update_xaxes(title_text="along the line [m]")
     figure.update_yaxes(title_text="height over the line [m]", scaleanchor="x")
     kind = "executed" if executed is not None else "planned"
-    caption = f"To scale. Thin lines: the string at {SNAPSHOTS} equally spaced times, {kind}."
+    caption = f"To scale. Thin lines: the string at {STRING_SNAPSHOTS} equally spaced times, {kind}."
     return Section("Swing", _missed(planned, executed), [Chart(figure, caption)])
 
 

@@ -28,7 +28,7 @@ from pipeline.view.scene import (
 from pipeline.view.shapes import Links
 from urdf import Line, Robot
 
-USUAL_LENGTH = 0.35
+DEFAULT_STRING_LENGTH = 0.35
 """m; of a string whose length nobody knows."""
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -145,7 +145,8 @@ def swing_of(run: Run, model: Model | None, fit: Fit | None = None) -> LoadSwing
     known = run.known.get("length")
     length = known.value if known is not None else values.get("length")
     if length is None:
-        length, note = USUAL_LENGTH, f"{note} The length of the string is not known: drawn as {USUAL_LENGTH} m.".strip()
+        length = DEFAULT_STRING_LENGTH
+        note = f"{note} The length of the string is not known: drawn as {length} m.".strip()
     channels = run.channels
     return LoadSwing(channels.get("gripper_x"), angle, float(length), channels.get("gripper_z"), note)
 

@@ -15,9 +15,9 @@ from pipeline.view.motion import arm_scene, joint_motion, swing_of, swing_scene,
 from pipeline.view.scene import Mark, Scene
 from pipeline.view.shapes import links_of
 
-MOST_MARKS = 200
+MAX_MARKS = 200
 """Moments at which a checked trajectory passes a limit."""
-ON_TABLE = 0.15
+TABLE_SPEED = 0.15
 """m/s; the speed at which a table is shown."""
 
 
@@ -95,7 +95,7 @@ def _trajectory(path: Path, robot: urdf.Robot) -> Scene:
         found, q = check_joints(robot, motion, settings), motion.q
     marks = [
         Mark(v.time, v.time, f"{v.limit}{f' of {v.joint}' if v.joint else ''}: {v.value:.3g} of {v.bound:.3g} {v.unit}")
-        for v in found.violations[:MOST_MARKS]
+        for v in found.violations[:MAX_MARKS]
     ]
     note = f"{found.sentence} Collisions are not checked here: 'armdyn check' does."
     return arm_scene(path.name, "trajectory", links_of(robot), motion.time, q, marks, note)
@@ -109,8 +109,8 @@ def _table(path: Path, robot: urdf.Robot | None) -> Scene:
         robot = _known(table.robot_name)
     s = np.concatenate([table.s, table.s[-2::-1]])
     q: FloatArray = np.concatenate([table.q, table.q[-2::-1]])
-    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / ON_TABLE
-    note = f"The path of the table at {ON_TABLE} m/s, there and back."
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(s)))]) / TABLE_SPEED
+    note = f"The path of the table at {TABLE_SPEED} m/s, there and back."
     return arm_scene(path.name, "table", links_of(robot), time, q, note=note)
 
 

@@ -21,7 +21,7 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 from pipeline.report.page import packed, page_head, template
 
-MOST_FRAMES = 1200
+MAX_FRAMES = 1200
 """Poses that a view holds; what lies between them is interpolated."""
 BODY_GREY, STEEL, BODY_DARK, LOAD_COLOUR, WOOD = "#B9C2CC", "#8795A5", "#3A4552", "#D55E00", "#B08655"
 
@@ -112,7 +112,7 @@ class Scene:
 
 def frames(start: float, end: float) -> FloatArray:
     """(k,) times of the frames of a motion [s]: 50 per second, fewer where it is long."""
-    return np.linspace(start, end, int(np.clip(round(50.0 * (end - start)) + 1, 2, MOST_FRAMES)))
+    return np.linspace(start, end, int(np.clip(round(50.0 * (end - start)) + 1, 2, MAX_FRAMES)))
 
 
 def standing(position: FloatArray | Sequence[float] = (0.0, 0.0, 0.0)) -> FloatArray:

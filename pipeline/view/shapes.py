@@ -16,15 +16,15 @@ from urdf import Robot
 from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import captured_output
 
-MOST_TRIANGLES = 40_000
+MAX_TRIANGLES = 40_000
 """Of a whole arm: a page of about 1 MB, which a small computer turns smoothly."""
 RESTING_TRIANGLE_SHARE = 0.3
 """Share of them for what does not move, such as a torso."""
-FINEST_CELL, COARSEST, COARSER = 0.003, 0.06, 1.4
+MIN_CELL_EDGE, MAX_CELL_EDGE, CELL_GROWTH = 0.003, 0.06, 1.4
 """Edge of the cells within which vertices of heavy meshes become one [m], and its growth from one try to the next."""
-LARGEST_FILE = 20e6
+MAX_MESH_BYTES = 20e6
 """bytes; a mesh beyond it takes longer to read than a person waits for a view."""
-SLENDER, THIN, THICK = 0.15, 0.012, 0.06
+ROD_RADIUS_RATIO, MIN_ROD_RADIUS, MAX_ROD_RADIUS = 0.15, 0.012, 0.06
 """Radius of a rod that stands for a link: over its length, and its bounds [m]."""
 
 
@@ -67,8 +67,8 @@ def links_of(robot: Robot) -> Links:
     if not any(found[1:]):
         return Links(robot, _rods(robot), "The URDF's meshes are not on this machine: links are drawn as rods.")
     note = f"{missing} of the URDF's meshes cannot be read and are left out." if missing else ""
-    still = round(RESTING_TRIANGLE_SHARE * MOST_TRIANGLES)
-    return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MOST_TRIANGLES - still)], note)
+    still = round(RESTING_TRIANGLE_SHARE * MAX_TRIANGLES)
+    return Links(robot, [*_reduced(found[:1], still), *_reduced(found[1:], MAX_TRIANGLES - still)], note)
 
 
 def _visuals(robot: Robot) -> tuple[list[list[Mesh]], int]:
@@ -107,7 +107,7 @@ def _shape(geometry: yourdfpy.Geometry, urdf_path: Path, folders: tuple[Path, ..
             size = geometry.cylinder
             return [trimesh.creation.cylinder(radius=size.radius, height=size.length, sections=24)]
         file = locate_mesh(geometry.mesh.filename, urdf_path, folders)
-        if file is None or file.stat().st_size > LARGEST_FILE:
+        if file is None or file.stat().st_size > MAX_MESH_BYTES:
             return None
         with captured_output():
             parts = trimesh.load_scene(file).dump(concatenate=False)
@@ -131,10 +131,10 @@ def _hex(rgba: Sequence[float]) -> str:
 
 def _reduced(meshes: Sequence[Sequence[Mesh]], most: int) -> list[list[Mesh]]:
     """Meshes simplified to at most a number of triangles together, with cells as fine as this allows."""
-    cell, made = FINEST_CELL, [list(of_joint) for of_joint in meshes]
-    while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < COARSEST:
+    cell, made = MIN_CELL_EDGE, [list(of_joint) for of_joint in meshes]
+    while sum(len(mesh.faces) for of_joint in made for mesh in of_joint) > most and cell < MAX_CELL_EDGE:
         made = [[_clustered(mesh, cell) for mesh in of_joint] for of_joint in made]
-        cell *= COARSER
+        cell *= CELL_GROWTH
     return made
 
 
@@ -160,7 +160,7 @@ def _rods(robot: Robot) -> list[list[Mesh]]:
     tool = model.frames[robot.tool_frame_id]
     ends[tool.parentJoint].append(tool.placement.act(robot.tool_offset))
     longest = max(float(np.linalg.norm(end)) for of_joint in ends for end in of_joint)
-    radius = float(np.clip(SLENDER * longest, THIN, THICK))
+    radius = float(np.clip(ROD_RADIUS_RATIO * longest, MIN_ROD_RADIUS, MAX_ROD_RADIUS))
     found = []
     for j, of_joint in enumerate(ends):
         colour = BODY_DARK if j == 0 else BODY_GREY if j % 2 else STEEL

@@ -19,8 +19,8 @@ HOW = {
     "fitted": "fitted to all samples",
     "by hand": "parameters by hand, nothing fitted",
 }
-MANY_JOINTS = 2
-MOST_PLACES = 2
+MAX_LISTED_JOINTS = 2
+MAX_NAMED_PLACES = 2
 """Places where a model fails that are named; the curves show the others."""
 
 
@@ -41,7 +41,7 @@ def effects_panel(bench: Workbench, ticked: Collection[str]) -> str:
                 f"<label title='{escape(title)}'><input type='checkbox' data-pick='{escape(one.label)}'{state}>"
                 f"<span>{escape(text)}</span></label>"
             )
-        if free > MANY_JOINTS:
+        if free > MAX_LISTED_JOINTS:
             boxes += f"<button type='button' data-every='{escape(effect)}'>all</button>"
         summary = bench.study.effects[effect].summary
         rows.append(
@@ -94,7 +94,7 @@ def _where(state: TickedModel, units: Mapping[str, str]) -> str:
         worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
     if not worst:
         return ""
-    return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MOST_PLACES]))}.</p>"
+    return f"<p class='caption'>Fails most: {escape('; '.join(list(worst.values())[:MAX_NAMED_PLACES]))}.</p>"
 
 
 def knobs_panel(state: TickedModel) -> str:
@@ -131,7 +131,8 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
         effect, joints, ties = found["effect"], found["joints"], ", ".join(found["tied_with"])
         after = totals(found["rmse"], units)
         share = max((after[unit] / before[unit] for unit in after if before.get(unit)), default=0.0)
-        places = f" on {len(joints)} joints" if len(joints) > MANY_JOINTS else f" on {', '.join(joints)}" * bool(joints)
+        listed = ", ".join(joints) if len(joints) <= MAX_LISTED_JOINTS else f"{len(joints)} joints"
+        places = f" on {listed}" if joints else ""
         label = f"{effect}:{','.join(joints)}" if joints else effect
         tie = f"<br><span class='tie'>these runs cannot tell it from {escape(ties)}</span>" if ties else ""
         left = ", ".join(number(error, unit) for unit, error in after.items())

@@ -18,6 +18,7 @@ from armdyn import __version__
 from armdyn.errors import InputError
 from pipeline.console.inputs import Inputs
 from pipeline.interrupts import Interrupt, leave, noted_signals
+from pipeline.processes import SWITCH_SECONDS
 from pipeline.report.page import template
 from pipeline.view.scene import three_js
 from pipeline.workbench import files
@@ -28,10 +29,8 @@ from pipeline.workbench.page import Page
 LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8080
 ASSETS = "/armdyn"
-SWITCH_SECONDS = 1e-3
-"""s for which a refit may keep the page's thread waiting at a time."""
 DAY_CACHE = {"Cache-Control": "max-age=86400"}
-IN_ORDER, AT_MOST = 0.3, 0.7
+GRACEFUL_END_SECONDS, FORCED_END_SECONDS = 0.3, 0.7
 """s after a signal for which answers that are under way are waited for, and after which the program ends as it is: what
 reads an upload, in a thread, cannot be stopped."""
 
@@ -101,7 +100,7 @@ def serve(
         await client.connected()
         await own.begin()
 
-    sys.setswitchinterval(SWITCH_SECONDS)
+    sys.setswitchinterval(SWITCH_SECONDS)  # a refit must not keep the page waiting
     ui.page("/", title="armdyn workbench", dark=None)(page)
     port = listen.getsockname()[1]
     mine = {"localhost", *([] if is_loopback(host) else [socket.gethostname(), host])}
@@ -146,7 +145,7 @@ def _run(
 ) -> NoReturn:
     """Serve until a signal comes; end orderly, or at once where that takes too long."""
     server = uvicorn.Server(uvicorn.Config(application, log_level="critical", timeout_graceful_shutdown=0))
-    server.config.timeout_graceful_shutdown = IN_ORDER
+    server.config.timeout_graceful_shutdown = GRACEFUL_END_SECONDS
     usual, received = server.startup, signal.SIGINT
 
     async def startup(sockets: list[socket.socket]) -> None:
@@ -167,7 +166,7 @@ def _run(
         nonlocal received
         if not server.should_exit:
             received = signal.Signals(number)
-            Thread(target=end, args=(AT_MOST,), daemon=True).start()
+            Thread(target=end, args=(FORCED_END_SECONDS,), daemon=True).start()
         server.should_exit = True
 
     ending = Lock()

@@ -21,7 +21,7 @@ from pipeline.answers import preparation_answer
 from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, changed, of_fits, quality, quantised
 from pipeline.report.page import page_html
 from pipeline.report.repair import comparison_report, diagnosis_report, repair_report
-from pipeline.report.theme import MOST_POINTS, thinned
+from pipeline.report.theme import MAX_PLOTTED_POINTS, thinned
 
 HIDDEN = "joint_viscous_friction"
 
@@ -154,7 +154,7 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
     for curve, block in zip(of_fits([fit]), fit.blocks, strict=True):
         raw = run.channels[block.channel]
         time, value = thinned(curve.recorded)
-        assert len(curve.time) < len(time) <= MOST_POINTS + 1
+        assert len(curve.time) < len(time) <= MAX_PLOTTED_POINTS + 1
         assert (value.min(), value.max()) == (raw.value.min(), raw.value.max())
         assert (time[0], time[-1]) == pytest.approx((raw.time[0], raw.time[-1]), abs=0.05)
         assert np.all(np.diff(time) > 0.0)

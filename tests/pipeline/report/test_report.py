@@ -19,7 +19,7 @@ from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
 from pipeline.report.table import success_interval, table_report
 from pipeline.report.theme import number, percent
-from pipeline.report.trial import SNAPSHOTS, SwingTrace, swing_section
+from pipeline.report.trial import STRING_SNAPSHOTS, SwingTrace, swing_section
 
 from .conftest import JOINTS
 
@@ -169,7 +169,7 @@ def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_report):
     (string,) = (trace for trace in figure.data if trace.name == "string")
     ends = np.column_stack([string.x, string.y]).reshape(-1, 3, 2)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert len(lengths) == SNAPSHOTS
+    assert len(lengths) == STRING_SNAPSHOTS
     np.testing.assert_allclose(lengths, 0.368, rtol=1e-2)
 
 
