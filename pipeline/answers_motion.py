@@ -1,4 +1,4 @@
-"""What `next` and `excite` say of experiments and of motions: the sentence, the tables and the JSON of the contract."""
+"""Results of `next` and `excite`: sentences, numbers for tables, and the JSON of the contract."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
     """JSON ``armdyn.next/1``.
 
     Args:
-        plan: None where there is nothing to tell apart.
-        verdict: of the diagnosis.
-        sentence: for a person.
+        plan: the planned experiments; None where there are no effects to distinguish.
+        verdict: verdict of the diagnosis.
+        sentence: summary for a person.
         output: the file with the designed motion; None where it was not written.
     """
     answer: dict[str, Any] = {"schema": "armdyn.next/1", "verdict": verdict, "sentence": sentence}
@@ -93,7 +93,7 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
 
 
 def times_better(found: Excitation) -> list[float]:
-    """As `gains`; of a motion for two rivals, how many times larger its smallest separation is than the others'."""
+    """Gain over each other motion: `gains`, or, for two rivals, the smallest separation over that of the other motion."""
     if not found.goal.rivals:
         return gains(found)
     own, *others = separations(found).min(axis=0).tolist()
@@ -101,7 +101,7 @@ def times_better(found: Excitation) -> list[float]:
 
 
 def sentence(found: Excitation) -> str:
-    """What the motion is expected to do, beside others, in one or two sentences."""
+    """Expected result of the motion beside that of others, in one or two sentences."""
     goal, seconds = found.goal, f"{found.trajectory.time[-1]:g} s"
     others = (f"the best of {found.tried} random motions", "the motion of the least condition number")
     made = [name for name, motion in zip(others, (found.random, found.conditioned), strict=True) if motion is not None]

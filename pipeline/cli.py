@@ -8,7 +8,7 @@ from pipeline.interrupts import Interrupt, Interrupts
 ONE_THREAD = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS"), "1"
 )
-"""What libraries of linear algebra read when they are loaded; why one, `armdyn.threads` says."""
+"""Environment variables that libraries of linear algebra read when they are loaded; see `armdyn.threads`."""
 
 
 def main() -> None:

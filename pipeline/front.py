@@ -1,4 +1,4 @@
-"""What a script asks for beyond the science: a model for other tools, a motion to record, the next experiment."""
+"""Further functions for scripts: export a model for other tools, design a motion to record, plan an experiment."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -25,17 +25,17 @@ def export(
     """Write a model for other tools.
 
     Args:
-        model: or its file.
-        path: ends in ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or ``.json``, which says what it is to be.
-        force: write over the file where it is there.
-        incomplete: write it although it lacks much of what a repair found.
+        model: the model, or its file.
+        path: file to write; its ending is its format: ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or ``.json``.
+        force: replace an existing file.
+        incomplete: write the file even where the format lacks much of what a repair found.
         named_only: leave the model's background out.
 
     Returns:
-        A sentence per thing that such a file cannot hold.
+        A sentence for each part of the model that the format cannot hold.
 
     Raises:
-        InputError: the file is there, its ending is of no kind, or the kind is not for such a model.
+        InputError: the file exists, or its ending is of no format, or the format is not for such a model.
         TaskFailedError: the file would lack much of what a repair added.
     """
     from pipeline.console.outputs import free_to_write
@@ -62,17 +62,17 @@ def excite(
     random: int = 100,
     seed: int = 0,
 ) -> "Excitation":
-    """The motion of an arm to record, so that effects are determined best, or two are told apart; see `motion` of it.
+    """Design the motion of an arm that determines effects best, or distinguishes two; see `Excitation.motion`.
 
     Args:
-        model: of an arm as described, or its file.
-        effects: to determine, ``"payload"`` or ``"rotor_inertia:elbow,wrist"``; friction, offsets and inertias when
-            none is given.
-        rivals: two effects to tell apart, in place of those.
-        seconds: how long the motion takes.
+        model: model of the arm, or its file.
+        effects: effects to determine, such as ``"payload"`` or ``"rotor_inertia:elbow,wrist"``; by default friction,
+            offsets and inertias.
+        rivals: two effects to distinguish, in place of `effects`.
+        seconds: duration of the motion [s].
         rate: samples per second.
-        random: motions to start from and to compare with.
-        seed: of these.
+        random: number of random motions from which the design starts.
+        seed: seed of the random motions.
 
     Raises:
         InputError: the model is no arm's, or an effect cannot act on it.
@@ -107,24 +107,24 @@ def next_experiment(
     effects: "Iterable[Effect] | None" = None,
     seed: int = 0,
 ) -> "Plan":
-    """Which experiment tells apart what the runs so far leave open, and the motion of the gripper that does it best.
+    """Plan the experiment that distinguishes tied effects best, and the best motion of the gripper for it.
 
     Args:
-        model: of a pendulum, or its file.
+        model: model of a pendulum, or its file.
         runs: recordings to fit, or their files.
-        held_out: recordings that take part in choosing effects, never in a fit.
-        rivals: names of effects to tell apart; those that the diagnosis leaves when not given.
-        seconds: duration of the motion.
-        travel: of a rig of your own, in place of Baxter: how far its gripper moves to either side, m.
-        speed: the same: its largest speed, m/s.
-        acceleration: the same: its largest acceleration, m/s^2.
-        swing: the same: the largest angle of the load, rad.
-        effects: to choose from; the catalogue and the base's own where it is not given.
-        seed: of everything random.
+        held_out: recordings that help to choose effects, but are never fitted.
+        rivals: names of effects to distinguish; by default those that tie in the diagnosis.
+        seconds: duration of the motion [s].
+        travel: largest distance of the gripper from the middle of the line [m], for a rig that is not Baxter.
+        speed: largest speed of the gripper of such a rig [m/s].
+        acceleration: largest acceleration of the gripper of such a rig [m/s^2].
+        swing: largest angle of the load of such a rig [rad].
+        effects: effects to choose from; by default the catalogue and the base's own.
+        seed: seed of the random motions.
 
     Raises:
-        InputError: something cannot be read or compared, or no gripper moves in the runs.
-        TaskFailedError: nothing is left to be told apart.
+        InputError: a file cannot be read, the runs cannot be compared, or no gripper moves in them.
+        TaskFailedError: there are no effects to distinguish.
     """
     from armdyn.experiments.rivals import undecided
 
@@ -137,10 +137,10 @@ def next_experiment(
 def rig_limits(
     travel: float | None, speed: float | None, acceleration: float | None, swing: float | None
 ) -> "GripperLimits | None":
-    """Limits of a rig of one's own; None where none is given, and the motion is one of Baxter's.
+    """Limits of a rig of one's own; None where no limit is given, and the motion is for Baxter.
 
     Raises:
-        InputError: one is not positive.
+        InputError: a limit is not positive.
     """
     from armdyn.experiments.limits import GripperLimits
 
@@ -152,14 +152,14 @@ def rig_limits(
 def plan_experiment(
     rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say = lambda _: None
 ) -> "tuple[Plan, GripperPath | None]":
-    """The plan, and the motion that it offers; of Baxter one that the whole arm can make.
+    """The plan of an experiment, and its motion, which for Baxter is one that the whole arm can make.
 
     Args:
-        rivals: what is to be told apart.
-        seconds: duration of the motion.
-        limits: of a rig of one's own; None for Baxter.
-        seed: of everything random.
-        say: told how far it is.
+        rivals: effects to distinguish, as hypotheses.
+        seconds: duration of the motion [s].
+        limits: limits of a rig of one's own; None for Baxter.
+        seed: seed of the random motions.
+        say: called to report the progress.
     """
     from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan
     from pipeline.box import LOAD_RADIUS

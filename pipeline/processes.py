@@ -1,4 +1,4 @@
-"""Threads that run before other programs, and what a with block closes."""
+"""Real-time priority of a program's threads, and the base of everything that a ``with`` block closes."""
 
 import ctypes
 import os
@@ -9,7 +9,7 @@ from typing import Self
 
 
 class Closing:
-    """What goes on until it is closed; a ``with`` block closes it, whatever happens in it."""
+    """Something that runs until `close` is called; a ``with`` block closes it at its end, also after an exception."""
 
     def __enter__(self) -> Self:
         return self
@@ -18,12 +18,12 @@ class Closing:
         self.close()
 
     def close(self) -> object:
-        """End it; a second call does nothing."""
+        """End what runs; a second call does nothing."""
         raise NotImplementedError
 
 
 REAL_TIME_PRIORITY = 10
-"""Of 1 to 99: above every ordinary program, below what the system itself runs with."""
+"""Rank of the program's threads, from 1 to 99: above every ordinary program, below the threads of the system."""
 PROMPT_PRIORITY = REAL_TIME_PRIORITY + 1
 """Of threads that wait for something and are done with it at once: two of equal rank wait for each other, 100 ms at
 most on Linux, and so a state that arrived would wait until the loop has computed."""
@@ -78,6 +78,6 @@ def _keep_in_memory() -> None:
 
 
 def be_ordinary() -> None:
-    """Give it back, in a process that computes for seconds beside such a program: it must never make a loop wait."""
+    """Give up real-time priority, in a process that computes for seconds and must not delay the control loop."""
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_RR:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -27,9 +27,9 @@ def next_(
         float | None,
         typer.Option(help="Of a rig of your own, in place of Baxter: how far its gripper moves to either side [m]."),
     ] = None,
-    speed: Annotated[float | None, typer.Option(help="The same: its largest speed [m/s].")] = None,
-    acceleration: Annotated[float | None, typer.Option(help="The same: its largest acceleration [m/s^2].")] = None,
-    swing: Annotated[float | None, typer.Option(help="The same: the largest angle of the load [rad].")] = None,
+    speed: Annotated[float | None, typer.Option(help="Of such a rig: the largest speed of its gripper [m/s].")] = None,
+    acceleration: Annotated[float | None, typer.Option(help="Of such a rig: the largest acceleration [m/s^2].")] = None,
+    swing: Annotated[float | None, typer.Option(help="Of such a rig: the largest angle of the load [rad].")] = None,
     seed: Annotated[int, typer.Option(help="Of the random motions from which the design starts.")] = 0,
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""

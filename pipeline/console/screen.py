@@ -179,7 +179,7 @@ class ProgressDisplay(Protocol):
 
 
 COUNTED = re.compile(r"(\d+) of (\d+) ")
-"""What says how many of how many are done gets a bar, and from its pace an estimate of the time that is left."""
+"""Start of a message such as ``3 of 12 candidates tried``, which gets a bar and an estimate of the remaining time."""
 
 
 @contextmanager

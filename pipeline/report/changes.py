@@ -14,11 +14,11 @@ from pipeline.report.theme import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RAW, S
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 MAX_EVENT_CHARTS = 12
-"""That have a figure of their own; all are in the table."""
+"""Largest number of events with a figure of their own; all events are in the table."""
 MAX_PARAMETER_CHARTS = 60
-"""That have a figure over time."""
+"""Largest number of parameters with a figure over time."""
 MAX_CHANGE_ROWS = 200
-"""Of a table; all rows are in the Parquet file."""
+"""Largest number of rows of a table; all rows are in the Parquet file."""
 
 
 def change_section(history: ParameterHistory) -> Section:

@@ -13,9 +13,9 @@ from pipeline.report.feasibility import joint_sections, margin_section, used_sec
 from pipeline.report.theme import BLUE, GREY, ORANGE, number
 
 MAX_UNKNOWN_ROWS = 400
-"""Rows of the table; the JSON has all."""
+"""Largest number of rows of the table; the JSON has all unknowns."""
 MAX_MOTION_SAMPLES = 2000
-"""Samples per line of a figure."""
+"""Largest number of samples of a curve."""
 OTHER_MOTIONS = ("best random", "least condition number")
 """Motions that a designed one is compared with."""
 

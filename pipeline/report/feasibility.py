@@ -17,7 +17,7 @@ from urdf.robot import Limits
 MAX_VIOLATION_ROWS = 50
 """Violations that a table lists; the file given with --json has them all."""
 MAX_LIMIT_CURVE_POINTS = 1500
-"""Samples per line of a figure."""
+"""Largest number of samples of a curve."""
 
 
 def feasibility_document(report: FeasibilityReport, title: str) -> Document:

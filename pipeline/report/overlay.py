@@ -21,7 +21,7 @@ from pipeline.report.page import pills
 from pipeline.report.theme import MAX_PLOTTED_POINTS, quantity_of, short_name, thinned
 
 MAX_PAGE_VALUES = 200_000
-"""Of all curves together: about half a megabyte in the page."""
+"""Largest number of values of all curves together: about half a megabyte in the page."""
 MIN_CURVE_POINTS = 300
 
 FITTED, HELD_OUT, IN_TURN, EXAM = "fitted", "held out", "predicted from the other runs", "exam"

@@ -186,7 +186,7 @@ def full_name(channel: str, unit: str = "N m") -> str:
 
 
 MAX_PLOTTED_POINTS = 3000
-"""Per curve; more makes the page heavy and the picture no clearer."""
+"""Largest number of points of a curve; more makes the page heavy and the picture no clearer."""
 
 
 def thinned(channel: Channel, most: int = MAX_PLOTTED_POINTS) -> tuple[FloatArray, FloatArray]:

@@ -17,9 +17,9 @@ from urdf.find import locate_mesh, package_dirs
 from urdf.quiet import captured_output
 
 MAX_TRIANGLES = 40_000
-"""Of a whole arm: a page of about 1 MB, which a small computer turns smoothly."""
+"""Largest number of triangles of an arm: the page then has about 1 MB, and a small computer turns it smoothly."""
 RESTING_TRIANGLE_SHARE = 0.3
-"""Share of them for what does not move, such as a torso."""
+"""Share of these triangles for links that do not move, such as a torso."""
 MIN_CELL_EDGE, MAX_CELL_EDGE, CELL_GROWTH = 0.003, 0.06, 1.4
 """Edge of the cells within which vertices of heavy meshes become one [m], and its growth from one try to the next."""
 MAX_MESH_BYTES = 20e6
