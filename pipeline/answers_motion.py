@@ -93,7 +93,7 @@ def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -
 
 
 def times_better(found: Excitation) -> list[float]:
-    """Gain over each other motion: `gains`, or, for two rivals, the smallest separation over that of the other motion."""
+    """Gain over each other motion: `gains`, or, for two rivals, the ratio of the smallest separations."""
     if not found.goal.rivals:
         return gains(found)
     own, *others = separations(found).min(axis=0).tolist()
