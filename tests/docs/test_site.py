@@ -33,7 +33,7 @@ def test_the_reference_shows_the_front_door(site):
     page = (site / "python/index.html").read_text()
     for name in ("armdyn.front.repair", "armdyn.run.Run.from_arrays", "armdyn.shown.Displayable.to_dataframe"):
         assert f'id="{name}"' in page
-    assert "recordings that take part in choosing effects, never in a fit" in page
+    assert "recordings that help to choose effects, but are never fitted" in page
 
 
 def test_every_page_of_the_documentation_is_in_it(site):
