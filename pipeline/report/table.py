@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, Section, Table
 from pipeline.report.theme import BLUE, GREY, ORANGE, TRUTH, number, percent
-from pipeline.trial.table import TableOne
+from pipeline.trial.table import GUESSES, TableOne
 
 BOX_NOTE = (
     "The paper gives no box. This one was chosen so that the simulation reproduces the paper's table: the rows without "
@@ -21,12 +21,10 @@ SUCCESS_SHARE = 0.5
 
 def table_report(table: TableOne) -> Document:
     """The report of Table I: success and learnt lengths by first guess."""
-    estimates, total = table.estimates, len(table.rows)
-    as_paper = sum((row.without > SUCCESS_SHARE) == row.in_paper for row in table.rows)
-    learnt = sum(row.with_estimation > SUCCESS_SHARE for row in table.rows)
-    with_estimation, without = (
-        percent(float(np.mean([getattr(row, name) for row in table.rows]))) for name in ("with_estimation", "without")
-    )
+    estimates, total = table.estimates, len(GUESSES)
+    without, with_estimation = (percent(float(shares.mean())) for shares in table.shares)
+    as_paper = np.count_nonzero((table.shares[0] > SUCCESS_SHARE) == table.in_paper)
+    learnt = np.count_nonzero(table.shares[1] > SUCCESS_SHARE)
     spread = f"std; {number(PAPER_STD, 'm', 2)} in the paper"
     return Document(
         title="Table I: does learning the length help?",
@@ -38,7 +36,7 @@ def table_report(table: TableOne) -> Document:
         key_figures=(
             KeyFigure("With estimation", with_estimation, "of trials succeed"),
             KeyFigure("Without", without, "of trials succeed"),
-            KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.length:.4f} m"),
+            KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.true_length:.4f} m"),
             KeyFigure("Spread", number(float(estimates.std()), "m", 2), spread),
             KeyFigure("Seeds", str(table.seeds), "per guess"),
             KeyFigure("Truth", percent(table.covered), "of estimates within 3 of their standard deviations"),
@@ -49,8 +47,8 @@ def table_report(table: TableOne) -> Document:
 
 def _success_section(table: TableOne) -> Section:
     figure = go.Figure(layout={"height": 380, "barmode": "group"})
-    guesses = [f"{row.length_guess:.3f}" for row in table.rows]
-    without, learnt = ([getattr(row, name) for row in table.rows] for name in ("without", "with_estimation"))
+    guesses = [f"{guess:.3f}" for guess in GUESSES]
+    without, learnt = table.shares.tolist()
     for name, colour, shares in (("without estimation", ORANGE, without), ("with estimation", BLUE, learnt)):
         low, high = 100 * np.transpose([success_interval(share, table.seeds) for share in shares])
         seen = 100 * np.array(shares)
@@ -61,19 +59,18 @@ def _success_section(table: TableOne) -> Section:
         )  # fmt: skip
     figure.update_xaxes(title_text="first guess of the length [m]", type="category")
     figure.update_yaxes(title_text="success [%]", range=[0, 104])
-    estimates = [np.array(row.length_estimates) for row in table.rows]
     rows = Table([
         Column("guess [m]", guesses),
         Column("without", list(map(percent, without))),
         Column("with", list(map(percent, learnt))),
-        Column("paper, without", ["succeeds" if row.in_paper else "fails" for row in table.rows]),
-        Column("paper, with", ["succeeds"] * len(table.rows)),
-        Column("mean estimate [m]", [float(e.mean()) if e.size else None for e in estimates], ".4f"),
-        Column("std [mm]", [1e3 * float(e.std()) if e.size else None for e in estimates], ".2f"),
+        Column("paper, without", ["succeeds" if succeeds else "fails" for succeeds in table.in_paper]),
+        Column("paper, with", ["succeeds"] * len(GUESSES)),
+        Column("mean estimate [m]", table.estimates.mean(axis=1).tolist(), ".4f"),
+        Column("std [mm]", (1e3 * table.estimates.std(axis=1)).tolist(), ".2f"),
     ])  # fmt: skip
     sentence = (
         f"Share of {table.seeds} seeds that put the load into the box, per first guess of the length "
-        f"(the true one is {table.length:.3f} m)."
+        f"(the true one is {table.true_length:.3f} m)."
     )
     caption = "Whiskers: 95 % interval of the share for this number of seeds (Wilson 1927)."
     return Section("Success", sentence, [Chart(figure, caption)], [rows])
@@ -81,23 +78,22 @@ def _success_section(table: TableOne) -> Section:
 
 def _estimates_section(table: TableOne) -> Section:
     estimates = table.estimates
-    error = float(estimates.mean() - table.length)
+    error = float(estimates.mean() - table.true_length)
     sentence = (
         f"Over {estimates.size} trials from all guesses the mean error of the length is {number(error, 'm', 2)}, "
         f"with a standard deviation of {number(float(estimates.std()), 'm', 2)}."
     )
     figure = go.Figure(layout={"height": 340, "hovermode": "closest", "showlegend": False, "margin": {"t": 30}})
     rng = np.random.default_rng(0)  # spread points that would cover each other
-    for i, row in enumerate(table.rows):
-        errors = 1e3 * (np.array(row.length_estimates) - table.length)
+    for i, (guess, errors) in enumerate(zip(GUESSES, 1e3 * table.errors, strict=True)):
         figure.add_scatter(
-            x=i + rng.uniform(-0.18, 0.18, errors.size), y=errors, name=f"guess {row.length_guess:.3f} m",
+            x=i + rng.uniform(-0.18, 0.18, errors.size), y=errors, name=f"guess {guess:.3f} m",
             mode="markers", marker={"color": BLUE, "size": 6, "opacity": 0.65},
         )  # fmt: skip
-    figure.add_scatter(x=[-0.5, len(table.rows) - 0.5], y=[0, 0], name="truth", **TRUTH)
+    figure.add_scatter(x=[-0.5, len(GUESSES) - 0.5], y=[0, 0], name="truth", **TRUTH)
     figure.update_xaxes(
-        title_text="first guess of the length [m]", tickvals=list(range(len(table.rows))),
-        ticktext=[f"{row.length_guess:.3f}" for row in table.rows], showgrid=False, zeroline=False,
+        title_text="first guess of the length [m]", tickvals=list(range(len(GUESSES))),
+        ticktext=[f"{guess:.3f}" for guess in GUESSES], showgrid=False, zeroline=False,
     )  # fmt: skip
     figure.update_yaxes(title_text="estimate − truth [mm]")
     return Section("Estimates", sentence, [Chart(figure, "A point per trial; dotted: the truth.")])

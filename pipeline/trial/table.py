@@ -1,6 +1,5 @@
 """The paper's Table I: nine guesses of the length, with and without estimation, over seeds."""
 
-import math
 import os
 from collections.abc import Callable
 from concurrent.futures import as_completed
@@ -21,95 +20,60 @@ PAPER_WITHOUT = (0.368, 0.388)
 """Guesses that succeed without estimation in the paper [m]; with estimation all nine do."""
 
 
-@dataclass(frozen=True)
-class TableRow:
-    """Results of one guess over all seeds.
-
-    Attributes:
-        length_guess: guess of the length [m].
-        succeeded_without: whether each seed succeeded without estimation.
-        succeeded_with: whether each seed succeeded with estimation.
-        length_estimates: estimated length of each seed [m].
-        length_stds: reported standard deviation of each seed [m].
-    """
-
-    length_guess: float
-    succeeded_without: tuple[bool, ...]
-    succeeded_with: tuple[bool, ...]
-    length_estimates: tuple[float, ...]
-    length_stds: tuple[float, ...]
-
-    @property
-    def without(self) -> float:
-        """Share of the seeds that succeed without estimation."""
-        return float(np.mean(self.succeeded_without))
-
-    @property
-    def with_estimation(self) -> float:
-        """Share of the seeds that succeed with estimation."""
-        return float(np.mean(self.succeeded_with))
-
-    @property
-    def in_paper(self) -> bool:
-        """Whether this guess succeeds without estimation in the paper."""
-        return any(math.isclose(self.length_guess, guess, abs_tol=5e-4) for guess in PAPER_WITHOUT)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableOne:
-    """Results of all guesses, as in the paper's Table I.
+    """The paper's Table I for the 9 `GUESSES` and n seeds.
 
     Attributes:
-        seeds: number of trials per guess, with and without estimation each.
-        length: true length [m].
-        rows: results by guess.
+        true_length: true length [m].
+        succeeded: (9, 2, n) whether each trial without and with estimation succeeded.
+        estimates: (9, n) length of every trial with estimation [m].
+        stds: (9, n) reported standard deviations [m].
     """
 
-    seeds: int
-    length: float
-    rows: tuple[TableRow, ...]
+    true_length: float
+    succeeded: np.ndarray
+    estimates: np.ndarray
+    stds: np.ndarray
 
     @property
-    def estimates(self) -> np.ndarray:
-        """(n,) length of every trial with estimation [m]."""
-        return np.array([e for row in self.rows for e in row.length_estimates])
+    def seeds(self) -> int:
+        """Number of trials per guess, with and without estimation each."""
+        return self.succeeded.shape[2]
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(2, 9) share of the seeds that succeed, without and with estimation."""
+        return np.asarray(self.succeeded.mean(axis=2).T)
 
     @property
     def errors(self) -> np.ndarray:
-        """(n,) estimate minus truth of every trial with estimation [m]."""
-        return self.estimates - self.length
+        """(9, n) estimate minus truth [m]."""
+        return self.estimates - self.true_length
+
+    @property
+    def in_paper(self) -> np.ndarray:
+        """(9,) whether a guess succeeds without estimation in the paper."""
+        return np.isin(GUESSES, PAPER_WITHOUT)
 
     @property
     def covered(self) -> float:
         """Share of the trials whose truth is within three reported standard deviations."""
-        stds = np.array([s for row in self.rows for s in row.length_stds])
-        return float(np.mean(np.abs(self.errors) <= 3 * stds))
-
-    @property
-    def pattern(self) -> float:
-        """Share of the seeds that give the paper's whole column without estimation."""
-        wanted = [row.in_paper for row in self.rows]
-        columns = zip(*(row.succeeded_without for row in self.rows), strict=True)
-        return float(np.mean([list(column) == wanted for column in columns]))
+        return float(np.mean(np.abs(self.errors) <= 3 * self.stds))
 
     def as_json(self) -> dict[str, Any]:
         """JSON ``armdyn.table/1`` of the table."""
+        rows = zip(GUESSES, *self.shares.tolist(), self.estimates.tolist(), strict=True)
+        names = "length_guess", "without", "with", "length_estimates"
+        as_in_paper = (self.succeeded[:, 0] == self.in_paper[:, None]).all(axis=0)
         return {
             "schema": "armdyn.table/1",
             "seeds": self.seeds,
-            "rows": [
-                {
-                    "length_guess": row.length_guess,
-                    "without": row.without,
-                    "with": row.with_estimation,
-                    "length_estimates": list(row.length_estimates),
-                }
-                for row in self.rows
-            ],
-            "mean": float(np.mean(self.errors)) + self.length,
+            "rows": [dict(zip(names, row, strict=True)) for row in rows],
+            "mean": float(np.mean(self.errors)) + self.true_length,
             "std": float(np.std(self.errors)),
             "covered_by_3_std": self.covered,
-            "paper_pattern": self.pattern,
+            "paper_pattern": float(np.mean(as_in_paper)),
         }
 
 
@@ -133,11 +97,7 @@ def run_table(seeds: int, first_seed: int = 0, progress: Callable[[int, int], No
             if progress is not None:
                 progress(done, len(futures))
     outcomes = np.array([future.result() for future in futures]).reshape(len(GUESSES), 2, seeds, 3)
-    rows = []
-    for guess, (without, learnt) in zip(GUESSES, outcomes, strict=True):
-        succeeded = [tuple(bool(success) for success in way[:, 0]) for way in (without, learnt)]
-        rows.append(TableRow(guess, *succeeded, *(tuple(x.tolist()) for x in learnt[:, 1:].T)))
-    return TableOne(seeds, TrialSettings().true_length, tuple(rows))
+    return TableOne(TrialSettings().true_length, outcomes[..., 0] > 0.0, outcomes[:, 1, :, 1], outcomes[:, 1, :, 2])
 
 
 def _outcome(settings: TrialSettings) -> tuple[bool, float, float]:

@@ -17,7 +17,7 @@ from pipeline.report.trial import (
     swing_section,
     timing_section,
 )
-from pipeline.trial.table import TableOne, TableRow
+from pipeline.trial.table import TableOne
 from urdf.robot import Limits
 
 LENGTH = 0.368
@@ -90,16 +90,9 @@ def trial_report(trial):
     )
 
 
-def seeds(share):
-    return tuple(i < round(20 * share) for i in range(20))
-
-
 @pytest.fixture
 def table():
     rng = np.random.default_rng(5)
-    without = (0, 0, 0, 0.95, 1.0, 0.05, 0, 0, 0)
-    rows = []
-    for i, share in enumerate(without):
-        learnt = tuple(0.36782 + rng.normal(0, 4e-4, 20))
-        rows.append(TableRow(0.308 + 0.02 * i, seeds(share), seeds(1.0 if i else 0.95), learnt, (4e-4,) * 20))
-    return TableOne(20, LENGTH, tuple(rows))
+    of_20 = [(0, 19), *[(0, 20)] * 2, (19, 20), (20, 20), (1, 20), *[(0, 20)] * 3]  # without and with estimation
+    succeeded = np.arange(20) < np.array(of_20)[:, :, None]
+    return TableOne(LENGTH, succeeded, 0.36782 + rng.normal(0, 4e-4, (9, 20)), np.full((9, 20), 4e-4))

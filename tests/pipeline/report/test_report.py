@@ -191,16 +191,11 @@ def test_table_report_says_that_the_box_was_chosen(table):
     assert table_report(table).level is Level.GOOD
 
 
-@pytest.mark.parametrize(
-    ("changed", "level"),
-    [
-        ({"succeeded_with": (True,) * 4 + (False,) * 16}, Level.BAD),
-        ({"succeeded_without": (True,) * 18 + (False,) * 2}, Level.CAUTION),
-    ],
-)
-def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, changed, level):
-    rows = (replace(table.rows[0], **changed), *table.rows[1:])
-    assert table_report(replace(table, rows=rows)).level is level
+@pytest.mark.parametrize(("estimation", "succeeding", "level"), [(True, 4, Level.BAD), (False, 18, Level.CAUTION)])
+def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, estimation, succeeding, level):
+    succeeded = table.succeeded.copy()
+    succeeded[0, int(estimation)] = np.arange(20) < succeeding
+    assert table_report(replace(table, succeeded=succeeded)).level is level
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 3), (3, 3), (19, 20), (7, 20)])
