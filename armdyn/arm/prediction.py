@@ -106,8 +106,16 @@ class ChannelPredictor:
                 columns = reduced.link(i)
                 total.value += columns @ bodies.links[i]
                 total.by(i)[:] += columns @ bodies.derivatives[i]
-            if bodies.gravity is not None:
-                self._add_gravity(total, carried, bodies, bodies.gravity, reduced)
+        if of_bodies and bodies.gravity is not None:
+            columns = reduced.per_gravity
+            for i in carried:
+                if bodies.links[i].any():
+                    columns = columns + reduced.weight(i) @ bodies.links[i][:4]
+                if bodies.gravity.any():
+                    by_weight = np.einsum("k,nkp->np", bodies.gravity, reduced.weight(i))
+                    total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
+            total.value += columns @ bodies.gravity
+            total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
         if of_joints:
             for i in outer:
                 self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
@@ -116,20 +124,6 @@ class ChannelPredictor:
         if of_joints:
             self._add(total, own.offset, j, theta[j], bodies, reduced)
         return total
-
-    def _add_gravity(
-        self, total: TorqueSum, carried: Sequence[int], bodies: Bodies, gravity: np.ndarray, reduced: Reduction
-    ) -> None:
-        """Add the torque by the change of gravity."""
-        columns = reduced.per_gravity
-        for i in carried:
-            if bodies.links[i].any():
-                columns = columns + reduced.weight(i) @ bodies.links[i][:4]
-            if gravity.any():
-                by_weight = np.einsum("k,nkp->np", gravity, reduced.weight(i))
-                total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
-        total.value += columns @ gravity
-        total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
 
     def _add(
         self, total: TorqueSum, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction

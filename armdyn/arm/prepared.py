@@ -25,7 +25,7 @@ from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
 from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
-from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineCurve, SplineSamples
+from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineSamples
 
 STIFF_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
@@ -215,7 +215,9 @@ def prepare(
     for name in at_rest if at_rest != set(preparations) else ():
         del channels[name], preparations[name]
     for joint, path in zip(joints, motion.joints, strict=True):
-        channels |= _smooth_channels(run.channels[f"q.{joint}"], joint, path.curve)
+        q = run.channels[f"q.{joint}"]
+        for k, (kind, per) in enumerate((("q", ""), ("v", "/s"), ("a", "/s^2"))):
+            channels[f"{kind}.{joint}"] = Channel(q.time, path.curve(q.time, k)[:, 0], f"{q.unit}{per}")
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
         original=run, done=preparations, stands=tuple(stands), outliers=run.outliers, extra=run.extra,
@@ -336,11 +338,3 @@ def _thinned(stamps: np.ndarray, known: np.ndarray, cutoff: float) -> np.ndarray
     for begin, end in zip(stamps[long] - edge, stamps[long + 1] + edge, strict=True):
         beside |= (time > begin) & (time < end)
     return time[~beside]
-
-
-def _smooth_channels(q: Channel, joint: str, curve: SplineCurve) -> dict[str, Channel]:
-    units = (q.unit, f"{q.unit}/s", f"{q.unit}/s^2")
-    return {
-        f"{kind}.{joint}": Channel(q.time, curve(q.time, k)[:, 0], unit)
-        for k, (kind, unit) in enumerate(zip("qva", units, strict=True))
-    }
