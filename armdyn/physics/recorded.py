@@ -1,7 +1,7 @@
 """The recorded inputs of a simulation on an even grid, with rates and accelerations."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -74,8 +74,8 @@ class InputPath:
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         ends = None if self.ends is None else self.ends[:, middle]
-        start, inputs = self.start + self.dt * first, (self.nodes[:, nodes], self.middle[:, middle])
-        return InputPath(start, self.dt, *inputs, cut, self.extra, ends, self.parts)
+        inputs = self.nodes[:, nodes], self.middle[:, middle]
+        return InputPath(self.start + self.dt * first, self.dt, *inputs, cut, ends=ends, parts=self.parts)
 
     @property
     def fine(self) -> "InputPath":
@@ -91,7 +91,7 @@ class InputPath:
             return np.stack(cut, axis=2).reshape(len(begin), -1)
 
         nodes = np.hstack([at(0.0), self.nodes[:, -1:]])
-        return replace(self, dt=self.dt / self.parts, nodes=nodes, middle=at(0.5), ends=at(1.0), parts=1)
+        return InputPath(self.start, self.dt / self.parts, nodes, at(0.5), None, self.extra, at(1.0))
 
     def with_columns(self, columns: Sequence[RecordedColumn]) -> "InputPath":
         """The path with further quantities as its last inputs, which have no lag."""
