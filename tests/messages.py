@@ -69,7 +69,8 @@ class Sentences:
         found = text.strip()
         for folder in (self._folder, Path(tempfile.gettempdir())):
             found = re.sub(rf"{re.escape(str(folder))}/[^\s/:,;'\"]*", "HERE", found)
-        found = re.sub(r"(?<=127\.0\.0\.1:)\d+", "PORT", found.replace(str(FILE.parents[2]), "REPOSITORY"))
+        found = re.sub(r"\S+\.hpp:\d+", "SOURCE", found.replace(str(FILE.parents[2]), "REPOSITORY"))
+        found = re.sub(r"(?<=127\.0\.0\.1:)\d+", "PORT", found)
         assert "\n" not in found
         if self._last is not None and alike(found, self._last):
             return
