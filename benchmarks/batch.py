@@ -62,10 +62,10 @@ def one_lab(folder: Path, lab: Lab, throughput: bool) -> None:
     print(f"seed {lab.seed}: {len(done.rows)} recordings of {lab.robots} robots, {bad} not usable")
     days = {f"robot_{robot:02d}": lab.days(robot)[change.recording] for robot, change in lab.changes.items()}
     for robot, day in days.items():
-        mine = [event for event in found.events if event.robot == robot]
-        named = [f"{moment(e.first_after):%Y-%m-%d} ({e.steps[0].parameter})" for e in mine]
+        mine = [event[0] for event in found.events if event[0].robot == robot]
+        named = [f"{moment(e.first_after):%Y-%m-%d} ({e.parameter})" for e in mine]
         print(f"  {robot} changes on {day}: {', '.join(named) or 'not found'}")
-    others = [event for event in found.events if event.robot not in days]
+    others = [event for event in found.events if event[0].robot not in days]
     print(
         f"  other robots marked: {len(others)}; drifts: {len(found.found.drifts)}; {found.found.tested} series tested"
     )

@@ -143,7 +143,7 @@ def one(seed: int) -> Outcome:
             json.dumps(result.as_json(), allow_nan=False)
             if "\n" in message:
                 wrong.append("message of several lines")
-            spans = {span.phase.name: span for span in trial.experiment.course.phases}
+            spans = {span.phase.name: span for span in trial.experiment.phases}
             if stopped:
                 to_rest = spans["STOP"].end - spans["STOP"].start - 0.3
             read_run(Path(scratch) / "trial.mcap")

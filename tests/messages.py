@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -65,8 +66,11 @@ class Sentences:
 
     def line(self, text):
         """The text is one line, the one that is kept; what is told twice in succession is kept once."""
-        found = re.sub(rf"{re.escape(str(self._folder))}/[^\s/:,;'\"]*", "HERE", text.strip())
-        found = re.sub(r"(?<=127\.0\.0\.1:)\d+", "PORT", found.replace(str(FILE.parents[2]), "REPOSITORY"))
+        found = text.strip()
+        for folder in (self._folder, Path(tempfile.gettempdir())):
+            found = re.sub(rf"{re.escape(str(folder))}/[^\s/:,;'\"]*", "HERE", found)
+        found = re.sub(r"\S+\.hpp:\d+", "SOURCE", found.replace(str(FILE.parents[2]), "REPOSITORY"))
+        found = re.sub(r"(?<=127\.0\.0\.1:)\d+", "PORT", found)
         assert "\n" not in found
         if self._last is not None and alike(found, self._last):
             return

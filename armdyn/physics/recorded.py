@@ -74,8 +74,8 @@ class InputPath:
         nodes, middle = slice(first, None if last is None else last + 1), slice(first, last)
         cut = None if self.by_lag is None else (self.by_lag[0][:, nodes], self.by_lag[1][:, middle])
         ends = None if self.ends is None else self.ends[:, middle]
-        inputs = self.nodes[:, nodes], self.middle[:, middle]
-        return InputPath(self.start + self.dt * first, self.dt, *inputs, cut, ends=ends, parts=self.parts)
+        start, inputs = self.start + self.dt * first, (self.nodes[:, nodes], self.middle[:, middle])
+        return InputPath(start, self.dt, *inputs, cut, self.extra, ends, self.parts)
 
     @property
     def fine(self) -> "InputPath":

@@ -102,6 +102,14 @@ def rivals_once() -> float:
     return bench.timed(lambda: [control.act(state, drag, pivot) for state in states])() / len(states)
 
 
+def cost_and_gradient(
+    control: SequentialActionControl, schedule: np.ndarray, state: SacState, model: PendulumModel
+) -> tuple[float, np.ndarray]:
+    """Cost of a schedule (steps,) of accelerations, and its gradient (steps,)."""
+    cost, gradient = control._gradient(schedule, *control._fixed(state, model, None))
+    return float(cost[0, 0]), gradient.ravel().copy()
+
+
 def difference(ours: np.ndarray | float, other: np.ndarray | float) -> float:
     """Largest difference, relative to the largest entry."""
     return float(np.max(np.abs(np.subtract(ours, other))) / np.max(np.abs(other)))
@@ -115,7 +123,7 @@ def disagreement(rival: NumpyControl) -> dict[str, float]:
     for state in states:
         schedule = rng.uniform(-1.0, 1.0, control.settings.steps)
         (cost, slope), (cost2, slope2) = (
-            control.gradient(schedule, state, model),
+            cost_and_gradient(control, schedule, state, model),
             rival.gradient(schedule, state.vector()),
         )
         action: SacAction = control.act(state, model)
@@ -137,15 +145,15 @@ def finite_difference_error(states: int) -> float:
     worst = 0.0
     for state in situations[:states]:
         schedule = rng.uniform(-1.0, 1.0, control.settings.steps)
-        exact = control.gradient(schedule, state, model)[1]
-        steps = CHANGE * np.eye(len(schedule))
-        numeric = np.array(
+        exact = cost_and_gradient(control, schedule, state, model)[1]
+        ends = (
             [
-                (control.gradient(schedule + s, state, model)[0] - control.gradient(schedule - s, state, model)[0])
-                / (2 * CHANGE)
-                for s in steps
+                cost_and_gradient(control, schedule + sign * step, state, model)[0]
+                for step in CHANGE * np.eye(len(exact))
             ]
+            for sign in (1.0, -1.0)
         )
+        numeric = np.subtract(*ends) / (2 * CHANGE)
         worst = max(worst, difference(exact, numeric))
     return worst
 

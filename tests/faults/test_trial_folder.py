@@ -94,9 +94,9 @@ def test_the_folder_of_a_killed_trial_is_free_again(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_rights_is_one_line(tmp_path, complains):
+def test_a_folder_without_rights_is_one_line(tmp_path):
     tmp_path.chmod(0o500)
-    with complains(InputError), own_folder(tmp_path / "out", tmp_path):
+    with pytest.raises(InputError, match="choose another directory"), own_folder(tmp_path / "out", tmp_path):
         pass
 
 

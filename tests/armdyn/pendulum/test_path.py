@@ -90,6 +90,15 @@ def test_halfway_inputs_are_exact_for_a_quintic():
         assert np.allclose(row, derivative(between), atol=1e-3 if derivative is not p else 1e-12)
 
 
+def test_a_part_of_a_path_has_its_nodes_and_times():
+    t = np.arange(0.0, 1.0, 0.1)
+    path = GripperPath(0.0, 0.1, np.sin(t), np.cos(t), -np.sin(t))
+    part = path.part(3, 7)
+    assert np.array_equal(part.nodes, path.nodes[:, 3:8])
+    assert np.array_equal(part.middle, path.middle[:, 3:7])
+    assert part.time == pytest.approx(t[3:8])
+
+
 def test_too_few_samples_are_refused_in_one_line(complains):
     with complains(InputError):
         smoothed_motion(TIME[:3], X[:3], DT)

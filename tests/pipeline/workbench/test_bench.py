@@ -1,6 +1,5 @@
 """The state of the page without the page: what is predicted at once is what a fit finds."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -142,8 +141,9 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains
         keep(inputs, given, bench, FRICTION, target, writable=writable)
 
     # A format without the friction that was found: `armdyn export` refuses it, and so does the page.
-    known, exported = exports.format_of, tmp_path / "poor.json"
-    monkeypatch.setattr(exports, "format_of", lambda output: replace(known(output), held=lambda _: frozenset()))
+    known, exported = exports.format_of(tmp_path / "poor.json"), tmp_path / "poor.json"
+    poor = known._replace(export=lambda *given: known.export(*given)._replace(held=frozenset()))
+    monkeypatch.setattr(exports, "format_of", lambda _: poor)
     kept = keep(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
