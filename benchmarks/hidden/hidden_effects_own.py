@@ -4,7 +4,7 @@
 
 Bases are thermal, hydraulic, pneumatic, electrical, mechanical and geared, of order 1 to 6, written as the
 documentation asks for it, with several effects of their own each, one of which is hidden
-(tests/worlds/own_bases.py). Start values are off at random. Two recordings are fitted, one takes part in
+(tests/worlds/own_bases). Start values are off at random. Two recordings are fitted, one takes part in
 choosing, one in nothing. Thresholds have a place: right are those whose values are all within three standard
 deviations. Seeds below 100 were used to build it.
 """
@@ -24,8 +24,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from worlds.own_bases import Case, Family, case
-from worlds.own_bases_fast import FAST
-from worlds.own_bases_slow import SLOW
+from worlds.own_bases.fast import FAST
+from worlds.own_bases.slow import SLOW
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import ArmdynError

@@ -11,8 +11,8 @@ import numpy as np
 
 from armdyn.run import Run
 
+from . import squares_left
 from .drive import COUNT, NOISE, PRESLIDING, SMALL, SMOOTHING, Hidden, Imperfections, JointMotion, Lump, on_link
-from .least_squares import squares_left
 from .motions import KINDS
 from .plant import Plant, World, source
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from armdyn.run import Run
 
+from . import squares_left
 from .dry_swing import Pendulum
-from .least_squares import squares_left
 from .output_error import Derivatives, Record, accelerating, sizes
 from .pendulum_sensors import ANGLE, FITTED, FRICTIONS, KINDS, Kind, Sensor, ideal, recorded_run, run_of
 

@@ -24,8 +24,8 @@ from armdyn.errors import InputError
 from armdyn.run import Run
 from urdf import known_robots
 
+from . import squares_left
 from .generated_arm import ROBOTS
-from .least_squares import squares_left
 from .motions import KINDS
 from .plant import Plant, source
 

@@ -8,8 +8,8 @@ import pytest
 from command import called
 from scipy.integrate import solve_ivp
 from worlds.own_bases import HEAD, Family, case
-from worlds.own_bases_fast import FILTER, GEARED
-from worlds.own_bases_slow import BATTERY, OVEN, TANKS, VESSEL
+from worlds.own_bases.fast import FILTER, GEARED
+from worlds.own_bases.slow import BATTERY, OVEN, TANKS, VESSEL
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.effects.effect import effect

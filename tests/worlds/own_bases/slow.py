@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .own_bases import Case, Family
+from . import Case, Family
 
 
 def _oven(c: Case, s: np.ndarray, u: float) -> list[float]:
