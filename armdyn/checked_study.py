@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from armdyn.arm.model import ArmModel
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
@@ -200,8 +199,9 @@ class CheckedStudy:
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
-        if isinstance(model, ArmModel) and isinstance(self.declared, ArmModel) and found.verdict is not Verdict.LOST:
-            model = polished(model, [run.recording for run in self.study.runs], self.declared.drives)
+        arm, declared = model.as_arm(), self.declared and self.declared.as_arm()
+        if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
+            model = polished(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
                 n: replace(p, value=model.value(n), std=model.parameters[n].std)
                 for n, p in after.parameters.items()
