@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from armdyn.arm.model import ArmModel
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
@@ -200,8 +199,9 @@ class CheckedStudy:
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
         model, after = found.model, self._telling(found.after)
-        if isinstance(model, ArmModel) and isinstance(self.declared, ArmModel) and found.verdict is not Verdict.LOST:
-            model = polished(model, [run.recording for run in self.study.runs], self.declared.drives)
+        arm, declared = model.as_arm(), None if self.declared is None else self.declared.as_arm()
+        if arm is not None and declared is not None and found.verdict is not Verdict.LOST:
+            model = polished(arm, [run.recording for run in self.study.runs], declared.drives)
             values = {
                 n: replace(p, value=model.value(n), std=model.parameters[n].std)
                 for n, p in after.parameters.items()
@@ -213,7 +213,10 @@ class CheckedStudy:
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:
         """A comparison with the identified drives, and the simulated against the recorded motion."""
-        return replace(found, rollout=model.motion_errors(self.study.recordings), drives=getattr(model, "drives", {}))
+        arm = model.as_arm()
+        if arm is None:
+            return found
+        return replace(found, rollout=arm.motion_errors(self.study.recordings), drives=arm.drives)
 
     def _telling(self, found: Comparison) -> Comparison:
         """A comparison with sentences on what was set aside and which questions are open."""

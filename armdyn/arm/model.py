@@ -339,9 +339,10 @@ def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
     Raises:
         InputError: the model has another base.
     """
-    if not isinstance(model, ArmModel):
+    arm = model.as_arm()
+    if arm is None:
         raise InputError(f"{purpose} for arms, and this model's base is '{model.base}': {remedy}")
-    return model
+    return arm
 
 
 def arm_model(

@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.model import Model
@@ -341,11 +340,12 @@ def keep(
 
 def _with_its_urdf(found: Model, model: Path, writable: Writable, over: bool) -> tuple[Model, list[Path]]:
     """The model, with a dropped URDF copied beside its file, because a page's folder is temporary."""
-    if not isinstance(found, ArmModel) or found.arm.file is None or not is_temporary(found.arm.file):
+    arm = found.as_arm()
+    if arm is None or arm.arm.file is None or not is_temporary(arm.arm.file):
         return found, []
-    target = model.parent / found.arm.file.name
-    copied = _copied(found.arm.file, target, writable, over)
-    return replace(found, arm=replace(found.arm, file=target.resolve())), copied
+    target = model.parent / arm.arm.file.name
+    copied = _copied(arm.arm.file, target, writable, over)
+    return replace(arm, arm=replace(arm.arm, file=target.resolve())), copied
 
 
 def _copied(file: Path, target: Path, writable: Writable, over: bool) -> list[Path]:
