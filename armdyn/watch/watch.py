@@ -1,7 +1,7 @@
 """The watch: samples in, events out. What it needs of memory does not grow, and no sample takes longer than another."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
-from armdyn.watch.event import Event, Kind
+from armdyn.watch.event import Estimate, Event, Kind, Reporter
 from armdyn.watch.observer import Observer, Step, compiled
 from armdyn.watch.sound import Sample, Sound
 from armdyn.watch.touch import Touches
@@ -35,13 +35,11 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Alarm:
-    """A change that waits to be told: its window, and what an outside torque would have been, N m, and where."""
+    """A change that waits to be told: its window, and what an outside torque would have been."""
 
     window: int
     since: float
-    joint: int
-    size: float
-    std: float
+    torque: Estimate
 
 
 class Watch:
@@ -55,10 +53,10 @@ class Watch:
 
     def __init__(self, model: ArmModel, sound: Sound, per_hour: float) -> None:
         joints = model.arm.joints
-        units = tuple("N" if slides else "N m" for slides in model.arm.slides)
-        self.model, self.sound, self.per_hour = model, sound, per_hour
+        self.model, self.sound = model, sound
+        self._report = Reporter(model, per_hour)
         self.observer = Observer(model, sound.bandwidth)
-        self.touches = Touches(joints, units, sound, per_hour / 2.0, per_hour)
+        self.touches = Touches(self._report, sound, per_hour / 2.0)
         self._blocks = Blocks(compiled(model)[1], sound.residual)
         share = per_hour / 4.0
         self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
@@ -180,73 +178,60 @@ class Watch:
 
     def _told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         """Tell a change, and count it in from now on."""
-        size, std, sums = self._size(best, blocks)
+        found, sums = self._size(best, blocks)
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
         self._count_in(best, sums)
         self._blocks.clear()
-        total = before + size
+        total = before + found.size
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
         self._refining = best
         kind = Kind.RECOVERED if over else Kind.LOAD_CHANGED if best.joint < 0 else Kind.ROBOT_CHANGED
-        what, unit, joint = self._words(best)
         tied = [OWN[each.kind] for each in others]
         if best.joint < 0:
-            says = f"the tool carries {size:+.3g} ± {std:.2g} kg"
+            says = f"the tool carries {found}"
             says += f" more than before, {total:+.3g} kg in all" if before else ""
         else:
-            says = f"{joint}: {what} changed by {size:+.3g} ± {std:.2g} {unit}"
+            says = f"{found.what} changed by {found}"
             says += f"; {', '.join(tied)} would explain it as well" if tied else ""
         says = f"{says}, back to what it was" if over else says
-        return Event(
-            time, kind, joint, since, float(size if before == 0.0 or over else total), std, unit,
-            ", ".join([what, *tied]), self.per_hour, f"{says}; since {since:.1f} s.",
-        )  # fmt: skip
+        stated = replace(
+            found, size=float(found.size if before == 0.0 or over else total), what=", ".join([found.what, *tied])
+        )
+        return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
     def _noticed(self, best: _Change, blocks: Sums) -> _Alarm:
         sums, usual = blocks.of(slice(-best.window, None)).total, self.sound.usual[best.window]
         offset = OWN.index("torque_offset")
         joint = best.joint if best.joint >= 0 else int(np.argmax(usual.scores(sums)[1][:, offset]))
         since = self._blocks.begins[-best.window]
-        return _Alarm(best.window, since, joint, *usual.own_change(sums, joint, offset))
+        return _Alarm(best.window, since, self._report.torque(joint, *usual.own_change(sums, joint, offset)))
 
     def _passed(self, time: float, alarm: _Alarm) -> Event:
         """Something was there and is gone, too small or too slow to be told at once, and no change of the robot."""
-        joint, unit = self.model.arm.joints[alarm.joint], "N" if self.model.arm.slides[alarm.joint] else "N m"
         sentence = (
-            f"{joint}: something outside acted on the arm for some seconds after {alarm.since:.1f} s, "
-            f"{alarm.size:+.3g} ± {alarm.std:.2g} {unit} on average, and is gone."
+            f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
+            "average, and is gone."
         )
-        return Event(
-            time, Kind.OUTSIDE_TORQUE, joint, alarm.since, alarm.size, alarm.std, unit, "outside_torque", self.per_hour,
-            sentence,
-        )  # fmt: skip
+        return self._report.event(Kind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
     def _not_told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
-        size, std, _ = self._size(best, blocks)
-        _, unit, joint = self._words(best)
+        found, _ = self._size(best, blocks)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
-        sentence = f"{joint}: something changed, and this motion does not tell what: {either}; since {since:.1f} s."
-        return Event(time, Kind.NOT_TOLD, joint, since, size, std, unit, ", ".join(names), self.per_hour, sentence)
+        sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
+        return self._report.event(Kind.NOT_TOLD, time, since, replace(found, what=", ".join(names)), sentence)
 
     def _name(self, change: _Change) -> str:
-        what, _, joint = self._words(change)
-        return what if change.joint < 0 else f"{what}[{joint}]"
+        return "payload" if change.joint < 0 else f"{OWN[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _words(self, change: _Change) -> tuple[str, str, str]:
-        """Effect, unit and joint."""
-        joints = self.model.arm.joints
-        if change.joint < 0:
-            return "payload", "kg", joints[self._carried]
-        units = SLIDING_UNITS if self.model.arm.slides[change.joint] else UNITS
-        return OWN[change.kind], units[change.kind], joints[change.joint]
-
-    def _size(self, change: _Change, blocks: Sums) -> tuple[float, float, Sums]:
+    def _size(self, change: _Change, blocks: Sums) -> tuple[Estimate, Sums]:
         sums, usual = blocks.of(slice(-change.window, None)).total, self.sound.usual[change.window]
         if change.joint < 0:
             load, std = usual.load_change(sums)
-            return float(load[0]), float(std[0]), sums
-        return *usual.own_change(sums, change.joint, change.kind), sums
+            return Estimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
+        units = SLIDING_UNITS if self.model.arm.slides[change.joint] else UNITS
+        found = usual.own_change(sums, change.joint, change.kind)
+        return Estimate(change.joint, *found, units[change.kind], OWN[change.kind]), sums
 
     def _count_in(self, change: _Change, sums: Sums) -> None:
         usual = self.sound.usual[change.window]
