@@ -212,7 +212,7 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law,
     """What is usual by size of window, and the laws of the largest scores of load and everything else."""
     count = len(blocks.load)
     sizes = [size for size in WINDOWS if count >= (FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.own[0].size))
+    scores = np.zeros((count, 1 + blocks.own_error[0].size))
     usual = {}
     for size in sizes:
         windows = blocks.windows(size)
@@ -256,7 +256,13 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
     per_sample = np.full((n, len(OWN)), np.inf)
     usual = {
         w: Usual(
-            np.zeros(len(LOAD)), np.zeros((n, len(OWN))), alike, np.full((n, len(OWN)), alike), (np.inf, per_sample)
+            np.zeros(len(LOAD)),
+            np.zeros((n, len(OWN))),
+            np.zeros((n, len(OWN), len(OWN))),
+            np.full(n, alike),
+            1.0,
+            np.ones((n, len(OWN))),
+            (np.inf, per_sample),
         )
         for w in WINDOWS
     }

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import LOAD
+from armdyn.watch.changes import WEAK
 from armdyn.watch.event import Event, Kind, Reporter
 from armdyn.watch.observer import GAP, Step
 from armdyn.watch.sound import Sound
@@ -48,7 +48,7 @@ class _Open:
     Attributes:
         begun: when it was noticed, s.
         since: when it began, s.
-        first: the statistic that began it.
+        began: the onset in that joint.
         largest: (nj,) contrast at its largest.
         joint: where it shows best.
         doubted: whether it may be a load.
@@ -59,7 +59,7 @@ class _Open:
 
     begun: float
     since: float
-    first: _Excess
+    began: float
     largest: FloatArray
     joint: int
     doubted: bool
@@ -147,7 +147,7 @@ class Touches:
         if now.lasting:
             there = shown and left > OVER * most
         else:
-            back = seen[-1].value[now.joint] * np.sign(now.first.value[now.joint])
+            back = seen[-1].value[now.joint] * now.began
             opposite = step.time - now.begun > QUIET and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
             there = now.gone is None and not opposite
         if there:
@@ -159,8 +159,8 @@ class Touches:
             return [self._ended(now, step, contrast)] if now.told else []
         if step.time - now.begun > LASTING:
             self._open, self._outlasted, self._quiet = None, now.largest, step.time
-        elif now.doubted and not self._as_load(self._residual(step), load, 1.0):
-            now.doubted, now.told = False, True
+        elif now.doubted and not self._as_load(step, load, 1.0):
+            now.doubted, now.told, self._doubted = False, True, -np.inf
             return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
         return []
 
@@ -170,28 +170,30 @@ class Touches:
             before, self._outlasted = self._outlasted, None
             left, most = (np.linalg.norm(each / contrast.std) for each in (contrast.value + before, before))
             if lasting and left < 0.5 * most:
-                now = _Open(step.time, since, clearest, -before, joint, doubted=False, lasting=True)
+                now = _Open(step.time, since, 0.0, -before, joint, doubted=False, lasting=True)
                 return [self._ended(now, step, contrast)]
-        # The contrast's mean holds some of a load that was taken up in its last moments, the residual all of it.
-        doubted = self._as_load(self._residual(step) if lasting else clearest, load, 0.5)
-        now = self._open = _Open(step.time, since, clearest, contrast.value, joint, doubted, lasting)
+        # An onset says that something began, and not yet how large it is in which joint.
+        doubted = not lasting or self._as_load(step, load, 0.5)
+        now = self._open = _Open(
+            step.time, since, float(clearest.value[joint]), contrast.value, joint, doubted, lasting
+        )
         if not doubted:
-            return [self._event(Kind.OUTSIDE_TORQUE, now, step, clearest)]
+            return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
         now.told, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED, step.time
-        return [self._event(Kind.NOT_TOLD, now, step, clearest)] if now.told else []
+        return [self._event(Kind.NOT_TOLD, now, step, contrast)] if now.told else []
 
-    def _residual(self, step: Step) -> _Excess:
+    def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
+        """Whether something that the tool carries would do: what it leaves is below a share of the threshold.
+
+        Asked of the residual: the contrast's mean holds some of a load that was taken up in its last moments.
+        """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
-        return _Excess(step.residual, std, self.threshold)
+        X, r = load / std[:, None], step.residual / std
+        best = np.linalg.solve(X.T @ X + WEAK, X.T @ r)
+        return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
-    def _as_load(self, found: _Excess, load: FloatArray, share: float) -> bool:
-        """Whether something that the tool carries would do: what it leaves is below a share of the threshold."""
-        X, r = load / found.std[:, None], found.value / found.std
-        best = np.linalg.solve(X.T @ X + np.diag(1.0 / LOAD**2), X.T @ r)
-        return bool((np.abs(r - X @ best) < share * found.threshold).all())
-
-    def _event(self, kind: Kind, now: _Open, step: Step, found: _Excess) -> Event:
-        torque = self._report.torque(now.joint, found.value[now.joint], found.std[now.joint])
+    def _event(self, kind: Kind, now: _Open, step: Step, contrast: _Excess) -> Event:
+        torque = self._report.torque(now.joint, contrast.value[now.joint], contrast.std[now.joint])
         says = f"{torque} by now, since {now.since:.2f} s"
         if kind is Kind.NOT_TOLD:
             torque = replace(torque, what="outside_torque, payload")
@@ -201,7 +203,6 @@ class Touches:
         return self._report.event(kind, step.time, now.since, torque, sentence)
 
     def _ended(self, now: _Open, step: Step, contrast: _Excess) -> Event:
-        value, std = (now.largest, contrast.std) if now.lasting else (now.first.value, now.first.std)
-        torque = self._report.torque(now.joint, value[now.joint], std[now.joint])
+        torque = self._report.torque(now.joint, now.largest[now.joint], contrast.std[now.joint])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
         return self._report.event(Kind.RECOVERED, step.time, now.since, torque, sentence)

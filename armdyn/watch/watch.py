@@ -108,6 +108,8 @@ class Watch:
                     self.touches.reset(time)
                     return events
         events += self.touches.take(step, self._blocks.load, self.observer.delay)
+        if self.touches.outside and not going_on:
+            self._blocks.drop()  # it holds some of what was only now known to be from outside
         if going_on and not self.touches.outside:
             self._blocks.clear()
         return events
