@@ -89,7 +89,7 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False)
-class Usual:
+class Baseline:
     """What changes seem to be on a sound robot, over windows of one size.
 
     Attributes:
@@ -111,7 +111,7 @@ class Usual:
     shown: tuple[float, FloatArray]
 
     @classmethod
-    def of(cls, windows: Sums, size: int) -> "Usual":
+    def of(cls, windows: Sums, size: int) -> "Baseline":
         """From windows (k, ...) of `size` blocks, each a block later than the one before."""
         # A few windows say little of one joint alone: each has a share in what all joints say.
         apart, tiny = len(windows.load) / size, np.finfo(float).tiny
@@ -171,7 +171,7 @@ def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _scatter(windows: Sums, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What `Usual` has of m (nj, 4), P (nj, 4, 4) and n (nj,), of k windows of which `apart` share no block.
+    """What `Baseline` has of m (nj, 4), P (nj, 4, 4) and n (nj,), of k windows of which `apart` share no block.
 
     Expectation maximisation for random effects (Laird & Ware, Biometrics 38, 1982).
     """
@@ -230,7 +230,7 @@ class Blocks:
         """Whether another sample is wanted."""
         return not 0.0 <= time - self._last < SAMPLE
 
-    def look(self, step: Step, bandwidth: float) -> None:
+    def observe(self, step: Step, bandwidth: float) -> None:
         """Take the columns at a sample that does not count; arguments as of `take`."""
         self._last = step.time
         self.load, self.own, self._way = (each.copy() for each in self._columns(*step.motion, bandwidth))
@@ -242,7 +242,7 @@ class Blocks:
             step: what the observer says of it.
             bandwidth: of the observer, 1/s.
         """
-        self.look(step, bandwidth)
+        self.observe(step, bandwidth)
         load, own = self.load, self.own
         if not (np.abs(self._way) >= CERTAIN).any():
             return False

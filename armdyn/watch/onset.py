@@ -46,14 +46,14 @@ class Onset:
         count, joints, size = stages.shape
         step, weights, variance = stepped(), np.zeros((joints, size)), np.zeros((joints, SOURCES))
         for j in range(joints):
-            usual = np.ones(count)
+            spread = np.ones(count)
             for _ in range(REWEIGHTED):
-                scaled = stages[:, j] / np.sqrt(usual)[:, None]
+                scaled = stages[:, j] / np.sqrt(spread)[:, None]
                 C = scaled.T @ scaled
                 w = np.linalg.solve(C + (RIDGE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step)
                 weights[j] = w / (step @ w)
                 variance[j] = variances((stages[:, j] @ weights[j])[:, None], sources[:, j : j + 1])[0]
-                usual = sources[:, j] @ variance[j]
+                spread = sources[:, j] @ variance[j]
         return cls(weights, variance)
 
     def began(self, stages: FloatArray) -> FloatArray:

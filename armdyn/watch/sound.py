@@ -11,7 +11,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
-from armdyn.watch.changes import BLOCK, LOAD, OWN, SAMPLE, WINDOWS, Blocks, Sums, Usual
+from armdyn.watch.changes import BLOCK, LOAD, OWN, SAMPLE, WINDOWS, Baseline, Blocks, Sums
 from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, USUAL, Observer, Step, arrived, compiled
 from armdyn.watch.onset import Onset
 from armdyn.watch.tail import FEWEST, Gaussian, Law, Tail, largest_of
@@ -44,7 +44,7 @@ class Sound:
         touch: by joint, law of the largest contrast over its size.
         onset: what shows a torque that began a moment ago; None where nothing is known of it.
         sudden: by joint, law of the largest of those over its size.
-        usual: by size of a window in blocks.
+        baselines: by size of a window in blocks.
         load: law of the load's largest score; None where nothing is known of it.
         own: by joint and kind of other changes, laws of their scores; likewise.
         seconds: of the recordings it was measured on; None where it is the model's own band.
@@ -56,7 +56,7 @@ class Sound:
     touch: tuple[Law, ...]
     onset: Onset | None
     sudden: tuple[Law, ...]
-    usual: Mapping[int, Usual]
+    baselines: Mapping[int, Baseline]
     load: Law | None
     own: tuple[tuple[Law, ...], ...] | None
     seconds: float | None
@@ -69,8 +69,8 @@ class Sound:
                 "The rate of false alarms rests on the model's own band, which is taken to be Gaussian and new every "
                 f"{COHERENT:g} s; --calibrate RUN measures it on your own sound recordings."
             )
-        told = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
-        return told if self.load is not None else f"{told} They are too short to tell slow changes: record more."
+        basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
+        return basis if self.load is not None else f"{basis} They are too short to tell slow changes: record more."
 
 
 def samples_of(run: Run, model: ArmModel) -> Iterator[Sample]:
@@ -147,9 +147,9 @@ def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]
         tuple(Tail.of(values, STRETCH, 1) for values in np.array(each)[: int(seen.length // STRETCH)].T)
         for each in zip(*largest, strict=True)
     )
-    usual, load, own = _usual(Sums.together(list(blocks.sums))) if blocks.sums else ({}, None, None)
+    baselines, load, own = _baselines(Sums.together(list(blocks.sums))) if blocks.sums else ({}, None, None)
     onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
-    return Sound(bandwidth, contrast, residual, touch, onset, sudden, usual, load, own, seen.length)
+    return Sound(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
 
 
 def _settled(
@@ -208,15 +208,15 @@ def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample
     return min(hidden, key=hidden.__getitem__) if hidden else USUAL
 
 
-def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law, ...], ...] | None]:
-    """What is usual by size of window, and the laws of the largest scores of load and everything else."""
+def _baselines(blocks: Sums) -> tuple[dict[int, Baseline], Law | None, tuple[tuple[Law, ...], ...] | None]:
+    """Baselines by size of window, and the laws of the largest scores of load and everything else."""
     count = len(blocks.load)
     sizes = [size for size in WINDOWS if count >= (FOLDS - 1) * size]
     scores = np.zeros((count, 1 + blocks.own_error[0].size))
-    usual = {}
+    baselines = {}
     for size in sizes:
         windows = blocks.windows(size)
-        usual[size] = Usual.of(windows, size)
+        baselines[size] = Baseline.of(windows, size)
         ends = np.arange(size - 1, count)
         fold = ends * FOLDS // count
         for k in np.unique(fold):
@@ -224,7 +224,7 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law,
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                load, own = Usual.of(windows.of(others), size).scores(windows.of(mine))
+                load, own = Baseline.of(windows.of(others), size).scores(windows.of(mine))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Windows share blocks with their neighbours for as long as the shortest lasts at least.
     largest = largest_of(scores, WINDOWS[0])
@@ -232,7 +232,7 @@ def _usual(blocks: Sums) -> tuple[dict[int, Usual], Law | None, tuple[tuple[Law,
         return {}, None, None
     first, *laws = (Tail.of(values, WINDOWS[0] * BLOCK, 2) for values in largest.T)
     kinds = len(OWN)
-    return usual, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
+    return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
 
 def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
@@ -254,8 +254,8 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
     crossings = 3600.0 * USUAL / (2.0 * np.pi * np.sqrt(ORDER))
     per_sample = np.full((n, len(OWN)), np.inf)
-    usual = {
-        w: Usual(
+    baselines = {
+        w: Baseline(
             np.zeros(len(LOAD)),
             np.zeros((n, len(OWN))),
             np.zeros((n, len(OWN), len(OWN))),
@@ -266,8 +266,8 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
         )
         for w in WINDOWS
     }
-    looks = 3600.0 / BLOCK
+    values = 3600.0 / BLOCK
     return Sound(
-        USUAL, size, size, (Gaussian(crossings),) * n, None, (), usual, Gaussian(looks, len(LOAD)),
-        ((Gaussian(looks),) * len(OWN),) * n, None,
+        USUAL, size, size, (Gaussian(crossings),) * n, None, (), baselines, Gaussian(values, len(LOAD)),
+        ((Gaussian(values),) * len(OWN),) * n, None,
     )  # fmt: skip

@@ -53,7 +53,7 @@ class _Open:
         joint: where it shows best.
         doubted: whether it may be a load.
         lasting: whether the contrast shows it.
-        told: whether it was told.
+        reported: whether an event said so.
         gone: when it was gone, s.
     """
 
@@ -64,7 +64,7 @@ class _Open:
     joint: int
     doubted: bool
     lasting: bool
-    told: bool = True
+    reported: bool = True
     gone: float | None = None
 
 
@@ -156,11 +156,11 @@ class Touches:
             now.gone = step.time
         elif step.time - now.gone > QUIET:
             self._open, self._quiet = None, step.time
-            return [self._ended(now, step, contrast)] if now.told else []
+            return [self._ended(now, step, contrast)] if now.reported else []
         if step.time - now.begun > LASTING:
             self._open, self._outlasted, self._quiet = None, now.largest, step.time
         elif now.doubted and not self._as_load(step, load, 1.0):
-            now.doubted, now.told, self._doubted = False, True, -np.inf
+            now.doubted, now.reported, self._doubted = False, True, -np.inf
             return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
         return []
 
@@ -179,8 +179,8 @@ class Touches:
         )
         if not doubted:
             return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
-        now.told, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED, step.time
-        return [self._event(Kind.NOT_TOLD, now, step, contrast)] if now.told else []
+        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED, step.time
+        return [self._event(Kind.NOT_TOLD, now, step, contrast)] if now.reported else []
 
     def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
         """Whether something that the tool carries would do: what it leaves is below a share of the threshold.

@@ -97,7 +97,7 @@ class Watch:
             bandwidth = self.observer.bandwidth
             complete = not going_on and self._blocks.take(step, bandwidth)
             if going_on:
-                self._blocks.look(step, bandwidth)
+                self._blocks.observe(step, bandwidth)
             before = self._shift = self._known()
             if complete:
                 events += self._changes(time)
@@ -124,7 +124,7 @@ class Watch:
         if self._refining is not None:
             self._refine(blocks)
             return []
-        best, rivals = self._best(blocks, self.sound.usual)
+        best, rivals = self._best(blocks, self.sound.baselines)
         if self._alarm is not None:
             self._waited += 1
         elif best is None:
@@ -134,7 +134,7 @@ class Watch:
         if self._waited < CLEAN:
             return []
         # What a short window shows holds what was before as well: by now all of it may be of after the change.
-        after, others = self._best(blocks, [w for w in self.sound.usual if w <= CLEAN])
+        after, others = self._best(blocks, [w for w in self.sound.baselines if w <= CLEAN])
         if after is not None:
             best, rivals = after, others
         alarm = self._alarm
@@ -144,8 +144,8 @@ class Watch:
         others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
-            return [self._told(time, alarm.since, best, others, blocks)]
-        return [self._not_told(time, alarm.since, best, others, blocks)] if self._waited == PATIENCE else []
+            return [self._identified(time, alarm.since, best, others, blocks)]
+        return [self._undecided(time, alarm.since, best, others, blocks)] if self._waited == PATIENCE else []
 
     def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The change that explains most of the window that shows one best, and all others; none where none is sure."""
@@ -154,20 +154,20 @@ class Watch:
         for window in windows:
             if len(blocks.load) < window:
                 continue
-            usual = self.sound.usual[window]
+            baseline = self.sound.baselines[window]
             sums = blocks.of(slice(-window, None)).total
-            load, own = usual.scores(sums)
+            load, own = baseline.scores(sums)
             over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
             if over >= highest:
                 found, highest = (window, sums), over
         if found is None:
             return None, []
         chosen, sums = found
-        usual = self.sound.usual[chosen]
-        load, own = usual.scores(sums)
-        of_load, each = usual.explained(sums)
+        baseline = self.sound.baselines[chosen]
+        load, own = baseline.scores(sums)
+        of_load, each = baseline.explained(sums)
         # Nats: half of what is explained over its usual size, less what every number costs (BIC).
-        alike, cost = usual.spread + float(usual.own_spread.mean()), 0.5 * float(np.log(chosen))
+        alike, cost = baseline.spread + float(baseline.own_spread.mean()), 0.5 * float(np.log(chosen))
         every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_AXES * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
@@ -178,7 +178,7 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _identified(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         """Tell a change, and count it in from now on."""
         found, sums = self._size(best, blocks)
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
@@ -202,11 +202,11 @@ class Watch:
         return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
     def _noticed(self, best: _Change, blocks: Sums) -> _Alarm:
-        sums, usual = blocks.of(slice(-best.window, None)).total, self.sound.usual[best.window]
+        sums, baseline = blocks.of(slice(-best.window, None)).total, self.sound.baselines[best.window]
         offset = OWN.index("torque_offset")
-        joint = best.joint if best.joint >= 0 else int(np.argmax(usual.scores(sums)[1][:, offset]))
+        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
         since = self._blocks.begins[-best.window]
-        return _Alarm(best.window, since, self._report.torque(joint, *usual.own_change(sums, joint, offset)))
+        return _Alarm(best.window, since, self._report.torque(joint, *baseline.own_change(sums, joint, offset)))
 
     def _passed(self, time: float, alarm: _Alarm) -> Event:
         """Something was there and is gone, too small or too slow to be told at once, and no change of the robot."""
@@ -216,7 +216,7 @@ class Watch:
         )
         return self._report.event(Kind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
-    def _not_told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         found, _ = self._size(best, blocks)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
@@ -227,25 +227,27 @@ class Watch:
         return "payload" if change.joint < 0 else f"{OWN[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
     def _size(self, change: _Change, blocks: Sums) -> tuple[Estimate, Sums]:
-        sums, usual = blocks.of(slice(-change.window, None)).total, self.sound.usual[change.window]
+        sums, baseline = blocks.of(slice(-change.window, None)).total, self.sound.baselines[change.window]
         if change.joint < 0:
-            load, std = usual.load_change(sums)
+            load, std = baseline.load_change(sums)
             return Estimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
         units = SLIDING_UNITS if self.model.arm.slides[change.joint] else UNITS
-        found = usual.own_change(sums, change.joint, change.kind)
+        found = baseline.own_change(sums, change.joint, change.kind)
         return Estimate(change.joint, *found, units[change.kind], OWN[change.kind]), sums
 
     def _count_in(self, change: _Change, sums: Sums) -> None:
-        usual = self.sound.usual[change.window]
+        baseline = self.sound.baselines[change.window]
         if change.joint < 0:
-            self._load = self._load + usual.load_change(sums)[0]
+            self._load = self._load + baseline.load_change(sums)[0]
         else:
-            self._own[change.joint, change.kind] += usual.own_change(sums, change.joint, change.kind)[0]
+            self._own[change.joint, change.kind] += baseline.own_change(sums, change.joint, change.kind)[0]
 
     def _refine(self, blocks: Sums) -> None:
         """A change is told before all of it is seen: the blocks after it say how large it is, and nothing is told."""
         change = self._refining
-        largest = max(window for window in self.sound.usual if window <= max(WINDOWS[-2], min(self.sound.usual)))
+        largest = max(
+            window for window in self.sound.baselines if window <= max(WINDOWS[-2], min(self.sound.baselines))
+        )
         if change is not None and len(blocks.load) >= largest:
             self._count_in(
                 _Change(change.joint, change.kind, largest, 0.0, 0.0), blocks.of(slice(-largest, None)).total
