@@ -202,10 +202,8 @@ def show(rows: Sequence[hidden_table.Row]) -> None:
         hours, count = sum(r["hours"] for r in quiet), sum(len(r["events"]) for r in quiet)
         below, grown = chi2(2 * (count + 1)).isf(0.05) / (2.0 * hours), max(r["grown"] for r in quiet)
         share = 100 * np.mean([r["share"] for r in quiet])
-        print(
-            f"  sound: {count} events in {hours:.1f} h, fewer than {below:.2g} per hour (95 %); {share:.1f} % of a core; "
-            f"memory grew by {grown:.1f} MB"
-        )
+        print(f"  sound: {count} events in {hours:.1f} h, fewer than {below:.2g} per hour (95 %)")
+        print(f"  {share:.1f} % of a core; memory grew by {grown:.1f} MB")
 
 
 def main() -> None:
