@@ -166,7 +166,7 @@ class Baseline:
         return float(u / J), float(np.sqrt(self.own_spread[joint, kind] / min(J, self.shown[1][joint, kind])))
 
 
-def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+def _times(matrix: np.ndarray, vector: np.ndarray) -> FloatArray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 

@@ -186,9 +186,10 @@ class _Seen:
             if not kept or elapsed - kept[-1][0] >= APART:
                 kept.append((elapsed, step))
         chosen = [step for _, step in kept]
-        names = ("contrast", "residual", "stages", "sources")
-        values = (np.array([getattr(step, name) for step in chosen]) for name in names)
-        return cls(np.array([time for time, _ in kept]), *values, elapsed)
+        contrast, residual, stages, sources = (
+            np.array([getattr(step, name) for step in chosen]) for name in ("contrast", "residual", "stages", "sources")
+        )
+        return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
 
     def onset(self, asked: np.ndarray, chosen: np.ndarray) -> Onset:
         """From some of the samples."""
