@@ -67,16 +67,16 @@ class Gaussian:
     """Of the root of the sum of `degrees` squares of Gaussian errors, as of a band whose errors nobody measured.
 
     Attributes:
-        looks: how many independent values there are per hour.
+        values: how many independent values there are per hour.
         degrees: of freedom.
     """
 
-    looks: float
+    values: float
     degrees: int = 1
 
     def threshold(self, per_hour: float) -> float:
         """See `Law`."""
-        return float(chi(self.degrees).isf(min(per_hour / self.looks, 1.0)))
+        return float(chi(self.degrees).isf(min(per_hour / self.values, 1.0)))
 
 
 def largest_of(values: np.ndarray, size: int) -> np.ndarray:

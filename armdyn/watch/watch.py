@@ -1,7 +1,7 @@
 """The watch: samples in, events out. What it needs of memory does not grow, and no sample takes longer than another."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.recording.channels import FloatArray
 from armdyn.watch.changes import OWN, SLIDING_UNITS, UNITS, WINDOWS, Blocks, Sums
-from armdyn.watch.event import Event, Kind
+from armdyn.watch.event import Estimate, Event, Kind, Reporter
 from armdyn.watch.observer import Observer, Step, compiled
 from armdyn.watch.sound import Sample, Sound
 from armdyn.watch.touch import Touches
@@ -35,13 +35,11 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Alarm:
-    """A change that waits to be told: its window, and what an outside torque would have been, N m, and where."""
+    """A change that waits to be told: its window, and what an outside torque would have been."""
 
     window: int
     since: float
-    joint: int
-    size: float
-    std: float
+    torque: Estimate
 
 
 class Watch:
@@ -55,10 +53,10 @@ class Watch:
 
     def __init__(self, model: ArmModel, sound: Sound, per_hour: float) -> None:
         joints = model.arm.joints
-        units = tuple("N" if slides else "N m" for slides in model.arm.slides)
-        self.model, self.sound, self.per_hour = model, sound, per_hour
+        self.model, self.sound = model, sound
+        self._report = Reporter(model, per_hour)
         self.observer = Observer(model, sound.bandwidth)
-        self.touches = Touches(joints, units, sound, per_hour / 2.0, per_hour)
+        self.touches = Touches(self._report, sound, per_hour / 2.0)
         self._blocks = Blocks(compiled(model)[1], sound.residual)
         share = per_hour / 4.0
         self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
@@ -99,7 +97,7 @@ class Watch:
             bandwidth = self.observer.bandwidth
             complete = not going_on and self._blocks.take(step, bandwidth)
             if going_on:
-                self._blocks.look(step, bandwidth)
+                self._blocks.observe(step, bandwidth)
             before = self._shift = self._known()
             if complete:
                 events += self._changes(time)
@@ -110,6 +108,8 @@ class Watch:
                     self.touches.reset(time)
                     return events
         events += self.touches.take(step, self._blocks.load, self.observer.delay)
+        if self.touches.outside and not going_on:
+            self._blocks.drop()  # it holds some of what was only now known to be from outside
         if going_on and not self.touches.outside:
             self._blocks.clear()
         return events
@@ -124,7 +124,7 @@ class Watch:
         if self._refining is not None:
             self._refine(blocks)
             return []
-        best, rivals = self._best(blocks, self.sound.usual)
+        best, rivals = self._best(blocks, self.sound.baselines)
         if self._alarm is not None:
             self._waited += 1
         elif best is None:
@@ -134,7 +134,7 @@ class Watch:
         if self._waited < CLEAN:
             return []
         # What a short window shows holds what was before as well: by now all of it may be of after the change.
-        after, others = self._best(blocks, [w for w in self.sound.usual if w <= CLEAN])
+        after, others = self._best(blocks, [w for w in self.sound.baselines if w <= CLEAN])
         if after is not None:
             best, rivals = after, others
         alarm = self._alarm
@@ -144,8 +144,8 @@ class Watch:
         others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
-            return [self._told(time, alarm.since, best, others, blocks)]
-        return [self._not_told(time, alarm.since, best, others, blocks)] if self._waited == PATIENCE else []
+            return [self._identified(time, alarm.since, best, others, blocks)]
+        return [self._undecided(time, alarm.since, best, others, blocks)] if self._waited == PATIENCE else []
 
     def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The change that explains most of the window that shows one best, and all others; none where none is sure."""
@@ -154,20 +154,20 @@ class Watch:
         for window in windows:
             if len(blocks.load) < window:
                 continue
-            usual = self.sound.usual[window]
+            baseline = self.sound.baselines[window]
             sums = blocks.of(slice(-window, None)).total
-            load, own = usual.scores(sums)
+            load, own = baseline.scores(sums)
             over = max(float(load) / self._load_threshold, float((own / self._own_thresholds).max()))
             if over >= highest:
                 found, highest = (window, sums), over
         if found is None:
             return None, []
         chosen, sums = found
-        usual = self.sound.usual[chosen]
-        load, own = usual.scores(sums)
-        of_load, each = usual.explained(sums)
+        baseline = self.sound.baselines[chosen]
+        load, own = baseline.scores(sums)
+        of_load, each = baseline.explained(sums)
         # Nats: half of what is explained over its usual size, less what every number costs (BIC).
-        alike, cost = usual.spread + float(usual.own_spread.mean()), 0.5 * float(np.log(chosen))
+        alike, cost = baseline.spread + float(baseline.own_spread.mean()), 0.5 * float(np.log(chosen))
         every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_AXES * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
@@ -178,87 +178,76 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _identified(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
         """Tell a change, and count it in from now on."""
-        size, std, sums = self._size(best, blocks)
+        found, sums = self._size(best, blocks)
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
         self._count_in(best, sums)
         self._blocks.clear()
-        total = before + size
+        total = before + found.size
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
         self._refining = best
         kind = Kind.RECOVERED if over else Kind.LOAD_CHANGED if best.joint < 0 else Kind.ROBOT_CHANGED
-        what, unit, joint = self._words(best)
         tied = [OWN[each.kind] for each in others]
         if best.joint < 0:
-            says = f"the tool carries {size:+.3g} ± {std:.2g} kg"
+            says = f"the tool carries {found}"
             says += f" more than before, {total:+.3g} kg in all" if before else ""
         else:
-            says = f"{joint}: {what} changed by {size:+.3g} ± {std:.2g} {unit}"
+            says = f"{found.what} changed by {found}"
             says += f"; {', '.join(tied)} would explain it as well" if tied else ""
         says = f"{says}, back to what it was" if over else says
-        return Event(
-            time, kind, joint, since, float(size if before == 0.0 or over else total), std, unit,
-            ", ".join([what, *tied]), self.per_hour, f"{says}; since {since:.1f} s.",
-        )  # fmt: skip
+        stated = replace(
+            found, size=float(found.size if before == 0.0 or over else total), what=", ".join([found.what, *tied])
+        )
+        return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
     def _noticed(self, best: _Change, blocks: Sums) -> _Alarm:
-        sums, usual = blocks.of(slice(-best.window, None)).total, self.sound.usual[best.window]
+        sums, baseline = blocks.of(slice(-best.window, None)).total, self.sound.baselines[best.window]
         offset = OWN.index("torque_offset")
-        joint = best.joint if best.joint >= 0 else int(np.argmax(usual.scores(sums)[1][:, offset]))
+        joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
         since = self._blocks.begins[-best.window]
-        return _Alarm(best.window, since, joint, *usual.own_change(sums, joint, offset))
+        return _Alarm(best.window, since, self._report.torque(joint, *baseline.own_change(sums, joint, offset)))
 
     def _passed(self, time: float, alarm: _Alarm) -> Event:
         """Something was there and is gone, too small or too slow to be told at once, and no change of the robot."""
-        joint, unit = self.model.arm.joints[alarm.joint], "N" if self.model.arm.slides[alarm.joint] else "N m"
         sentence = (
-            f"{joint}: something outside acted on the arm for some seconds after {alarm.since:.1f} s, "
-            f"{alarm.size:+.3g} ± {alarm.std:.2g} {unit} on average, and is gone."
+            f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
+            "average, and is gone."
         )
-        return Event(
-            time, Kind.OUTSIDE_TORQUE, joint, alarm.since, alarm.size, alarm.std, unit, "outside_torque", self.per_hour,
-            sentence,
-        )  # fmt: skip
+        return self._report.event(Kind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
-    def _not_told(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
-        size, std, _ = self._size(best, blocks)
-        _, unit, joint = self._words(best)
+    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+        found, _ = self._size(best, blocks)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
-        sentence = f"{joint}: something changed, and this motion does not tell what: {either}; since {since:.1f} s."
-        return Event(time, Kind.NOT_TOLD, joint, since, size, std, unit, ", ".join(names), self.per_hour, sentence)
+        sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
+        return self._report.event(Kind.NOT_TOLD, time, since, replace(found, what=", ".join(names)), sentence)
 
     def _name(self, change: _Change) -> str:
-        what, _, joint = self._words(change)
-        return what if change.joint < 0 else f"{what}[{joint}]"
+        return "payload" if change.joint < 0 else f"{OWN[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _words(self, change: _Change) -> tuple[str, str, str]:
-        """Effect, unit and joint."""
-        joints = self.model.arm.joints
+    def _size(self, change: _Change, blocks: Sums) -> tuple[Estimate, Sums]:
+        sums, baseline = blocks.of(slice(-change.window, None)).total, self.sound.baselines[change.window]
         if change.joint < 0:
-            return "payload", "kg", joints[self._carried]
+            load, std = baseline.load_change(sums)
+            return Estimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
         units = SLIDING_UNITS if self.model.arm.slides[change.joint] else UNITS
-        return OWN[change.kind], units[change.kind], joints[change.joint]
-
-    def _size(self, change: _Change, blocks: Sums) -> tuple[float, float, Sums]:
-        sums, usual = blocks.of(slice(-change.window, None)).total, self.sound.usual[change.window]
-        if change.joint < 0:
-            load, std = usual.load_change(sums)
-            return float(load[0]), float(std[0]), sums
-        return *usual.own_change(sums, change.joint, change.kind), sums
+        found = baseline.own_change(sums, change.joint, change.kind)
+        return Estimate(change.joint, *found, units[change.kind], OWN[change.kind]), sums
 
     def _count_in(self, change: _Change, sums: Sums) -> None:
-        usual = self.sound.usual[change.window]
+        baseline = self.sound.baselines[change.window]
         if change.joint < 0:
-            self._load = self._load + usual.load_change(sums)[0]
+            self._load = self._load + baseline.load_change(sums)[0]
         else:
-            self._own[change.joint, change.kind] += usual.own_change(sums, change.joint, change.kind)[0]
+            self._own[change.joint, change.kind] += baseline.own_change(sums, change.joint, change.kind)[0]
 
     def _refine(self, blocks: Sums) -> None:
         """A change is told before all of it is seen: the blocks after it say how large it is, and nothing is told."""
         change = self._refining
-        largest = max(window for window in self.sound.usual if window <= max(WINDOWS[-2], min(self.sound.usual)))
+        largest = max(
+            window for window in self.sound.baselines if window <= max(WINDOWS[-2], min(self.sound.baselines))
+        )
         if change is not None and len(blocks.load) >= largest:
             self._count_in(
                 _Change(change.joint, change.kind, largest, 0.0, 0.0), blocks.of(slice(-largest, None)).total

@@ -19,7 +19,7 @@ from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from ik.workers import Lost, in_processes, on_cluster
 from pipeline.batch.spec import BatchItem, Spec
-from pipeline.batch.work import Job, JobOutcome, key_of, key_of_model, work
+from pipeline.batch.work import Job, JobOutcome, contents, digest, key_of, key_of_model, work
 from pipeline.processes import Closing
 from urdf.bounds import LARGEST_JOURNAL, LARGEST_LINE
 
@@ -129,6 +129,7 @@ def run_batch(
     models = {path: key_of_model(path, spec.effects) for path in dict.fromkeys(item.model for item in spec.items)}
     keys: dict[tuple[Path, Path], str] = {}
     jobs: dict[str, Job] = {}
+    sounds: dict[tuple[Path, ...], str] = {}
     for number, item in enumerate(spec.items):
         if stopped():
             break
@@ -136,8 +137,12 @@ def run_batch(
             say(f"{number} of {len(spec.items)} recordings looked at")
         model_key = models[item.model]
         task = f"{spec.task}, trusted" if spec.trust else spec.task
-        key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run)
-        jobs[key] = Job(key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust)
+        sound = sounds[item.calibrate] = sounds.get(item.calibrate) or digest([*map(contents, item.calibrate)])
+        key = keys[item.model, item.run] = key_of(task, model_key, spec.name(item.run), item.run, sound)
+        jobs[key] = Job(
+            key, spec.task, item.model.absolute(), model_key, item.run.absolute(), spec.effects, spec.trust,
+            tuple(path.absolute() for path in item.calibrate),
+        )  # fmt: skip
     with Journal(folder / JOURNAL) as journal:
         kept = {key for key, outcome in journal.outcomes.items() if not outcome.passing}
         todo = [job for key, job in jobs.items() if key not in kept]
@@ -206,6 +211,7 @@ def write_parquet(path: Path, spec: Spec, rows: Sequence[Row]) -> None:
         ("effects", "names", lambda row: row.outcome.effects if row.outcome.verdict else None),
         ("chi2_per_sample", "number", lambda row: row.outcome.chi2_per_sample),
         ("intervals_hold", "truth", lambda row: row.outcome.intervals_hold if row.outcome.verdict else None),
+        ("events", "names", lambda row: row.outcome.events),
         ("duration [s]", "number", lambda row: row.outcome.duration),
         ("seconds", "number", lambda row: row.outcome.seconds),
     ]

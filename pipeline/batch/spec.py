@@ -46,6 +46,7 @@ class _Recordings:
     model: _Text
     runs: Annotated[_Text | tuple[_Text, ...], Check(bool, 'write a list of files or patterns, such as ["logs/*.csv"]')]
     robot: str = ""
+    calibrate: tuple[_Text, ...] = ()
     times: dict[str, Any] = field(default_factory=dict)
 
 
@@ -85,12 +86,14 @@ class BatchItem:
         model: file of the model.
         run: file of the recording.
         when: time of the recording.
+        calibrate: recordings of the robot's sound work, for a watch; none where it is not watched.
     """
 
     robot: str
     model: Path
     run: Path
     when: When
+    calibrate: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -149,22 +152,28 @@ def _spec(table: Mapping[str, Any], folder: Path) -> Spec:
 
 def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterator[BatchItem]:
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
-    if ROBOT not in entry.model and any(ROBOT in run for run in runs):
+    if ROBOT not in entry.model and any(ROBOT in run for run in (*runs, *entry.calibrate)):
         raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
     times = {name: utc(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
     for robot, model in _models(entry.model, where, folder):
+        sound = tuple(path for run in entry.calibrate for path in _runs(run, robot, f"{where}: calibrate", folder))
         for run in runs:
-            found = _matching(run.replace(ROBOT, glob.escape(robot)), folder)
-            found = [path for path in found if path.suffix.lower() != ".toml"]
-            if not found:
-                raise InputError(f"{where}: runs: '{run.replace(ROBOT, robot)}' matches no recording: correct it")
-            for path in found:
+            for path in _runs(run, robot, f"{where}: runs", folder):
                 named |= {path.name, seen_from(path, folder)}
-                yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times))
+                yield BatchItem(entry.robot or robot or model.stem, model, path, clock.of(path, folder, times), sound)
     for name in times:
         if name not in named:
             raise UnknownNameError(f"recording in times of {where}", name, sorted(named))
+
+
+def _runs(pattern: str, robot: str, where: str, folder: Path) -> list[Path]:
+    """Recordings that match a pattern."""
+    found = _matching(pattern.replace(ROBOT, glob.escape(robot)), folder)
+    found = [path for path in found if path.suffix.lower() != ".toml"]
+    if not found:
+        raise InputError(f"{where}: '{pattern.replace(ROBOT, robot)}' matches no recording: correct it")
+    return found
 
 
 def _models(pattern: str, where: str, folder: Path) -> list[tuple[str, Path]]:

@@ -12,14 +12,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armdyn.errors import ArmdynError, sentence_of
+from armdyn.errors import ArmdynError, InputError, sentence_of
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.read_files import keeping_inputs
 from urdf import DescriptionWarning
 from urdf.table_file import read_table
 
 if TYPE_CHECKING:
+    from armdyn.arm.model import ArmModel
     from armdyn.checked_study import ModelWithCatalogue
+    from armdyn.run import Run
+    from armdyn.watch.sound import Sound
+
+FALSE_ALARMS_PER_HOUR = 0.01
+"""Of a watch."""
 
 _one_at_a_time = threading.Lock()
 """Workers of a dask cluster may have several threads; models are not made for them."""
@@ -37,6 +43,7 @@ class Job:
         run: file of the recording.
         effects: file with effects of the user's own.
         trust: whether to go on where the recording is not what it says it is.
+        calibrate: recordings of sound work; where there are any, the recording is watched as well.
     """
 
     key: str
@@ -46,6 +53,7 @@ class Job:
     run: Path
     effects: Path | None
     trust: bool = False
+    calibrate: tuple[Path, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +73,7 @@ class JobOutcome:
         channels: rms error, noise and unit by channel.
         parameters: value, standard deviation, unit and whether it was fitted, by name; those of the model, not those of
             a single run such as how it began.
+        events: what a watch tells of the recording, a sentence each; None where it was not watched.
         duration: duration of the recording [s].
         seconds: computing time [s].
     """
@@ -80,6 +89,7 @@ class JobOutcome:
     intervals_hold: bool = False
     channels: Mapping[str, Mapping[str, Any]] | None = None
     parameters: Mapping[str, Mapping[str, Any]] | None = None
+    events: tuple[str, ...] | None = None
     duration: float | None = None
     seconds: float = 0.0
 
@@ -95,7 +105,9 @@ class JobOutcome:
         try:
             entry = json.loads(line)
             if entry.pop("digest") == digest([json.dumps(entry)]):
-                return cls(**{**entry, "effects": tuple(entry["effects"])})
+                events = entry["events"]
+                lists = {"effects": tuple(entry["effects"]), "events": None if events is None else tuple(events)}
+                return cls(**entry | lists)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             pass
         return None
@@ -149,8 +161,35 @@ def _found(job: Job) -> dict[str, Any]:
             for name, channel in fit["channels"].items()
         },
         "parameters": {name: p for name, p in fit["parameters"].items() if name not in of_the_run},
+        "events": _events(job, run) if job.calibrate else None,
         "duration": max((float(c.time[-1] - c.time[0]) for c in run.channels.values()), default=0.0),
     }
+
+
+def _events(job: Job, run: "Run") -> tuple[str, ...]:
+    from armdyn.watch.sound import samples_of
+    from armdyn.watch.watch import Watch
+
+    model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
+    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).all(samples_of(model.reading(run), model))
+    return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
+
+
+@lru_cache(maxsize=4)
+def _sound(path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ...]) -> "tuple[ArmModel, Sound]":
+    """An arm's model, and what its sound recordings say; cached while one arm's recordings follow each other.
+
+    Raises:
+        InputError: the model is no arm's, or the recordings are too short.
+    """
+    from armdyn.arm.model import ArmModel
+    from armdyn.watch.sound import measured
+    from pipeline.watch.sources import again, runs_of
+
+    model = _known(path, key, effects).file.model
+    if not isinstance(model, ArmModel):
+        raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
+    return model, measured(model, again(model, runs_of(model, calibrate)))
 
 
 @lru_cache(maxsize=64)
@@ -177,11 +216,11 @@ def key_of_model(path: Path, effects: Path | None) -> str:
     return digest([contents(file) for file in files if file is not None] + robot)
 
 
-def key_of(task: str, model_key: str, name: str, run: Path) -> str:
-    """Digest of a job, from armdyn's version, the model, and names and contents of recording and sidecar."""
+def key_of(task: str, model_key: str, name: str, run: Path, sound: str) -> str:
+    """Digest of a job, from armdyn's version, the model, recording, sidecar and the digest of sound recordings."""
     from armdyn import __version__
 
-    return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml"))])
+    return digest([__version__, task, model_key, name, contents(run), contents(run.with_suffix(".toml")), sound])
 
 
 def contents(path: Path) -> str:

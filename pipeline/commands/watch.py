@@ -76,7 +76,7 @@ def watch(
         given = required_arm(file.model, f"{model}: a watch is", "'armdyn compare' takes it")
         sound_runs, watched = runs_of(given, calibrate), runs_of(given, files)
         given = given.following([*sound_runs, *watched])
-        say("measuring what is usual")
+        say("measuring a sound robot")
         with at(model):
             sound = measured(given, again(given, sound_runs)) if sound_runs else from_band(given, file.history)
         say("preparing")
@@ -168,12 +168,12 @@ class _Out:
     def end(self, files: list[Path]) -> None:
         """Say what all of it was."""
         count = f"{self._events} event{'s' * (self._events != 1)}"
-        self.note(f"{count}, at {self._told()}." if self._events else f"Nothing happened, at {self._told()}.")
+        self.note(f"{count}, at {self._rate()}." if self._events else f"Nothing happened, at {self._rate()}.")
         after = files[files.index(self._changed) + 1 :] if self._changed in files else []
         if after:
             self.note(f"to repair the model with what came after: {self._repair(after)}")
 
-    def _told(self) -> str:
+    def _rate(self) -> str:
         extrapolated = "" if self._sound.seconds is None else ", extrapolated from the sound recordings"
         return f"the rate of false alarms that was asked for{extrapolated}"
 

@@ -7,6 +7,7 @@ import urllib.request
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from watch_work import model, samples, work
 
@@ -60,6 +61,17 @@ def test_a_folder_of_logs_becomes_a_line_per_event(folder, calibrated, armdyn):
     by_run = {Path(event["run"]).name: event["event"] for event in found if event["event"] != "not_told"}
     assert by_run == {"a_contact.csv": "recovered", "b_load.csv": "load_changed", "c_after.csv": "recovered"}
     assert {event["false_alarms_per_hour"] for event in found} == {0.01}
+
+
+def test_a_batch_with_sound_recordings_has_a_column_of_events(folder, armdyn, tmp_path):
+    (folder / "lab.toml").write_text(
+        'trust_data = true\n[[recordings]]\nmodel = "m.toml"\nruns = ["day/a_*.csv", "sound_0.csv"]\n'
+        'calibrate = ["sound_*.csv"]\n'
+    )
+    assert armdyn("batch", folder / "lab.toml", "--output", "lab", "--workers", "1")[0] == 0
+    touched, sound = pq.read_table(tmp_path / "lab" / "batch.parquet").to_pylist()
+    assert any("something outside acts on the arm" in event for event in touched["events"])
+    assert sound["events"] == []
 
 
 def test_a_person_reads_what_happened_and_what_to_do(folder, calibrated, armdyn, tmp_path):

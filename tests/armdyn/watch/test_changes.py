@@ -1,0 +1,46 @@
+"""A change is told from what scatters with the posture on a sound robot."""
+
+import numpy as np
+import pytest
+
+from armdyn.watch.changes import OWN, Baseline, Sums
+
+FRICTION, OFFSET = OWN.index("joint_coulomb_friction"), OWN.index("torque_offset")
+MORE = 0.3
+
+
+def windows(rng, count, more=0.0):
+    """Of one joint that mostly moves one way, whose offset scatters by 1 N m and whose errors by 0.1 N m."""
+    parts = []
+    for _ in range(count):
+        way = np.where(rng.random(50) < rng.uniform(0.2, 0.8), 1.0, -1.0)
+        v = way * rng.uniform(0.5, 1.0, 50)
+        X = np.stack([way, v, np.ones(50), 5.0 * rng.standard_normal(50)], axis=1)
+        r = X @ [more, 0.0, rng.standard_normal(), 0.0] + 0.1 * rng.standard_normal(50)
+        L = np.zeros((50, 4))
+        W = 1.0 / 0.1**2
+        parts.append(Sums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
+    return Sums.together(parts)
+
+
+def test_friction_is_found_beside_an_offset_that_scatters():
+    rng = np.random.default_rng(0)
+    baseline = Baseline.of(windows(rng, 200), 3)
+    _, quiet = baseline.scores(windows(rng, 200))
+    assert np.sqrt(np.mean(quiet**2, axis=(0, 1))) == pytest.approx(np.ones(4), abs=0.4)
+    changed = windows(rng, 200, MORE)
+    _, scores = baseline.scores(changed)
+    assert np.median(scores[:, 0, FRICTION]) > 4.0
+    assert np.median(scores[:, 0, OFFSET]) < 1.5
+    found = [baseline.own_change(changed.of(k), 0, FRICTION) for k in range(200)]
+    sizes, stds = np.array(found).T
+    assert np.median(sizes) == pytest.approx(MORE, abs=0.02)
+    assert np.median(np.abs(sizes - MORE) / stds) < 1.5
+
+
+def test_a_joint_that_never_moves_tells_nothing_and_breaks_nothing():
+    still = Sums.together([Sums.none(2)] * 30)
+    load, own = Baseline.of(still, 3).scores(still)
+    assert np.isfinite(own).all()
+    assert own.max() < 1e-3
+    assert load.max() < 1e-3
