@@ -131,7 +131,7 @@ def _first(study: LinearStudy, given: Step, say: Progress) -> LinearPath:
             continue
         # It turns the whole arm, and a large angle is not linear.
         say(f"fitting with {candidate.spoken}")
-        fit = converged(study.fit_with((*study.present, candidate), given.fit))
+        fit = converged(study.fit_with((*study.present, candidate), given.fit, given.fit.values))  # sums are far off
         own = study.problem.of(candidate.names)
         angles, typical = fit.values[own] - study.problem.null[own], study.problem.typical[own]
         if np.any(np.abs(angles) > FAR_TILT_SIZES * typical):

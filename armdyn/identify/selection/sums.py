@@ -156,6 +156,25 @@ def _moving(blocks: Sequence[Block], unknowns: int) -> np.ndarray:
     return moves
 
 
+def _move_far(problem: Problem, values: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+    """(P,) bool: those of the `unknowns` that change some prediction when they change by a typical size.
+
+    A tilt of the base may have no derivative, and is no threshold.
+    """
+    none = np.zeros(len(values), dtype=bool)
+    at = values + np.where(values + problem.typical <= problem.upper, 1.0, -1.0) * problem.typical
+
+    def changed(which: np.ndarray) -> bool:
+        there = problem.blocks(np.where(np.isin(np.arange(len(values)), which), at, values), none)
+        pairs = zip(problem.blocks(values, none), there, strict=True)
+        return any(not np.array_equal(one.residual, other.residual) for one, other in pairs)
+
+    found = none.copy()
+    if len(unknowns) and changed(unknowns):
+        found[[k for k in unknowns if changed(np.array([k]))]] = True
+    return found
+
+
 def _placed(
     problem: Problem, training: Collection[str], values: np.ndarray, absent: Sequence[Candidate], free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -166,6 +185,7 @@ def _placed(
     values, moves = values.copy(), _moving(problem.blocks(values), len(values))
     placed = np.zeros(len(values), dtype=bool)
     columns = [np.flatnonzero(problem.of(c.names)) for c in absent]
+    moves |= _move_far(problem, values, np.flatnonzero(~moves & (problem.prior_weight == 0.0)))
     unseen = [own[~moves[own] & (problem.prior_weight[own] == 0.0)] for own in columns]
     for turn in range(max(map(len, unseen), default=0)):
         asked = [(i, own[own != i]) for own, hidden in zip(columns, unseen, strict=True) for i in hidden[turn:][:1]]
