@@ -136,7 +136,7 @@ class Quantity:
     beside: tuple[str, ...] = ()
 
     def parameter(self, effect: str, short: str, joint: str = "") -> Parameter:
-        """The parameter `short` of an effect, on a joint or on none, at its null value."""
+        """The parameter of an effect whose short name is `short`, on a joint or on none, at its null value."""
         return Parameter(
             name=f"{effect}.{short}[{joint}]" if joint else f"{effect}.{short}", effect=effect, joint=joint,
             unit=self.unit, value=self.null, typical=self.typical, null=self.null,

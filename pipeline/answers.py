@@ -50,7 +50,7 @@ def diagnosis_answer(study: Study, found: Diagnosis) -> dict[str, Any]:
 
 
 def repair_answer(found: Repair) -> dict[str, Any]:
-    """JSON of `repair` and `add`; the format has `removed`, and a repair only adds."""
+    """JSON of `repair` and `add`; `removed` is always empty and belongs to the format."""
     step_names = "added= joints removed= tied_with rmse held_out_rmse exam_rmse chi2_per_sample bic"
     return {
         "schema": "armdyn.repair/1",

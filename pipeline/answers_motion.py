@@ -77,7 +77,7 @@ def of_each_motion(found: Excitation, what: str) -> np.ndarray:
 
 
 def determined(found: Excitation) -> np.ndarray:
-    """Positions, among the wanted unknowns, of those that some motion determines."""
+    """Indices of the wanted unknowns that at least one motion determines."""
     return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
 
 

@@ -81,7 +81,7 @@ class Interrupts:
 
 @contextmanager
 def noted_signals(note: Callable[[int], None]) -> Iterator[None]:
-    """Have `note` called with the number of a signal, so that what runs ends in order; a second Ctrl-C is raised.
+    """Call `note` with the number of a signal, so that running work can end in order; a second Ctrl-C is raised.
 
     Raises:
         Interrupt: a signal came before, and a library has swallowed what it raised.

@@ -27,7 +27,7 @@ COMMAND_CHANNELS: Mapping[Law, str] = {
 SCALE = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
 
-KNOWN: Mapping[str, Mapping[str, str]] = {
+KNOWN_DRIVES: Mapping[str, Mapping[str, str]] = {
     # At 7.4 V and register P = 32: k_p 17.8 N m/rad, 3.35 N m (Open Duck Mini's MJCF; P and V as in Rhoban's BAM, whose
     # values it has). LeRobot sets P = 16. At 12 V both are larger: the recording says by how much.
     "sts3215": {"law": "position", "gain": "8.9 N m/rad +/- 10 %", "limit": "3.35 N m"},
@@ -185,9 +185,9 @@ def known_drives(chosen: Sequence[str], joints: Sequence[str]) -> dict[str, Any]
         kind, equals, listed = text.partition("=")
         if not equals or not listed:
             raise InputError(f"--drive {text}: write it as --drive sts3215=all, or with joints, sts3215=elbow,wrist")
-        if kind not in KNOWN:
-            raise UnknownNameError("drive", kind, KNOWN, "; write others into the model file, [drives.NAME]")
-        found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **KNOWN[kind]}
+        if kind not in KNOWN_DRIVES:
+            raise UnknownNameError("drive", kind, KNOWN_DRIVES, "; write others into the model file, [drives.NAME]")
+        found[kind] = {"joints": list(joints) if listed == "all" else listed.split(","), **KNOWN_DRIVES[kind]}
     return found
 
 

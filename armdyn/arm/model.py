@@ -104,7 +104,7 @@ class ArmModel(Model):
         return replace(self, arm=arm, drives=MappingProxyType(drives))
 
     def reading(self, run: Run) -> Run:
-        """The run with torques of servos, from their own errors; see `Model.reading`."""
+        """The run with torques of servos, from their position or velocity errors; see `Model.reading`."""
         return with_readings(run, self.arm.joints, tuple(self.drives.values()))
 
     @property

@@ -22,7 +22,7 @@ INFORMATIVE_QUANTILES = (0.1, 0.9)
 
 
 def mean_command(run: Run, joint: str, servo: Servo, edges: np.ndarray) -> np.ndarray:
-    """(n,) means between (n + 1,) increasing times of a drive's command, as the drive follows it."""
+    """(n,) mean command of a drive, as it follows it, in the n intervals between (n + 1,) `edges`, s."""
     if servo.law == "position" and np.isfinite(servo.rate):
         return _mean(*_followed(run, servo.command(joint), servo.rate), edges)
     return run.channels[servo.command(joint)].mean_held(edges)

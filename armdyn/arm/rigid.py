@@ -107,7 +107,10 @@ def torque_regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarr
 
 
 def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    """(n, nj, nj, 3, 4) G with tau_j = sum_l g' G[., j, l] (m_l, m_l c_l) for gravity g (3,), m/s^2, at rest."""
+    """(n, nj, nj, 3, 4) matrices G that give the torques at rest by mass m and centre c of each link l.
+
+    tau_j = sum_l g' G[., j, l] (m_l, m_l c_l), with gravity g (3,), m/s^2.
+    """
     model, still, by_axis = model.copy(), np.zeros_like(q), []
     for axis in np.eye(3):
         model.gravity.linear = axis

@@ -116,7 +116,7 @@ class SacState:
     gram: np.ndarray | None = None
 
     def vector(self) -> np.ndarray:
-        """(n,) extended state; n = 6 for the length alone."""
+        """(n,) states and sensitivities in one vector; n = 6 where only the length is estimated."""
         parts = [np.array([self.x, self.v]), self.pendulum, self.sensitivity.ravel(order="F")]
         if self.rival is not None and self.rival_sensitivity is not None:
             parts += [self.rival, self.rival_sensitivity.ravel(order="F")]

@@ -13,9 +13,9 @@ from armdyn.parameter import RecordedColumn, Scope
 from armdyn.recording.channels import FloatArray
 from armdyn.run import Run
 
-MAX_STEM_LENGTH = 50
+MAX_NAME_STEM_LENGTH = 50
 """Length of the beginning of an effect's name, in characters; a number follows."""
-CONSTANT_RANGE_RATIO = 1e-6
+MAX_RANGE_RATIO_OF_CONSTANT = 1e-6
 """Ratio of range to size below which a recorded quantity is constant, up to rounding."""
 
 
@@ -95,7 +95,7 @@ def recorded_variables(runs: Sequence[Run]) -> list[Variable]:
             samples = np.concatenate([run.extra[name].value for run in runs])
             column = RecordedColumn(name, first.unit, float(f"{samples.mean():.6g}"))
             variable = Variable(name.replace(".", "_"), "", column.unit, samples, column)
-            found += [variable] if variable.span > CONSTANT_RANGE_RATIO * variable.size else []
+            found += [variable] if variable.span > MAX_RANGE_RATIO_OF_CONSTANT * variable.size else []
     return found
 
 
@@ -184,7 +184,7 @@ class Term:
     @property
     def stem(self) -> str:
         """Beginning of the name of its effect."""
-        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:MAX_STEM_LENGTH]
+        return f"discovered_{re.sub(r'[^A-Za-z0-9]+', '_', self.kind)}"[:MAX_NAME_STEM_LENGTH]
 
     @property
     def is_curve(self) -> bool:

@@ -136,7 +136,7 @@ def angle_gain(
     sensor: Sensor,
     error: Expression = quantity("1", typical=0.03, lower=-0.9, upper=5.0, summary="share that is read too much"),
 ) -> Sensor:
-    """Reading = (1 + g) phi; a rate gyro is another instrument."""
+    """Reading = (1 + g) phi; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + error * sensor.true_angle)
 
 
@@ -149,7 +149,7 @@ def angle_skew(
     sensor: Sensor,
     curvature: Expression = quantity("1/rad", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^2"),
 ) -> Sensor:
-    """Reading = phi + c phi^2; a rate gyro is another instrument."""
+    """Reading = phi + c phi^2; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + curvature * sensor.true_angle**2)
 
 
@@ -162,7 +162,7 @@ def angle_distortion(
     sensor: Sensor,
     cubic: Expression = quantity("1/rad^2", typical=0.05, lower=-1.0, upper=1.0, summary="reading per angle^3"),
 ) -> Sensor:
-    """Reading = phi + c phi^3; a rate gyro is another instrument."""
+    """Reading = phi + c phi^3; the reading of a rate gyro does not change."""
     return sensor.with_angle(sensor.angle + cubic * sensor.true_angle**3)
 
 

@@ -73,7 +73,7 @@ def noise_of_runs(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], fl
 
 
 def stated_noise(model: Model, runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """Stated standard deviation of the noise by run and channel: an upper limit for the compared samples."""
+    """Standard deviation of the noise that each recording states, by run and channel; filtered samples have less."""
     stated = {run.name: run.recording.noise for run in runs}
     return {
         (run.name, name): stated[run.name][name]

@@ -29,7 +29,7 @@ COMPARED_EFFECTS, COMPARED_PAIR_EFFECTS = 12, 6
 pairs are compared."""
 MIN_VALUES_SAVED = 2
 """Number of values that a pair must save, at an equal residual, to replace the set that evidence chose."""
-OVERRULE_SHARE = 0.25
+MAX_PAIR_RESIDUAL_RATIO = 0.25
 """Residual of a pair over that of the set that evidence chose (squared errors above the noise) up to which the pair
 replaces it, where that is below `GROSS_ERROR_RATIO`: a wrong pair left 0.41 beside small errors of an encoder, right
 ones that evidence missed 0.18 or less."""
@@ -49,7 +49,7 @@ def improved(study: StateSpaceStudy, scorer: StateSpaceScorer, whole: SetScore, 
         needed = (
             (1.0 - MIN_SHARE_PER_VALUE) ** MIN_VALUES_SAVED
             if found.chi2_per_sample > GROSS_ERROR_RATIO
-            else OVERRULE_SHARE
+            else MAX_PAIR_RESIDUAL_RATIO
         )
         effects = _pair_or(study, scorer, effects, needed)
         say("comparing rivals over whole runs")

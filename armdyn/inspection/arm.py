@@ -108,10 +108,10 @@ class Description:
         """Torques (J, n) and their columns (J, n, k), as a recording with these properties has them."""
         if self.lag:
             parts = tuple(_lagged(time, part, self.lag) for part in parts)
-        return turned_up(parts[0], *parts) if self.magnitudes else parts
+        return with_sign_of_total(parts[0], *parts) if self.magnitudes else parts
 
 
-def turned_up(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
+def with_sign_of_total(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
     """Multiply parts (J, n, ...) of a torque (J, n) by its sign, so that the whole becomes its absolute value."""
     sign = np.where(whole < 0.0, -1.0, 1.0)
     return tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
@@ -302,7 +302,7 @@ class ArmRun:
             f, columns = description.read(m.time, f, columns)
         found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         for _ in range(SIGN_ROUNDS if description.magnitudes else 0):  # the effects also decide the sign of a torque
-            f, columns = turned_up(f + columns @ found.sizes, f, columns)
+            f, columns = with_sign_of_total(f + columns @ found.sizes, f, columns)
             found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 

@@ -71,7 +71,7 @@ class Pair:
 
     @property
     def alike(self) -> float:
-        """Absolute value of their correlation."""
+        """Absolute correlation of the two signals of the pair."""
         return abs(_correlation(self.slope, self.value))
 
 

@@ -84,7 +84,7 @@ class Mistake:
         return self.kind, self.channels, self.clock or self.said
 
     def with_clock(self, late: float, pace: float) -> "Mistake":
-        """The mistake with another error of the clock of all its channels."""
+        """A copy of the mistake with another clock error of all its channels."""
         readings = {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
         return replace(self, said=self.clock.format(stamps(late, pace)), correction=Correction(readings))
 
@@ -287,10 +287,10 @@ def descriptions(run: ArmRun) -> Iterator[Mistake]:
         )  # fmt: skip
 
 
-KINDS_OF_ARMS = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, readings, descriptions)
+ARM_MISTAKES = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, readings, descriptions)
 """All kinds of mistakes; a new kind is a further function here."""
 
 
 def arm_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Mistakes that may have been made in recordings of arms."""
-    return chain.from_iterable(kind(run) for kind in KINDS_OF_ARMS)
+    return chain.from_iterable(kind(run) for kind in ARM_MISTAKES)

@@ -301,7 +301,7 @@ def _round(step: np.ndarray, turn: float) -> np.ndarray:
     return np.asarray(once & beside)
 
 
-def unanswered(run: Run) -> Iterator[Check]:
+def unconfirmed_mappings(run: Run) -> Iterator[Check]:
     """Find proposed mappings of columns that nobody has confirmed."""
     where = run.source.with_suffix(".toml") if run.source is not None else "the mapping"
     for name, question in run.asked.items():
@@ -315,6 +315,6 @@ def unanswered(run: Run) -> Iterator[Check]:
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
-    rates, noises, unanswered,
+    rates, noises, unconfirmed_mappings,
 )  # fmt: skip
 """All checks of signals; a new check is a further function here."""

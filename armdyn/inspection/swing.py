@@ -63,7 +63,7 @@ LENGTH_FACTORS, DECAY_RATES = np.linspace(0.8, 1.25, 91), np.array([0.0, 0.02, 0
 simulated. In 30 s the phases of neighbouring lengths differ by half a radian."""
 SWING_STEP_SECONDS = 0.02
 """Step of that simulation, s."""
-MOMENT_SPACING_PERIODS = 0.5
+TIME_SPACING_PERIODS = 0.5
 """Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -118,7 +118,7 @@ class SwingRun:
         return tuple(name for name in (self.swing, "load_force") if name and name in self.run.channels)
 
     @cached_property
-    def moments(self) -> np.ndarray:
+    def times(self) -> np.ndarray:
         """(n,) moments, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
@@ -137,7 +137,7 @@ class SwingRun:
 
     def _stamps(self, r: Reading) -> np.ndarray:
         """(n,) stamps of a channel at the moments."""
-        return r.stamped(self.moments, float(self.run.channels[r.source].time[0]))
+        return r.stamped(self.times, float(self.run.channels[r.source].time[0]))
 
     @cached_with_first_argument
     def _motion(self, late: float, pace: float) -> Motion:
@@ -171,7 +171,7 @@ class SwingRun:
         """
         gravity, begin, h = self._known("gravity")[0], self.run.channels["gripper_x"].time[0], SWING_STEP_SECONDS
         lengths = self._known("length")[0] * LENGTH_FACTORS
-        steps = int((self.moments[-1] - begin) / h) + 2
+        steps = int((self.times[-1] - begin) / h) + 2
         time = np.minimum(begin + 0.5 * h * np.arange(2 * steps + 1), self.run.channels["gripper_x"].time[-1])
         pull = factor * self._curves["gripper_x"](time, 2)[:, 0]
 
@@ -188,14 +188,14 @@ class SwingRun:
             third = rates(state + 0.5 * h * second, middle)
             last = rates(state + h * third, after)
             states.append(state + h / 6.0 * (first + 2.0 * second + 2.0 * third + last))
-        found = make_interp_spline(begin + h * np.arange(steps + 1), states, 1)(self.moments)
+        found = make_interp_spline(begin + h * np.arange(steps + 1), states, 1)(self.times)
         return (*np.moveaxis(found, 0, -1), lengths[:, None])
 
     @cached_property
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
-        soon = MOMENT_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
+        soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
         return independent(given.measured, evidence(given).residual, given.min_rms, after)
@@ -221,7 +221,7 @@ class SwingRun:
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
     def nothing(self) -> float:
-        """Log evidence of equations that explain nothing: a pendulum's equations are known."""
+        """Minus infinity: that the equations explain nothing is excluded, because a pendulum's equations are known."""
         return -np.inf
 
     def _known(self, name: str) -> tuple[float, bool]:

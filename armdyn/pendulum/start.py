@@ -19,7 +19,7 @@ ORBIT_AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
 """Amplitudes of the orbits that are tried, rad; a few Gauss-Newton steps over one period bridge their distance."""
 ORBIT_PHASES = 8
 """Number of phases on each orbit."""
-WHIRL_RATES = (1.2,)
+FULL_ROTATION_RATES = (1.2,)
 """Rates of full rotations at the lowest point, over the rate that just reaches the upright."""
 MAX_BLIND_SECONDS = 0.25
 """Longest gap in the gripper's positions, s, over which a spline interpolates motions of up to 1.5 Hz to 2 %."""
@@ -56,7 +56,7 @@ def phase_plane(pace: float) -> np.ndarray:
             # Even steps along the orbit of a pendulum in sin(phi/2) = k sin(psi).
             k = np.sin(amplitude / 2)
             starts.append((2 * np.arcsin(k * np.cos(phase)), -2 * pace * k * np.sin(phase)))
-    for whirl in WHIRL_RATES:
+    for whirl in FULL_ROTATION_RATES:
         for angle in 2 * np.pi * (np.arange(ORBIT_PHASES // 2) / (ORBIT_PHASES // 2) - 0.5):
             rate = 2 * pace * np.sqrt(whirl**2 - np.sin(angle / 2) ** 2)
             starts += [(angle, rate), (angle, -rate)]

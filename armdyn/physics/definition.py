@@ -117,7 +117,7 @@ class Reading(Timed):
 
 @dataclass(frozen=True, eq=False)
 class Rate(Stage):
-    """Rate of a state: a stage, called ``"rate"``, of every base, for each state whose rate is no state itself.
+    """Time derivative of a state: the stage ``"rate"``, for each state whose derivative is no state itself.
 
     Attributes:
         state: name of the state.

@@ -46,7 +46,7 @@ class Formulation(System):
 
 @lru_cache(maxsize=128)
 def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
-    """Derive a physics with effects.
+    """Derive the equations of a physics together with its effects.
 
     Args:
         physics: the physics.

@@ -25,7 +25,7 @@ class Law(Protocol):
     """How often a statistic of a sound robot exceeds a threshold."""
 
     def threshold(self, per_hour: float) -> float:
-        """What it exceeds so often, in times per hour."""
+        """Threshold that the statistic exceeds `per_hour` times an hour."""
         ...
 
 

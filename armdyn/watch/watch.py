@@ -43,7 +43,7 @@ class _Alarm:
 
 
 class Watch:
-    """Holds a model against what its arm does.
+    """Compares a model with its running arm, sample by sample.
 
     Args:
         model: the arm.

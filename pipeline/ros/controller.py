@@ -87,7 +87,7 @@ class BaxterController:
         return (self._reference, self._v, self._a) if changed else None
 
     def press(self, button: int = PRESSED, source: int = 1) -> None:
-        """Press the red button (or stop by software: 2, 2): the arm is disabled until it is released and reset."""
+        """Press the emergency stop, or stop by software: the arm is disabled until it is released and reset."""
         self.state = AssemblyState(ready=False, stopped=True, estop_button=button, estop_source=source)
         self._enabled_at = None
 

@@ -15,7 +15,7 @@ import numpy as np
 import urdf
 from ik import default_table
 from ik.tablefile import write_arrays
-from pipeline.batch.work import Outcome
+from pipeline.batch.work import JobOutcome
 
 TOY = """<robot name="toy">
 <link name="base"/>
@@ -241,7 +241,7 @@ OUTCOME = {
     "channels": {"load_force": {"unit": "N", "rmse": 0.003, "noise_std": 0.003}},
     "parameters": {"mass": {"unit": "kg", "value": 0.08, "std": 0.001}}, "duration": 5.0, "seconds": 0.3,
 }  # fmt: skip
-JOURNAL = "".join(Outcome(f"k{i}", **OUTCOME).line + "\n" for i in range(3))
+JOURNAL = "".join(JobOutcome(f"k{i}", **OUTCOME).line + "\n" for i in range(3))
 
 
 def parquet(rng: random.Random | None = None) -> bytes:

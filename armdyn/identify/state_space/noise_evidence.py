@@ -22,7 +22,7 @@ COLOUR_RATIOS = (0.0, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0)
 """Variances of the coloured error that are tried, over that of the white noise of one row."""
 COLOUR_PERIODS = (0.02, 0.08, 1.0 / 3.0)
 """Correlation times that are tried, in periods of the swing: beyond a third the error would be an offset."""
-LEVEL_FACTORS = (0.6, 1.6)
+NOISE_LEVEL_FACTORS = (0.6, 1.6)
 """Factors that are tried on the noise level of one of several channels, besides 1."""
 MAX_BOUND_PULL_NATS = float(np.log(100.0))
 """Gain of log evidence, nats, that a value would have beyond its bound, from which on the set relies on the bound."""
@@ -105,7 +105,7 @@ def nearby(around: LinearisedRun, noise: Noise) -> Table:
     for c, colour in enumerate(noise.colour):
         for other in _neighbours(colour, around.run.swing):
             found.append(replace(noise, colour=(*noise.colour[:c], other, *noise.colour[c + 1 :])))
-        for factor in LEVEL_FACTORS if len(noise.level) > 1 else ():
+        for factor in NOISE_LEVEL_FACTORS if len(noise.level) > 1 else ():
             found.append(replace(noise, level=(*noise.level[:c], factor * noise.level[c], *noise.level[c + 1 :])))
     return tabled(around, found, kicks)
 

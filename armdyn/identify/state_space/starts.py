@@ -21,7 +21,7 @@ START_SPREAD_FACTOR = 3.0
 SHORT_PIECE_PERIODS = 1.0 / 8.0
 """Length of a short piece, in periods of the swing. In half a swing a stiffness four times too large is another
 oscillation."""
-TRIED_PERIODS = 8.0
+START_SEARCH_PERIODS = 8.0
 """Length of the part of every run in which values are tried, in periods of the swing."""
 START_ROUNDS = 4
 """Rounds in which a start is optimised in short pieces."""
@@ -47,7 +47,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, TRIED_PERIODS * model.swing(run, problem.theta(i, values)))
+        first_part(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only(needed), runs, problem.noise)

@@ -147,7 +147,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 def swing_series(
     robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: Swing, collision: bool
 ) -> list[Bounded]:
-    """Tension of the string, and distances: of the load to every link, of the string to all but the hand."""
+    """Tension of the string, and distances: of the load to every link, and of the string to every link but the hand."""
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)
     if not collision:
         return [tension]
