@@ -93,7 +93,8 @@ class ArmProblem(MotionProblem):
 
     def information(self, x: np.ndarray) -> np.ndarray:
         """(P, P) Fisher information of a recording of the whole motion."""
-        X = np.vstack(list(self.columns.at(self.grid.motion(x))))
+        columns = self.columns.at(self.grid.motion(x))
+        X = columns.reshape(-1, columns.shape[2])
         return np.asarray(self.weight * X.T @ X)
 
     def cost(self, x: np.ndarray) -> float:

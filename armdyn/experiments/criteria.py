@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from armdyn.linear.solve import marginal_information, scaled
+from armdyn.linear.solve import marginal_information
 
 Valued: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its (P, P) symmetric derivatives by the information."""
@@ -28,8 +29,10 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
         information: (P, P) Fisher information F.
         prior: (P,) prior standard deviations; infinite where there is no prior.
     """
-    size, unit = scaled(information + np.diag(prior**-2.0))
-    return np.asarray(np.linalg.inv(unit) / np.outer(size, size))
+    matrix = information + np.diag(prior**-2.0)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor = cho_factor(matrix * np.outer(scale, scale))
+    return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
 def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> Valued:
