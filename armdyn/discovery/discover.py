@@ -98,7 +98,7 @@ def _searched(
     effects = effects_of_terms(list(terms.values()))
     size = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = study_of([*catalogue, *effects], catalogue_size=size)
-    if study.model.linear:
+    if study.sums_predict:
         names = _promising(study, terms)
         promising = [effect for effect in effects if effect.name in names]
         study = study_of([*catalogue, *promising], catalogue_size=size)

@@ -182,12 +182,11 @@ def _sound(path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ..
     Raises:
         InputError: the model is no arm's, or the recordings are too short.
     """
-    from armdyn.arm.model import ArmModel
     from armdyn.watch.sound import measured
     from pipeline.watch.sources import again, runs_of
 
-    model = _known(path, key, effects).file.model
-    if not isinstance(model, ArmModel):
+    model = _known(path, key, effects).file.model.as_arm()
+    if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
     return model, measured(model, again(model, runs_of(model, calibrate)))
 

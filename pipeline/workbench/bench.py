@@ -176,7 +176,7 @@ class Workbench:
             parameter = knobs[name].parameter
             at[name] = float(np.clip(value, parameter.lower, parameter.upper))
             knobs[name] = replace(knobs[name], parameter=parameter.with_value(at[name]))
-        runs = [*lean.problem.runs, *(self.study.held_out if self.study.model.linear else ())]
+        runs = [*lean.problem.runs, *(self.study.held_out if self.study.sums_predict else ())]
         problem = Problem(lean.problem.model, runs, lean.problem.noise)
         start = {lean.problem.key(i): value for i, value in enumerate(lean.values)}
         theta = np.array([at.get(c.name, start[problem.key(i)]) for i, c in enumerate(problem.columns)])

@@ -1,0 +1,53 @@
+"""The rules of docs/architecture.md that a machine can check."""
+
+import ast
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pipeline", "ik", "armdyn", "urdf")
+"""Each may import those after it."""
+KIND_OF_MODEL = re.compile(
+    r"isinstance\([^)]*(Arm|Pendulum|Physics|Simulated)Model\b|\.base (==|!=|in) |model\.linear\b"
+)
+MOST_KINDS, MOST_FILES, MOST_SHARED_NAMES = 5, 25, 12
+"""Questions after the kind of a model, files of a folder, public classes whose name another one has."""
+
+FILES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")) if file.is_file()]
+
+
+def imported(file):
+    """Top packages of this project that a file imports."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        yield from {name.partition(".")[0] for name in names} & {*PACKAGES}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_arrows_point_one_way(package):
+    behind = PACKAGES[PACKAGES.index(package) :]
+    wrong = [f"{f.relative_to(ROOT)}: {to}" for f in FILES if f.relative_to(ROOT).parts[0] == package
+             for to in imported(f) if to not in behind]  # fmt: skip
+    assert not wrong
+
+
+def test_a_model_answers_instead_of_being_asked_what_it_is():
+    lines = [(f, line) for f in FILES if f.name != "model_file.py" for line in f.read_text("utf-8").splitlines()]
+    found = [f"{f.relative_to(ROOT)}: {line.strip()}" for f, line in lines if KIND_OF_MODEL.search(line)]
+    assert len(found) <= MOST_KINDS, found
+
+
+def test_no_folder_is_full():
+    full = {str(folder): n for folder, n in Counter(file.parent for file in FILES).items() if n > MOST_FILES}
+    assert not full
+
+
+def test_a_public_class_has_a_name_of_its_own():
+    classes = [node.name for file in FILES for node in ast.parse(file.read_text(encoding="utf-8")).body
+               if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]  # fmt: skip
+    shared = {name: n for name, n in Counter(classes).items() if n > 1}
+    assert len(shared) <= MOST_SHARED_NAMES, shared
