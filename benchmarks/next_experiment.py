@@ -27,7 +27,7 @@ from scipy.interpolate import make_interp_spline
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import Proposal, designed_motion, inseparable
 from armdyn.experiments.rivals import Rivals, named
@@ -180,7 +180,7 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
     rows = []
     for pair in pairs:
         both = [hypothesis(name) for name in pair]
-        cell = Experiment("motion", "", noise={"load_force": 5e-3})
+        cell = PlannedExperiment("motion", "", noise={"load_force": 5e-3})
         started = time.process_time()
         found, _ = design_motion(both, cell, DURATION)
         seconds = time.process_time() - started

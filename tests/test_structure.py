@@ -13,7 +13,7 @@ PACKAGES = ("pipeline", "ik", "armdyn", "urdf")
 KIND_OF_MODEL = re.compile(
     r"isinstance\([^)]*(Arm|Pendulum|Physics|Simulated)Model\b|\.base (==|!=|in) |model\.linear\b"
 )
-MOST_KINDS, MOST_FILES, MOST_SHARED_NAMES = 5, 25, 12
+MOST_KINDS, MOST_FILES, MOST_SHARED_NAMES = 5, 25, 10
 """Questions after the kind of a model, files of a folder, public classes whose name another one has."""
 
 FILES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")) if file.is_file()]

@@ -17,7 +17,7 @@ from itertools import permutations
 import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits, two_sided
 from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrink
 from armdyn.experiments.separation import Rival, linear_separation
@@ -88,7 +88,7 @@ class GripperProblem(MotionProblem):
     def __init__(
         self,
         hypotheses: Sequence[Hypothesis],
-        experiment: Experiment,
+        experiment: PlannedExperiment,
         series: Series,
         limits: GripperLimits,
         step: float = COARSE_NODE_SECONDS,
@@ -195,7 +195,7 @@ class GripperProblem(MotionProblem):
 
 def design_motion(
     hypotheses: Sequence[Hypothesis],
-    experiment: Experiment,
+    experiment: PlannedExperiment,
     seconds: float,
     limits: GripperLimits | None = None,
     seed: int = 0,

@@ -50,7 +50,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
+class PlannedExperiment:
     """One experiment that could be made.
 
     Attributes:
@@ -74,7 +74,7 @@ class Experiment:
     turned: tuple[str, ...] = ()
     rate: float = 100.0
 
-    def along(self, motion: GripperPath) -> "Experiment":
+    def along(self, motion: GripperPath) -> "PlannedExperiment":
         """The same experiment with another motion."""
         return replace(self, motion=motion)
 
@@ -104,7 +104,7 @@ class PredictedExperiment:
         typical: (m,) typical sizes.
     """
 
-    def __init__(self, hypothesis: Hypothesis, experiment: Experiment) -> None:
+    def __init__(self, hypothesis: Hypothesis, experiment: PlannedExperiment) -> None:
         self.hypothesis, self.experiment = hypothesis, experiment
         model, free, changed = hypothesis.model, hypothesis.free, experiment.changed
         own = (*model.start_names, *changed) if experiment.motion is not None else ()

@@ -13,7 +13,7 @@ import numpy as np
 
 from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.gripper import design_motion
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import Say
@@ -65,7 +65,7 @@ class Inseparable:
 
 
 def inseparable(
-    hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: Experiment
+    hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: PlannedExperiment
 ) -> tuple[Inseparable, ...]:
     """All pairs that the motion designed for them does not separate in either direction."""
     rises = np.maximum(outlook.chi2_increase, outlook.chi2_increase.T)
@@ -74,7 +74,7 @@ def inseparable(
     return tuple(Inseparable((one.name, other.name), _why(one, other, experiment)) for one, other in both)
 
 
-def _why(first: Hypothesis, second: Hypothesis, experiment: Experiment) -> str:
+def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -> str:
     """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     readings, _ = truth.predict(truth.start)
@@ -117,7 +117,7 @@ class Proposal:
         random: smallest rise of chi2 for the median of random motions; None where no motion was designed.
     """
 
-    experiment: Experiment
+    experiment: PlannedExperiment
     outlook: ExpectedOutcome
     random: float | None = None
 
@@ -226,7 +226,7 @@ def plan(
     return Plan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
 
 
-def safe(rivals: Rivals, experiment: Experiment, swing: float) -> bool:
+def safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
     """Whether every rival predicts a taut string and a swing within `swing`, rad, for an experiment.
 
     The last run itself, which was made, may exceed that limit.
@@ -247,20 +247,20 @@ def designed_motion(
     rivals: Rivals, seconds: float, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
 ) -> Proposal:
     """The motion that separates the rivals best; pairs that no motion separates are not counted."""
-    experiment = Experiment("motion", "swing along the designed motion", noise=rivals.noise)
+    experiment = PlannedExperiment("motion", "swing along the designed motion", noise=rivals.noise)
     motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
     experiment = experiment.along(motion)
     return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), random)
 
 
-def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
+def other_kinds(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     """All other experiments that could be done, along the last run's motion, except those already done."""
     best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
     mass, length = best.value("mass"), OTHER_LENGTH_RATIO * best.value("length")
     weight, weighing = OTHER_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
 
-    def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> Experiment:
-        return Experiment(kind, f"the last motion again, {how}", last, noise, **changes)
+    def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> PlannedExperiment:
+        return PlannedExperiment(kind, f"the last motion again, {how}", last, noise, **changes)
 
     found = [
         varied(
@@ -283,7 +283,7 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
     ):  # fmt: skip
         known = rivals.last.known.get(name)
         if known is None or (known.std or 0.0) > 2.0 * std:
-            found.append(Experiment(kind, what, measured={name: std}))
+            found.append(PlannedExperiment(kind, what, measured={name: std}))
     turned = [n for h in rivals.hypotheses for n, p in h.model.parameters.items() if p.effect in ROOM_FIXED_EFFECTS]
     if turned:
         what = "with the robot turned round by 180 degrees: what belongs to the room changes sign along the line, what "
@@ -292,7 +292,7 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[Experiment]:
     if "load_force" in noise:
         still = GripperPath(0.0, REST_NODE_SECONDS, *np.zeros((3, round(REST_SECONDS / REST_NODE_SECONDS) + 1)))
         what = f"record the load cell for {REST_SECONDS:g} s while all hangs at rest"
-        found.append(Experiment("rest", what, still, noise))
+        found.append(PlannedExperiment("rest", what, still, noise))
     return found
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.identify.least_squares import Expansion, descend
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.linear.solve import solve_bounded
@@ -99,7 +99,7 @@ def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
     return np.asarray(weight / weight.sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], experiment: Experiment, seed: int = 0) -> ExpectedOutcome:
+def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, seed: int = 0) -> ExpectedOutcome:
     """Predict the result of an experiment, with every rival refitted nonlinearly."""
     predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
     count = len(predicted)

@@ -9,13 +9,13 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Outcome, descend, off_bounds
 from armdyn.identify.noise import variance_inflation
-from armdyn.identify.problem import Part, Problem
+from armdyn.identify.problem import FreePart, Problem
 from armdyn.model import Model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
 ModelT = TypeVar("ModelT", bound=Model)
-Minimise = Callable[[Part, np.ndarray], Descent]
+Minimise = Callable[[FreePart, np.ndarray], Descent]
 """Minimises the cost of a problem's free parameters from (p,) start values, such as `descend`."""
 
 
@@ -77,7 +77,7 @@ def estimate(
     if not free.any():
         raise InputError("nothing to fit: every parameter of the model is fixed")
     start = model.theta()[[column.index for column in problem.columns]]
-    part = Part(problem, free, start)
+    part = FreePart(problem, free, start)
     values, at, evaluations, outcome = minimise(part, start[free])
     if not np.isfinite(at.cost):
         raise InputError("the model's simulation diverges: start from other values")

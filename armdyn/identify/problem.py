@@ -30,7 +30,7 @@ Noise = Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True)
-class Column:
+class Unknown:
     """One unknown of the problem: a parameter of all runs, or of one run.
 
     Attributes:
@@ -136,10 +136,10 @@ class Problem:
             raise InputError("nothing to fit: give at least one run")
         self.model, self.runs, self.noise = model, tuple(runs), noise
         differing = {name for name in model.names if len({_stated(run, name) for run in runs}) > 1}
-        columns: list[Column] = []
+        columns: list[Unknown] = []
         for index, parameter in enumerate(model.parameters.values()):
             if parameter.scope == "shared" and parameter.name not in differing:
-                columns.append(Column(parameter.name, _informed(parameter, runs[0]), index, None))
+                columns.append(Unknown(parameter.name, _informed(parameter, runs[0]), index, None))
         for i, run in enumerate(runs):
             guess = model.guess_start(run)
             for index, parameter in enumerate(model.parameters.values()):
@@ -149,7 +149,7 @@ class Problem:
                 if parameter.name in guess and parameter.fitted:
                     own = own.with_value(float(np.clip(guess[parameter.name], own.lower, own.upper)))
                 name = parameter.name if len(runs) == 1 else f"{parameter.name}[{run.name}]"
-                columns.append(Column(name, _informed(own, run), index, i))
+                columns.append(Unknown(name, _informed(own, run), index, i))
         self.columns = tuple(columns)
         parameters = [c.parameter for c in columns]
         self.lower = np.array([p.lower for p in parameters])
@@ -306,7 +306,7 @@ class Problem:
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
         """Minimise over the unknowns `free`, (P,) bool; the others stay at `start`. The result has all (P,) values."""
-        part = Part(self, free, start)
+        part = FreePart(self, free, start)
         found = descend(part, start[free], most_steps=most_steps, tolerance=tolerance, samples=self.samples)
         return found._replace(values=part.whole(found.values))
 
@@ -333,7 +333,7 @@ def transferred_mask(mask: np.ndarray, source: Problem, target: Problem) -> np.n
     return transferred(mask.astype(float), source, target, missing=0.0) > 0.0
 
 
-class Part:
+class FreePart:
     """The cost of a problem in the unknowns that (P,) bool marks as free; the others are fixed at (P,) values."""
 
     def __init__(self, problem: Problem, free: np.ndarray, start: np.ndarray) -> None:

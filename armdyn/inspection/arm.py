@@ -15,7 +15,7 @@ from armdyn.arm.motion import Motion, measured_motion
 from armdyn.arm.prepared import interior
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
 from armdyn.kept import cached_with_first_argument
@@ -131,7 +131,7 @@ NO_DESCRIPTION = Description(mass=0.0)
 
 Meaning: TypeAlias = tuple[Correction, Description]
 """A hypothesis: how the recording is to be read, and with which description it is compared."""
-Positions: TypeAlias = tuple[tuple[str, Reading], ...]
+Positions: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
 """How positions are to be read, by channel."""
 
 
@@ -180,7 +180,7 @@ class ArmRun:
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
         """(n,) averages of a torque around the moments, with the delay and the rate error of its stamps corrected."""
         recorded = self.run.channels[channel]
-        stamps = Reading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
+        stamps = CorrectedReading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
         return averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
 
     @cached_property

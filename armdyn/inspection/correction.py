@@ -17,7 +17,7 @@ from armdyn.run import Run
 
 
 @dataclass(frozen=True, order=True)
-class Reading:
+class CorrectedReading:
     """Source of a channel's values, and how they are to be read.
 
     Attributes:
@@ -59,18 +59,18 @@ class Correction:
         readings: how to read a channel, by its name.
     """
 
-    readings: Mapping[str, Reading] = field(default_factory=dict)
+    readings: Mapping[str, CorrectedReading] = field(default_factory=dict)
 
-    def reading(self, channel: str) -> Reading:
+    def reading(self, channel: str) -> CorrectedReading:
         """How to read one channel."""
-        return self.readings.get(channel, Reading(channel))
+        return self.readings.get(channel, CorrectedReading(channel))
 
     def then(self, later: "Correction") -> "Correction":
         """The correction that applies this one first, then `later`."""
         found = dict(self.readings)
         for channel, second in later.readings.items():
             first = self.reading(second.source)
-            found[channel] = Reading(
+            found[channel] = CorrectedReading(
                 first.source,
                 second.factor * first.factor,
                 second.factor * first.offset + second.offset,

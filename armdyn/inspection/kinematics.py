@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.inspection import signals
 from armdyn.inspection.check import Check, Kind, Severity, amount, listed
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import white_noise_std
@@ -44,7 +44,7 @@ RATE_FACTORS: tuple[tuple[float, Kind, str], ...] = (
 RATE_OF_POSITION = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
-Meaning = tuple[Kind, str, Reading]
+Meaning = tuple[Kind, str, CorrectedReading]
 """A mistake: its kind, the mistake in words, and how the rate is to be read."""
 
 
@@ -77,7 +77,7 @@ class Pair:
 
 def rate_checks(run: Run) -> Iterator[Check]:
     """Find mistakes in the rates of a recording."""
-    found: dict[tuple[Kind, str], dict[Pair, Reading]] = {}
+    found: dict[tuple[Kind, str], dict[Pair, CorrectedReading]] = {}
     pairs, moments = moving_pairs(run)
     for pair in pairs:
         meaning = _elsewhere(run, pair, pairs, moments) or _in_another_unit(pair)
@@ -162,7 +162,7 @@ def _is_one(ratio: float) -> bool:
     return RATE_RATIO_RANGE[0] < ratio < RATE_RATIO_RANGE[1]
 
 
-def _nats(pair: Pair, reading: Reading) -> float:
+def _nats(pair: Pair, reading: CorrectedReading) -> float:
     """Log ratio of a rate's probability under `reading` to that as it is; a tenth of the moments are independent."""
     size = float(np.mean(pair.value**2))
     stands = float(np.mean((pair.value - pair.slope) ** 2))
@@ -174,7 +174,7 @@ def _nats(pair: Pair, reading: Reading) -> float:
 def _in_another_unit(pair: Pair) -> Meaning | None:
     """The unit or sign that a rate has; None for its own."""
     meant = (
-        (kind, said, Reading(pair.rate, 1.0 / factor))
+        (kind, said, CorrectedReading(pair.rate, 1.0 / factor))
         for factor, kind, said in RATE_FACTORS
         if pair.alike > MIN_RATE_CORRELATION and _is_one(pair.factor / factor)
     )
@@ -190,7 +190,7 @@ def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> 
     owners = {p.rate: _correlation(pair.slope, p.value) for p in others}
     best = max(owners, key=lambda name: owners[name], default="")
     if best and owners[best] > least and max(abs(_correlation(p.slope, pair.value)) for p in others) > least:
-        return "joints_swapped", "are exchanged: each is the rate of another joint", Reading(best)
+        return "joints_swapped", "are exchanged: each is the rate of another joint", CorrectedReading(best)
     channel = run.channels[pair.rate]
     shifted = {
         s: _correlation(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
@@ -199,5 +199,5 @@ def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> 
     late = max(shifted, key=lambda s: shifted[s])
     if shifted[late] > least and abs(late) >= MAX_RATE_DELAY:
         said = f"stamped {abs(late):g} s too {'late' if late > 0.0 else 'early'} against the positions"
-        return "clock_shift", said, Reading(pair.rate, late=float(late))
+        return "clock_shift", said, CorrectedReading(pair.rate, late=float(late))
     return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, Description
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Kind
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 
 ANGLE_UNITS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
 """Factor that corrects a mistaken unit of an angle, and the mistake in words."""
@@ -100,7 +100,7 @@ def read_as(
     kind: Kind, channels: Iterable[str], said: str, factor: float = 1.0, *, offset: float = 0.0, price: float = 0.0
 ) -> Mistake:
     """The mistake that some channels have a factor and an offset."""
-    readings = {name: Reading(name, factor, offset) for name in channels}
+    readings = {name: CorrectedReading(name, factor, offset) for name in channels}
     return Mistake(kind, tuple(readings), said, correction=Correction(readings), price=price)
 
 
@@ -151,7 +151,7 @@ def torque_units(run: ArmRun) -> Iterator[Mistake]:
             remedy="give gear_ratio, or scale, in the map of 'armdyn import'", correctable=False,
         )  # fmt: skip
     if TORQUE_CONSTANT_RANGE[0] < likely < TORQUE_CONSTANT_RANGE[1]:
-        readings = {name: Reading(name, float(k)) for name, k in zip(every, constants, strict=True)}
+        readings = {name: CorrectedReading(name, float(k)) for name, k in zip(every, constants, strict=True)}
         sizes = ", ".join(f"{k:.3g}" for k in constants)
         yield Mistake(
             "torque_unit", every, "torques are motor currents, in ampere, and called N m",
@@ -189,7 +189,7 @@ def orders(run: ArmRun) -> Iterator[Mistake]:
     for said, column in columns.items():
         for kinds, noun in {"tau": "torques", "q v a": "positions", "q v a tau": "columns"}.items():
             readings = {
-                f"{kind}.{joint}": Reading(f"{kind}.{other}")
+                f"{kind}.{joint}": CorrectedReading(f"{kind}.{other}")
                 for kind in kinds.split()
                 for joint, other in column.items()
                 if joint != other and {f"{kind}.{joint}", f"{kind}.{other}"} <= run.run.channels.keys()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from armdyn.inspection.check import Check, Kind, Severity, amount
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
@@ -289,7 +289,7 @@ def wraps(run: Run) -> Iterator[Check]:
             "that fast",
             f"armdyn inspect {run.source or run.name} --fix fixed",
             float(channel.time[1:][wrapped][0]), float(channel.time[-1]),
-            correction=Correction({name: Reading(name, turn=turn)}),
+            correction=Correction({name: CorrectedReading(name, turn=turn)}),
         )  # fmt: skip
 
 

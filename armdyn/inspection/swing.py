@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 from scipy.signal import detrend
 
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
 from armdyn.inspection.kinematics import averages
 from armdyn.inspection.mistakes import (
@@ -135,7 +135,7 @@ class SwingRun:
                 found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
         return found
 
-    def _stamps(self, r: Reading) -> np.ndarray:
+    def _stamps(self, r: CorrectedReading) -> np.ndarray:
         """(n,) stamps of a channel at the moments."""
         return r.stamped(self.times, float(self.run.channels[r.source].time[0]))
 
@@ -143,7 +143,7 @@ class SwingRun:
     def _motion(self, late: float, pace: float) -> Motion:
         """(n,) angle, rate and angular acceleration as recorded, for a delay and a rate error of the stamps."""
         assert self.swing is not None
-        time, curve = self._stamps(Reading(self.swing, late=late, pace=pace)), self._curves[self.swing]
+        time, curve = self._stamps(CorrectedReading(self.swing, late=late, pace=pace)), self._curves[self.swing]
         first, second, *third = (
             (1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3 if self.swing == "swing_angle" else 2)
         )
@@ -153,13 +153,13 @@ class SwingRun:
         angle = detrend(cumulative_trapezoid(curve(fine, 0)[:, 0], fine, initial=0.0)) / (1.0 + pace)
         return np.interp(time, fine, angle), first, second
 
-    def _pull(self, r: Reading) -> np.ndarray:
+    def _pull(self, r: CorrectedReading) -> np.ndarray:
         """(n,) acceleration of the pivot, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(SWING_MOMENTS)
         return np.asarray(r.factor * (1.0 + r.pace) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0])
 
-    def _force(self, r: Reading) -> np.ndarray:
+    def _force(self, r: CorrectedReading) -> np.ndarray:
         """(n,) force of the load cell, averaged around the moments, N."""
         return r.factor * averages(self.run.channels["load_force"], self._stamps(r))
 
@@ -196,7 +196,7 @@ class SwingRun:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
-        shifted = Correction({name: Reading(name, late=soon) for name in self.run.channels})
+        shifted = Correction({name: CorrectedReading(name, late=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
         return independent(given.measured, evidence(given).residual, given.min_rms, after)
 
@@ -260,7 +260,7 @@ class SwingRun:
         positive = np.array([not measured, False, True, True, True, *([False] * 4)])
         return Part(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
 
-    def _force_part(self, motion: Motion, u: np.ndarray, r: Reading) -> Part:
+    def _force_part(self, motion: Motion, u: np.ndarray, r: CorrectedReading) -> Part:
         """The force along the string, with the effects of a load cell in their typical sizes."""
         (length, _), (gravity, _), (mass, weighed) = (self._known(name) for name in ("length", "gravity", "mass"))
         angle, rate, _ = motion

@@ -3,10 +3,12 @@
 import numpy as np
 
 from armdyn.identify.least_squares import Descent, Outcome, newton_step, off_bounds, sufficient_decrease
-from armdyn.identify.problem import Part
+from armdyn.identify.problem import FreePart
 
 
-def gradient_descent(problem: Part, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2) -> Descent:
+def gradient_descent(
+    problem: FreePart, start: np.ndarray, *, most_steps: int = 500, tolerance: float = 1e-2
+) -> Descent:
     """Minimise a cost by steepest descent with backtracking, as in the paper; parameters are scaled by typical size.
 
     The arguments are those of `descend`.

@@ -15,7 +15,7 @@ from pipeline.fields import fields
 if TYPE_CHECKING:
     from pipeline.robot.link import LinkStatistics
     from pipeline.trial import ProtocolSettings, SimulatedTrial
-    from pipeline.trial.real import Link, OperatorPrompts, RealTrial
+    from pipeline.trial.real import OperatorPrompts, RealTrial, RobotLink
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class RobotOptions:
             if getattr(self, name):
                 raise InputError(f"--{name}: needs a real robot, such as --robot ros")
 
-    def connection(self) -> "Link":
+    def connection(self) -> "RobotLink":
         """Find out how to connect to the robot and its load cell.
 
         Raises:
@@ -66,14 +66,14 @@ class RobotOptions:
         import urdf
         from pipeline.loadcell.calibration import Calibration, default_path
         from pipeline.robot.drivers import driver_at
-        from pipeline.trial.real import Link
+        from pipeline.trial.real import RobotLink
 
         driver, where = driver_at(self.robot, self.ros)
         description = urdf.load(self.arm)
         connect = driver.reach(where, self.arm, description)
         port = None if self.rehearse else self.loadcell
         used = None if port is None else Calibration.load(self.calibration or default_path())
-        return Link(where, connect, description, port, used)
+        return RobotLink(where, connect, description, port, used)
 
     def prompts(self, json_file: Path | None) -> "OperatorPrompts":
         """Messages and questions to the operator; options answer what they can.

@@ -15,7 +15,7 @@ import numpy as np
 from armdyn.errors import InputError
 from armdyn.quoting import listed
 from armdyn.recording.channels import MIN_SAMPLES
-from pipeline.imports.foreign import Column, Foreign, Reader
+from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
 from pipeline.imports.joints import AMPERE, IN_AMPERE
 from pipeline.imports.messages import Decoders
 from pipeline.imports.packets import packets
@@ -119,7 +119,7 @@ def _command(kind: str, content: Any) -> tuple[Sequence[str], Mapping[str, Any]]
     return _field(content, "joint_names"), {part: _field(point, name) for part, name in parts.items()}
 
 
-def _measured(columns: Mapping[str, Column]) -> Mapping[str, Column]:
+def _measured(columns: Mapping[str, ForeignColumn]) -> Mapping[str, ForeignColumn]:
     """The columns; where no position was measured, commands count as measurements."""
     if any(column.channel.startswith("q.") for column in columns.values()):
         return columns
@@ -163,7 +163,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
     yield from chain.from_iterable(_numbers(f"{name}/{part}", own) for part, own in parts.items() if part != "header")
 
 
-def _chosen(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
+def _chosen(columns: Mapping[str, ForeignColumn]) -> tuple[dict[str, ForeignColumn], list[str]]:
     """Columns with enough samples, and sentences; of several topics with one channel, the most informative is used."""
     kept = {name: column for name, column in columns.items() if np.isfinite(column.value).sum() >= MIN_SAMPLES}
     best: dict[str, str] = {}
@@ -182,7 +182,7 @@ def _chosen(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]
     return kept, notes
 
 
-def _information(column: Column) -> tuple[bool, int]:
+def _information(column: ForeignColumn) -> tuple[bool, int]:
     """Sort key of columns of one channel: whether the values change, number of samples."""
     return bool(np.ptp(column.value[np.isfinite(column.value)]) > 0.0), len(column.value)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from armdyn.errors import InputError, UnknownNameError, at, collect
 from armdyn.inspection.check import Check
-from armdyn.inspection.correction import Reading
+from armdyn.inspection.correction import CorrectedReading
 from armdyn.recording.channels import (
     MAX_SIZE_BY_UNIT,
     MAX_SIZE_OF_OTHER_UNITS,
@@ -26,7 +26,7 @@ from armdyn.recording.channels import (
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
-from pipeline.imports.foreign import Account, Column, Foreign
+from pipeline.imports.foreign import Account, Foreign, ForeignColumn
 from pipeline.imports.mapping import TIME_LINE, ColumnMap, Entry
 from pipeline.imports.stamps import dated
 from pipeline.imports.words import fits
@@ -116,7 +116,7 @@ def imported(foreign: Foreign, mapping: ColumnMap, elsewhere: Collection[str] = 
     return Imported(run, (*accounts, *(foreign.accounts[source] for source in sources if source in foreign.accounts)))
 
 
-def _is_empty(column: Column, entry: Entry) -> str:
+def _is_empty(column: ForeignColumn, entry: Entry) -> str:
     """Reason why a column becomes no channel; empty where it becomes one."""
     present = column.value[np.isfinite(column.value)]
     if len(present) < MIN_SAMPLES:
@@ -131,7 +131,7 @@ def _date(stamp: float) -> datetime | None:
 
 
 def _channel(
-    name: str, column: Column, entry: Entry, table: tuple[FloatArray, Rows] | None, notes: list[str]
+    name: str, column: ForeignColumn, entry: Entry, table: tuple[FloatArray, Rows] | None, notes: list[str]
 ) -> Channel:
     """The channel that a column becomes; `table` contains the stamps [s] and indices of the rows of a table."""
     to_si = _conversion(entry, entry.unit or column.unit)
@@ -155,7 +155,7 @@ def _channel(
         present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
     turn = parse_quantity(entry.turn, to_si.unit).value if entry.turn else 0.0
-    reading = Reading(name, late=late, pace=entry.fast, turn=turn)
+    reading = CorrectedReading(name, late=late, pace=entry.fast, turn=turn)
     return Channel(reading.right(time[present]), reading.values(value[present]), to_si.unit)
 
 

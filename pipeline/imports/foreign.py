@@ -11,7 +11,7 @@ from armdyn.recording.channels import FloatArray, name_and_unit
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class ForeignColumn:
     """Numbers under one name.
 
     Attributes:
@@ -96,7 +96,7 @@ class Foreign:
     """
 
     name: str
-    columns: Mapping[str, Column]
+    columns: Mapping[str, ForeignColumn]
     notes: tuple[str, ...] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
     accounts: Mapping[str, Account] = field(default_factory=dict)

@@ -17,7 +17,7 @@ from armdyn.quoting import listed
 from armdyn.recording.channels import channel_kind, in_contract
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
-from pipeline.imports.foreign import Column, Foreign
+from pipeline.imports.foreign import Foreign, ForeignColumn
 from pipeline.imports.joints import Joints, contains, match_joints, skeleton
 from pipeline.imports.mapping import ColumnMap, Entry
 from pipeline.imports.pendulum import PARTS, pendulum_claims
@@ -73,7 +73,7 @@ def known_columns(foreign: Foreign, joints: Joints | None = None) -> ColumnMap:
     return ColumnMap(entries, "time" if foreign.is_table else "", notes=tuple(notes))
 
 
-def _declared(columns: Mapping[str, Column], known: Joints) -> dict[str, Entry]:
+def _declared(columns: Mapping[str, ForeignColumn], known: Joints) -> dict[str, Entry]:
     """Columns whose channel the file itself defines."""
     found = {}
     for name, column in columns.items():
@@ -106,7 +106,7 @@ def guess_map(recordings: Sequence[Foreign], joints: Joints | None = None, rate:
         InputError: no column looks like a channel.
     """
     known, first = joints or Joints(), recordings[0]
-    columns: dict[str, list[Column]] = {}
+    columns: dict[str, list[ForeignColumn]] = {}
     for foreign in recordings:
         for name, column in foreign.columns.items():
             columns.setdefault(name, []).append(column)

@@ -14,7 +14,7 @@ from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from ik.workers import Lost, in_processes
-from pipeline.imports.foreign import Column, Foreign, Reader
+from pipeline.imports.foreign import Foreign, ForeignColumn, Reader
 from urdf.bounds import LARGEST_CONTENT, MIB, MOST_COLUMNS
 
 DEEPEST = 8
@@ -40,13 +40,13 @@ def read_mat(path: Path) -> Foreign:
         if not lengths:
             raise InputError(f"holds no array of at least {MIN_SAMPLES} numbers: give a recording")
         rows = max(lengths, key=lambda n: (lengths[n], n))
-        columns: dict[str, Column] = {}
+        columns: dict[str, ForeignColumn] = {}
         for name, array in arrays.items():
             if array.shape == (rows,):
-                columns[name] = Column(array)
+                columns[name] = ForeignColumn(array)
             elif rows in array.shape:
                 table = array if array.shape[0] == rows else array.T
-                columns |= {f"{name}/{i}": Column(column) for i, column in enumerate(table.T)}
+                columns |= {f"{name}/{i}": ForeignColumn(column) for i, column in enumerate(table.T)}
         if len(columns) > MOST_COLUMNS:
             raise InputError(f"{len(columns)} columns, where {MOST_COLUMNS} are the most: leave some out")
     other = [name for name, array in arrays.items() if rows not in array.shape]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
 from armdyn.recording.tracks import second_track
-from pipeline.imports.foreign import SECOND, Account, Column
+from pipeline.imports.foreign import SECOND, Account, ForeignColumn
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
 from urdf.bounds import MOST_COLUMNS, MOST_ROWS, shown
 
@@ -198,14 +198,14 @@ class Publishers:
 
     def columns(
         self, unread: Mapping[str, int], *, on_arrival: bool = False
-    ) -> tuple[dict[str, Column], dict[str, Account], list[str]]:
+    ) -> tuple[dict[str, ForeignColumn], dict[str, Account], list[str]]:
         """Columns by name, an account by topic, and sentences on everything that was changed or left out.
 
         Args:
             unread: number of unreadable messages by topic.
             on_arrival: whether the times shall be those of the clock of the reception.
         """
-        columns: dict[str, Column] = {}
+        columns: dict[str, ForeignColumn] = {}
         accounts: dict[str, Account] = {}
         clocks: dict[str, tuple[int, float]] = {}
         for topic, by_publisher in self._series.items():
@@ -231,7 +231,7 @@ class Publishers:
                     clocks[topic] = max(clocks.get(topic, (0, 0.0)), (len(time), float((came - time).min())))
                 for name, (channel, rows, value) in _Series([messages[row] for row in found.rows]).columns.items():
                     unit = UNITS.get(channel.partition(".")[0], "")
-                    columns[name] = Column(value, unit, time[rows], channel, topic)
+                    columns[name] = ForeignColumn(value, unit, time[rows], channel, topic)
             count = sum(len(series.messages) for series in by_publisher.values()) + unread.get(topic, 0)
             accounts[topic] = Account(topic, count, kept, dict(+left_out), steps, stamped)
         notes = [
@@ -271,8 +271,8 @@ def _used(publishers: Iterable[_Series]) -> tuple[list[_Series], Counter[str]]:
 
 
 def _on_one_clock(
-    columns: Mapping[str, Column], clocks: Mapping[str, tuple[int, float]], notes: list[str]
-) -> dict[str, Column]:
+    columns: Mapping[str, ForeignColumn], clocks: Mapping[str, tuple[int, float]], notes: list[str]
+) -> dict[str, ForeignColumn]:
     """Columns whose stamps are all on the clock of the topic with the most messages."""
     if not clocks:
         return dict(columns)

@@ -19,7 +19,7 @@ from armdyn.arrays import seconds
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.delimited import CutOffError, header_of, parse_delimited, read_text, separator_of
-from pipeline.imports.foreign import Column, Foreign, Reader, split_label
+from pipeline.imports.foreign import Foreign, ForeignColumn, Reader, split_label
 from pipeline.imports.head import plain_table
 from urdf.bounds import (
     LARGEST_CONTENT,
@@ -66,7 +66,7 @@ def of_text(name: str, text: str) -> Foreign:
         )
     if not len(table.rows):
         raise InputError("holds a header and no row: give a recording")
-    columns: dict[str, Column] = {}
+    columns: dict[str, ForeignColumn] = {}
     texts = {}
     for i, label in enumerate(table.labels):
         column, unit = split_label(label)
@@ -77,7 +77,7 @@ def of_text(name: str, text: str) -> Foreign:
         if len(strange) > len(value) / 2:
             cells, different = list(strange.values()), dict.fromkeys(strange.values())
             if len(cells) == len(value) and (moments := _moments(cells)) is not None:
-                columns[column] = Column(moments, "s")
+                columns[column] = ForeignColumn(moments, "s")
                 continue
             if len(cells) == len(value) and len(different) == 1:
                 texts[column] = cells[0]
@@ -94,7 +94,7 @@ def of_text(name: str, text: str) -> Foreign:
         if strange:
             cells = [repr(cell) for cell in strange.values()][:MAX_SHOWN_CELLS]
             notes.append(f"'{column}': {len(strange)} cells are no numbers ({', '.join(cells)}): taken as missing")
-        columns[column] = Column(value, unit)
+        columns[column] = ForeignColumn(value, unit)
     if not columns:
         raise InputError("no column holds numbers: give a recording")
     return Foreign(name, columns, tuple(notes), texts, headed=headed)
@@ -131,7 +131,7 @@ def read_parquet(path: Path) -> Foreign:
         from pyarrow import ArrowException, parquet
     except ImportError as error:
         raise InputError("Parquet files need pyarrow: pip install 'armdyn[import]'") from error
-    data, columns, notes = read_bytes(path), dict[str, Column](), []
+    data, columns, notes = read_bytes(path), dict[str, ForeignColumn](), []
     with at(path):
         try:
             with parquet.ParquetFile(io.BytesIO(data), pre_buffer=False) as file:
@@ -147,7 +147,7 @@ def read_parquet(path: Path) -> Foreign:
         if not found:
             notes.append(f"'{name}' holds no numbers: left out")
         is_date = "timestamp[" in str(table[label].type) or "duration" in str(table[label].type)
-        columns |= {part: Column(value, "s" if is_date else unit) for part, value in found.items()}
+        columns |= {part: ForeignColumn(value, "s" if is_date else unit) for part, value in found.items()}
     return Foreign(path.stem, columns, tuple(notes))
 
 
@@ -209,7 +209,7 @@ def read_lerobot(path: Path) -> list[Foreign]:
         table = read_parquet(file)
         named = {_named(label, names): column for label, column in table.columns.items()}
         if "timestamp" not in named and info.get("fps") is not None and "frame_index" in named:
-            named["timestamp"] = Column(named["frame_index"].value / info["fps"], "s")
+            named["timestamp"] = ForeignColumn(named["frame_index"].value / info["fps"], "s")
         if "timestamp" in named:
             named["timestamp"] = replace(named["timestamp"], unit="s")
         kept = {label: column for label, column in named.items() if label.rpartition("_")[2] != "index"}

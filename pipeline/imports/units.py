@@ -8,7 +8,7 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim
-from pipeline.imports.foreign import Column, Foreign
+from pipeline.imports.foreign import Foreign, ForeignColumn
 from pipeline.imports.joints import AMPERE, IN_AMPERE, Joints, Range
 from pipeline.imports.mapping import Entry
 from pipeline.imports.words import fits
@@ -39,7 +39,7 @@ COUNTS = "whole numbers: counts of an encoder, which need a scale?"
 
 def judged_entries(
     claims: Sequence[Claim],
-    columns: Mapping[str, Sequence[Column]],
+    columns: Mapping[str, Sequence[ForeignColumn]],
     known: Joints,
     first: Foreign,
     time: FloatArray | None,
@@ -97,11 +97,11 @@ def in_one(doubts: Sequence[str]) -> str:
     return "; ".join(dict.fromkeys(filter(None, doubts)))
 
 
-def _is_whole(columns: Sequence[Column]) -> bool:
+def _is_whole(columns: Sequence[ForeignColumn]) -> bool:
     return all(np.all(np.isnan(c.value) | (c.value == np.round(c.value))) for c in columns)
 
 
-def _largest(columns: Sequence[Column]) -> float:
+def _largest(columns: Sequence[ForeignColumn]) -> float:
     with np.errstate(all="ignore"):
         return max((float(np.nanmax(np.abs(c.value))) for c in columns if np.isfinite(c.value).any()), default=0.0)
 

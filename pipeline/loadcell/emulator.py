@@ -13,7 +13,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from pipeline.loadcell.calibration import Calibration
-from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, Reading, encode
+from pipeline.loadcell.protocol import MAXIMUM_COUNTS, MINIMUM_COUNTS, SEQUENCE_MODULUS, CellReading, encode
 from pipeline.processes import Closing
 
 EMULATED_OFFSET, EMULATED_SCALE = 84213.0, 5.6e-6
@@ -38,7 +38,7 @@ class EmulatedPort(Closing):
 
     def line(self, counts: int) -> bytes:
         """The line of the next conversion; its sequence number is used up even if the line is never sent."""
-        reading = Reading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
+        reading = CellReading(self._sequence, min(max(counts, MINIMUM_COUNTS), MAXIMUM_COUNTS))
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
         return encode(reading)
 

@@ -35,26 +35,26 @@ LINE_START = b"HX711 "
 _LINE = re.compile(rb"(HX711 (\d{1,5}) (-?\d{1,7})) ([0-9A-Fa-f]{1,4})")
 
 
-class Reading(NamedTuple):
+class CellReading(NamedTuple):
     """One conversion as the microcontroller sent it."""
 
     sequence: int
     counts: int
 
 
-def encode(reading: Reading) -> bytes:
+def encode(reading: CellReading) -> bytes:
     """The line of one conversion, ended by a line feed."""
     payload = LINE_START + b"%d %d" % reading
     return payload + b" %04X\n" % checksum(payload)
 
 
-def decode(line: bytes) -> Reading | None:
+def decode(line: bytes) -> CellReading | None:
     """The conversion in one line without its end; None where it is not exactly one."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
     payload, sequence, counts, crc = match.groups()
-    reading = Reading(int(sequence), int(counts))
+    reading = CellReading(int(sequence), int(counts))
     in_range = reading.sequence < SEQUENCE_MODULUS and MINIMUM_COUNTS <= reading.counts <= MAXIMUM_COUNTS
     return reading if in_range and int(crc, 16) == checksum(payload) else None
 
@@ -72,7 +72,7 @@ MAX_SEQUENCE_GAP = 1000
 class Decoded:
     """Content of a piece of the stream: conversions, oldest first, and the number of faults of each kind."""
 
-    readings: list[Reading] = field(default_factory=list)
+    readings: list[CellReading] = field(default_factory=list)
     faults: Counter[Fault] = field(default_factory=Counter)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 
 import urdf
 from armdyn.atomic import write_text
-from armdyn.experiments.hypothesis import CHANNELS, Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, with_motion
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
 from ik import LineTable, default_table
 from pipeline.box import Box
-from pipeline.motion.feasibility import CheckSettings, Swing, box_and_table, check_line
+from pipeline.motion.feasibility import CheckSettings, PlannedSwing, box_and_table, check_line
 from pipeline.motion.limits import LineLimits
 from pipeline.motion.trajectory import LineTrajectory
 
@@ -92,14 +92,14 @@ def write_motion(motion: GripperPath, file: Path) -> None:
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
 
-def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> Swing:
-    predicted = PredictedExperiment(hypothesis, Experiment("motion", "", motion))
+def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> PlannedSwing:
+    predicted = PredictedExperiment(hypothesis, PlannedExperiment("motion", "", motion))
     outputs = predicted.rollout(predicted.start).outputs
     angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
-    return Swing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
+    return PlannedSwing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
 
 
-def _clear_of(box: Box, motion: GripperPath, swing: Swing) -> bool:
+def _clear_of(box: Box, motion: GripperPath, swing: PlannedSwing) -> bool:
     """Whether the load stays away from the box's near wall, or above its rim."""
     x = motion.x - swing.length * np.sin(swing.angle)
     below = swing.length * np.cos(swing.angle)

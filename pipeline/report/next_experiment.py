@@ -15,7 +15,7 @@ from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
 
 if TYPE_CHECKING:
-    from pipeline.trial.investigation import Investigation, Stage
+    from pipeline.trial.investigation import Investigation, InvestigationStage
 
 
 def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath) -> Section:
@@ -119,7 +119,7 @@ def investigation_section(found: "Investigation") -> Section:
     return Section("What the model lacked", sentence, charts, [table])
 
 
-def _expected(stage: "Stage") -> str:
+def _expected(stage: "InvestigationStage") -> str:
     if stage.proposal is None:
         return "the length"
     outlook, motion = stage.proposal.outlook, stage.proposal.experiment.motion

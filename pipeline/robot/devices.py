@@ -9,7 +9,7 @@ import pinocchio as pin
 
 import urdf
 from pipeline.motion.transitions import Brake
-from pipeline.robot.hidden import Stage, terms
+from pipeline.robot.hidden import HiddenStage, terms
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import CellSettings, ReadingSettings, ServoSettings
@@ -64,7 +64,7 @@ class Reference:
         return q, v, self._a if age <= ACCELERATION_TRUST_SECONDS else np.zeros_like(v)
 
 
-class Servo:
+class SimulatedServo:
     """Motor torque ``Kp (q_f - q) + Kd (v_f - v) + f_f``: everything with index f went through a first-order filter.
 
     The feed-forward is Pinocchio's inverse dynamics of the nominal arm, which knows neither the joints' friction
@@ -120,7 +120,7 @@ class SimulatedCell:
         self, settings: CellSettings, hidden: Mapping[str, float], bias: float, latency: float, rng: np.random.Generator
     ) -> None:
         self._settings, self._hidden, self._rng = settings, hidden, rng
-        self._bias, self._terms = bias, terms(hidden, Stage.FORCE)
+        self._bias, self._terms = bias, terms(hidden, HiddenStage.FORCE)
         self._delay = latency + hidden["sensor_delay"]
         self._every = max(1, round(settings.period / TIME_STEP))
         self._gain = _share_per_step(hidden["sensor_lag"])
@@ -166,7 +166,7 @@ class JointReadings:
 
     def __init__(self, settings: ReadingSettings, hidden: Mapping[str, float], rng: np.random.Generator) -> None:
         self._settings, self._lag, self._rng = settings, hidden["gripper_lag"], rng
-        self._terms = terms(hidden, Stage.EFFORT)
+        self._terms = terms(hidden, HiddenStage.EFFORT)
 
     def read(self, time: float, q: Vector, v: Vector, a: Vector, tau: Vector) -> JointState:
         """One reading at a time [s], of true positions, velocities, accelerations and motors' torques, (n,) each."""

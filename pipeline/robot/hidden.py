@@ -19,7 +19,7 @@ from armdyn.errors import InputError, UnknownNameError
 from pipeline.robot.own_law import read_own_law
 
 
-class Stage(Enum):
+class HiddenStage(Enum):
     """Place in the simulation where an effect adds something; the value says what it adds, and from which inputs."""
 
     LOAD = "force on the load (3,) [N], from its velocity (3,) [m/s]"
@@ -51,7 +51,7 @@ class HiddenEffect:
     summary: str
     lower: float = 0.0
     upper: float = math.inf
-    stage: Stage = Stage.BUILT_IN
+    stage: HiddenStage = HiddenStage.BUILT_IN
     term: Callable[..., Any] | None = None
 
 
@@ -105,53 +105,53 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
     "payload": HiddenEffect("kg", 0.5, "A mass at the gripper's frame that the arm's model does not know.", 0.0, 5.0),
     "link_inertia": HiddenEffect("1", 0.1, "Mass and inertia of every arm link are larger by this share.", -0.9, 5.0),
     "linear_drag": HiddenEffect(
-        "N s/m", 5e-3, "Air drag proportional to the load's speed.", 0.0, 5.0, Stage.LOAD, lambda c, v: -c * v),
+        "N s/m", 5e-3, "Air drag proportional to the load's speed.", 0.0, 5.0, HiddenStage.LOAD, lambda c, v: -c * v),
     "quadratic_drag": HiddenEffect(
         "N s^2/m^2", 3e-3, "Air drag growing with the square of the load's speed.", 0.0, 5.0,
-        Stage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
+        HiddenStage.LOAD, lambda c, v: -(c * math.sqrt(v @ v)) * v),
     "magnet": HiddenEffect(
         "N", 0.1, "A magnet under the track, 0.1 m along the line, pulls the load to itself: the part along the line "
-        "of a dipole.", -1.0, 1.0, Stage.PLACE, magnet),
+        "of a dipole.", -1.0, 1.0, HiddenStage.PLACE, magnet),
     "pivot_viscous_friction": HiddenEffect(
         "N m s/rad", 1e-3, "A torque at the string's upper end, proportional to the swing rate.", 0.0, 0.5,
-        Stage.PIVOT, lambda c, _rate, _reversal: c),
+        HiddenStage.PIVOT, lambda c, _rate, _reversal: c),
     "pivot_coulomb_friction": HiddenEffect(
         "N m", 1e-3, "A torque of constant size at the string's upper end, against the swing.", 0.0, 0.5,
-        Stage.PIVOT, pivot_coulomb_friction),
+        HiddenStage.PIVOT, pivot_coulomb_friction),
     "joint_stribeck_friction": HiddenEffect(
         "N m", 1.0, "More dry friction in every joint near standstill, fading as exp(-(v/0.1 rad/s)^2).", 0.0, 20.0,
-        Stage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),
+        HiddenStage.JOINTS, lambda c, share, v, _gravity: c * share * np.exp(-((v / STRIBECK_SPEED) ** 2))),
     "joint_asymmetric_friction": HiddenEffect(
         "N m", 1.0, "More dry friction in every joint while it turns positively.", 0.0, 20.0,
-        Stage.JOINTS, lambda c, share, v, _gravity: c * share * (v > 0.0)),
+        HiddenStage.JOINTS, lambda c, share, v, _gravity: c * share * (v > 0.0)),
     "joint_load_friction": HiddenEffect(
         "1", 0.05, "Dry friction in every joint proportional to the gravity torque that it carries.", 0.0, 1.0,
-        Stage.JOINTS, lambda c, _share, _v, gravity: c * np.abs(gravity)),
+        HiddenStage.JOINTS, lambda c, _share, _v, gravity: c * np.abs(gravity)),
     "sensor_bias": HiddenEffect(
         "N", 0.02, "A constant added to the force (on top of the drawn bias).", -math.inf, math.inf,
-        Stage.FORCE, lambda c, _force, _time: c),
+        HiddenStage.FORCE, lambda c, _force, _time: c),
     "sensor_gain": HiddenEffect(
         "1", 0.03, "Relative error of the force's scale.", -0.9, math.inf,
-        Stage.FORCE, lambda c, force, _time: c * force),
+        HiddenStage.FORCE, lambda c, force, _time: c * force),
     "sensor_drift": HiddenEffect(
         "N/s", 1e-3, "The force's zero moves at a constant rate.", -math.inf, math.inf,
-        Stage.FORCE, lambda c, _force, time: c * time),
+        HiddenStage.FORCE, lambda c, _force, time: c * time),
     "sensor_nonlinearity": HiddenEffect(
         "1/N", 0.02, "The reading curves: this times the force squared is added.", -math.inf, math.inf,
-        Stage.FORCE, lambda c, force, _time: c * force**2),
+        HiddenStage.FORCE, lambda c, force, _time: c * force**2),
     "torque_offset": HiddenEffect(
         "N m", 0.5, "A constant added to every measured effort.", -math.inf, math.inf,
-        Stage.EFFORT, lambda c, torque: np.full_like(torque, c)),
+        HiddenStage.EFFORT, lambda c, torque: np.full_like(torque, c)),
     "torque_gain": HiddenEffect(
         "1", 0.05, "Relative error of the scale of every measured effort.", -0.9, math.inf,
-        Stage.EFFORT, lambda c, torque: c * torque),
+        HiddenStage.EFFORT, lambda c, torque: c * torque),
 })  # fmt: skip
 """All that there are, by name; what adds at a stage is a function of the effect's value and the stage's inputs."""
 _OWN: dict[str, HiddenEffect] = {}
 """Laws of users' files by ``FILE.py:NAME``, as they were read last."""
 
 
-def terms(hidden: Mapping[str, float], stage: Stage) -> tuple[Callable[..., Any], ...]:
+def terms(hidden: Mapping[str, float], stage: HiddenStage) -> tuple[Callable[..., Any], ...]:
     """Functions that give what the present effects add at a stage."""
     there = ((HIDDEN_EFFECTS.get(name) or _OWN[name], value) for name, value in hidden.items() if value != 0.0)
     return tuple(partial(e.term, value) for e, value in there if e.term is not None and e.stage is stage)
@@ -174,7 +174,9 @@ def resolve_hidden(hidden: Mapping[str, float | None]) -> Mapping[str, float]:
         if ".py:" in name:
             law, added = read_own_law(name)
             size = next(iter(law.quantities.values()))
-            _OWN[name] = HiddenEffect(size.unit, size.typical, law.summary, size.lower, size.upper, Stage.OWN, added)
+            _OWN[name] = HiddenEffect(
+                size.unit, size.typical, law.summary, size.lower, size.upper, HiddenStage.OWN, added
+            )
         elif name not in HIDDEN_EFFECTS:
             raise UnknownNameError("hidden effect", name, HIDDEN_EFFECTS)
         effect = HIDDEN_EFFECTS.get(name) or _OWN[name]

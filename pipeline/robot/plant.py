@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.errors import InputError
-from pipeline.robot.hidden import Stage, pivot_coulomb_friction, terms
+from pipeline.robot.hidden import HiddenStage, pivot_coulomb_friction, terms
 from pipeline.robot.own_law import Swing
 from pipeline.robot.protocol import Vector
 from pipeline.robot.scene import build_scene, effort_share
@@ -104,8 +104,8 @@ class LoadForces:
         self._plant, self._string = plant, string
         self._wind = plant.hidden["wind"] * plant.line.direction
         plant.pull_on_load[:] = self._wind
-        self._on_load, self._at_pivot = terms(plant.hidden, Stage.LOAD), terms(plant.hidden, Stage.PIVOT)
-        self._at_place, self._own = terms(plant.hidden, Stage.PLACE), terms(plant.hidden, Stage.OWN)
+        self._on_load, self._at_pivot = terms(plant.hidden, HiddenStage.LOAD), terms(plant.hidden, HiddenStage.PIVOT)
+        self._at_place, self._own = terms(plant.hidden, HiddenStage.PLACE), terms(plant.hidden, HiddenStage.OWN)
         added = self._on_load or self._at_pivot or self._at_place or self._own
         self._active = bool(added or plant.hidden["string_elasticity"])
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
@@ -169,7 +169,7 @@ class JointEffects:
         robot, self._plant = plant.robot, plant
         self._share = effort_share(robot)
         self._base = plant.model.dof_frictionloss[plant.dofs].copy()
-        self._friction = terms(plant.hidden, Stage.JOINTS)
+        self._friction = terms(plant.hidden, HiddenStage.JOINTS)
         strength = plant.hidden["gravity_spring"]
         if strength and not robot.springs:
             raise InputError(

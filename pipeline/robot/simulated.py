@@ -9,7 +9,7 @@ import numpy as np
 import urdf
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import Gate
-from pipeline.robot.devices import JointReadings, Reference, Servo, SimulatedCell
+from pipeline.robot.devices import JointReadings, Reference, SimulatedCell, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.plant import JointEffects, LoadForces, LoadString, Plant, place_at_rest
 from pipeline.robot.protocol import ForceSample, JointState, Vector
@@ -64,7 +64,7 @@ class SimulatedRobot:
         rest_torque = place_at_rest(plant, self._string, q)
         servo, lead = settings.servo, self._hidden["gripper_lag"]
         self._reference = Reference(q, robot.limits, servo.hold_after, extrapolate=servo.extrapolate)
-        self._servo = Servo(robot, servo, self._reference, rest_torque, lead)
+        self._servo = SimulatedServo(robot, servo, self._reference, rest_torque, lead)
         self._cell = SimulatedCell(settings.cell, self._hidden, plant.bias, plant.latency, cell_rng)
         self._readings = JointReadings(settings.readings, self._hidden, reading_rng)
         self._reading: JointState | None = None

@@ -14,7 +14,7 @@ import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
-from pipeline.imports.foreign import Account, Column
+from pipeline.imports.foreign import Account, ForeignColumn
 from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
@@ -142,7 +142,7 @@ class _ReceivedStates:
             others = f"; what came is of {', '.join(self._names)}" if self._names else ""
         raise no_state(self._topic, missing, others)
 
-    def columns(self) -> tuple[dict[str, Column], Account, list[str]]:
+    def columns(self) -> tuple[dict[str, ForeignColumn], Account, list[str]]:
         """Kept joint states as columns, with times on our clock."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
@@ -157,7 +157,7 @@ def _numbers(values: object) -> list[float] | None:
 
 def _run(
     arm: urdf.Robot,
-    columns: Mapping[str, Column],
+    columns: Mapping[str, ForeignColumn],
     forces: list[ForceSample],
     start: float,
     output: Path,

@@ -24,7 +24,7 @@ from ik.torque import JointTorque
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.faults import FaultDetector
 from pipeline.motion import Gate, LineGate, LineLimits, LineSmoother, LineState, LineTrajectory
-from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, Swing, check_line
+from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, PlannedSwing, check_line
 from pipeline.motion.gate import PERIOD
 from pipeline.nodes.background import BackgroundWorker, ProcessWorker
 from pipeline.nodes.drive import MAX_COMMAND_SILENCE, DriveNode
@@ -317,7 +317,7 @@ class Experiment:
     ) -> FeasibilityReport:
         """Check a motion; the box is no obstacle where the load is meant to enter it."""
         c, length = self.settings, model.value("length")
-        swing = Swing(plan.time, plan.angle, np.append(plan.tension, plan.tension[-1]), length, c.load_radius)
+        swing = PlannedSwing(plan.time, plan.angle, np.append(plan.tension, plan.tension[-1]), length, c.load_radius)
         return check_line(self.table, self.description, trajectory, CheckSettings(load_mass=c.mass), swing, at=at)
 
 

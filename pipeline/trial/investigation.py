@@ -76,7 +76,7 @@ class SwingExperiment(Experiment):
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class InvestigationStage:
     """One experiment of an investigation, and its results.
 
     Attributes:
@@ -124,7 +124,7 @@ class Investigation:
         signal: number of the signal that ended it; None where none did.
     """
 
-    stages: tuple[Stage, ...]
+    stages: tuple[InvestigationStage, ...]
     stop: Stop
     model: PendulumModel | None
     ending: Ending | None = None
@@ -162,7 +162,7 @@ def investigate(
     if settings.investigate < 1:
         raise InputError(f"--investigate {settings.investigate}: allow at least one experiment")
     model = model_in_question(settings)
-    stages: list[Stage] = []
+    stages: list[InvestigationStage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
     proposal: Proposal | None = None
@@ -187,7 +187,7 @@ def investigate(
         if rivals is not None:
             questions.update(dict.fromkeys(_names(rivals, study)))
         belief, gap = _believed(study, list(questions))
-        stages.append(Stage(run, proposal, found, belief, gap, close))
+        stages.append(InvestigationStage(run, proposal, found, belief, gap, close))
         stop = _stop(found, rivals, gap)
         if stop is None and number >= settings.investigate:
             stop = Stop.SPENT

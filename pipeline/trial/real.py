@@ -40,7 +40,7 @@ CELL_PATIENCE = 6.0
 
 
 @dataclass(frozen=True)
-class Link:
+class RobotLink:
     """Connection to a robot and its load cell.
 
     Attributes:
@@ -103,7 +103,7 @@ class _OperatorHooks:
 
 
 def run_real(
-    settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, out: Path | None, progress: Progress
+    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, out: Path | None, progress: Progress
 ) -> RealTrial:
     """Run one whole trial on a real robot.
 
@@ -129,7 +129,7 @@ def run_real(
 
 
 def rehearse(
-    settings: ProtocolSettings, link: Link, prompts: OperatorPrompts, progress: Progress
+    settings: ProtocolSettings, link: RobotLink, prompts: OperatorPrompts, progress: Progress
 ) -> tuple[LinkStatistics, float]:
     """Move slowly along the whole line without the load, as a rehearsal; nothing is learnt.
 
@@ -158,7 +158,7 @@ def rehearse(
 
 
 @contextmanager
-def _connected(link: Link, prompts: OperatorPrompts) -> Iterator[RealRobot]:
+def _connected(link: RobotLink, prompts: OperatorPrompts) -> Iterator[RealRobot]:
     """Connect the robot and its load cell, if any, with one clock, until the block ends."""
     begun = monotonic()
 

@@ -29,7 +29,7 @@ SINES_AT_ONCE = 2**19
 
 
 @dataclass(frozen=True)
-class Term:
+class ResidualTerm:
     """One term of a sparse model of the residual.
 
     Attributes:
@@ -68,7 +68,7 @@ class ResidualCharacter:
     """
 
     process_error: float | None
-    terms: tuple[Term, ...]
+    terms: tuple[ResidualTerm, ...]
     peaks: tuple[SpectralPeak, ...]
 
     @property
@@ -139,9 +139,9 @@ def process_error_share(fit: Fit) -> float | None:
     return float(np.clip((fit.chi2 - left * fit.samples / max(samples, 1.0)) / excess, 0.0, 1.0))
 
 
-def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]:
+def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[ResidualTerm, ...]:
     """Terms of the whitened residual in functions of the covariates, found by orthogonal matching pursuit."""
-    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[Term]()
+    covariates, channels, found = fit.covariates(), by_channel(fit.blocks), list[ResidualTerm]()
     for channel, blocks in channels.items():
         white = filters[channel]
         names = set.intersection(*(set(covariates[b.run]) for b in blocks))
@@ -167,7 +167,7 @@ def sparse_terms(fit: Fit, filters: Mapping[str, Whitening]) -> tuple[Term, ...]
             p = min(1.0, len(channels) * len(columns) * float(chdtrc(1, gain)))
             if not best or p > SIGNIFICANCE:
                 break
-            found.append(Term(channel, best, gain / total, p))
+            found.append(ResidualTerm(channel, best, gain / total, p))
             basis = np.column_stack([basis, direction])
     return tuple(sorted(found, key=lambda term: -term.share)[:MAX_TERMS])
 

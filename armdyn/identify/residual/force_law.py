@@ -70,7 +70,7 @@ SHAPES_BY_QUANTITY = {"speed": (STEP_SHAPE, VISCOUS_SHAPE, SQUARE_SHAPE), "time"
 
 
 @dataclass(frozen=True)
-class Term:
+class ForceTerm:
     """One term of a law.
 
     Attributes:
@@ -99,7 +99,7 @@ class Law:
 
     joint: str | None
     quantity: str
-    terms: tuple[Term, ...]
+    terms: tuple[ForceTerm, ...]
     alike: tuple[str, ...] = ()
 
     @property
@@ -171,7 +171,7 @@ def _law(curves: Sequence[ForceCurve]) -> Law | None:
     return Law(curves[0].joint, QUANTITY_BY_UNIT.get(curves[0].unit, RATE_QUANTITY), told) if told else None
 
 
-def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[Term, ...]]]:
+def _fitted(curve: ForceCurve) -> list[tuple[float, tuple[ForceTerm, ...]]]:
     """Evidence of every law in one quantity, relative to no force at all, with its terms."""
     shapes = SHAPES_BY_QUANTITY.get(curve.against, (LINE_SHAPE,))
     sets = [chosen for size in range(3) for chosen in combinations(shapes, size)]
@@ -192,13 +192,13 @@ def _evidence(residual: FloatArray, terms: int) -> float:
     return -n / 2 * float(np.log(spread)) - chi2 / (2 * spread) - terms / 2 * float(np.log(n))
 
 
-def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> Term:
+def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> ForceTerm:
     per = {0: "", 1: f" per {curve.x_unit}", 2: f" per ({curve.x_unit})^2"}[shape.power]
     against = "" if shape is CONSTANT_SHAPE else curve.against
-    return Term(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
+    return ForceTerm(shape, against, shape.factor * float(value) / scale**shape.power, f"{curve.unit}{per}")
 
 
-def _said(term: Term, what: str, grows: bool) -> str:
+def _said(term: ForceTerm, what: str, grows: bool) -> str:
     size = term.size if term.shape is CONSTANT_SHAPE else abs(term.size)
     number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
     against = term.against.replace("_", " ").replace("load", "predicted load")

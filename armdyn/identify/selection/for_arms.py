@@ -11,7 +11,7 @@ from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.selection.background import FullModel, fit_full_model
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer
-from armdyn.identify.selection.path import Path, Progress, Step
+from armdyn.identify.selection.path import EffectPath, Progress, Step
 from armdyn.identify.selection.select_effects import by_evidence, by_share, eliminate, select
 from armdyn.identify.selection.set_score import SetScore
 
@@ -25,8 +25,8 @@ Rule = Callable[[LinearScorer, SetScore, Progress], SetScore]
 
 
 @dataclass(frozen=True, eq=False)
-class LinearPath(Path):
-    """The path of a model that is linear in most values; see `Path`."""
+class LinearPath(EffectPath):
+    """The path of a model that is linear in most values; see `EffectPath`."""
 
     study: LinearStudy
     scorer: LinearScorer

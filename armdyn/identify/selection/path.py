@@ -34,7 +34,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class EffectPath:
     """The path to a chosen set of effects.
 
     The steps are fitted only when needed: most paths that a search considers are not followed.

@@ -11,7 +11,7 @@ from armdyn.identify.residual.missing_force import ForceCurve, between
 from armdyn.identify.selection.background import FullModel
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.for_arms import select_for_arm
-from armdyn.identify.selection.path import Path, Progress, Step
+from armdyn.identify.selection.path import EffectPath, Progress, Step
 from armdyn.identify.selection.ranking import RankedEffect, rank_effects
 from armdyn.identify.selection.set_score import SetScore, SetScorer
 from armdyn.identify.state_space.scorer import StateSpaceScorer
@@ -109,7 +109,7 @@ def _further(scorer: SetScorer, effects: Sequence[Candidate]) -> Candidate | Non
 
 def _path(study: StateSpaceStudy, given: Step, scorer: SetScorer, whole: SetScore, say: Progress) -> list[Step]:
     """The path to a set without effects that reduce the error by little; ties of those removed are tested too."""
-    path = Path(study, scorer, whole, given.effects, given.fit)
+    path = EffectPath(study, scorer, whole, given.effects, given.fit)
     steps = path.steps(say)
     told = without_little(study, [given, *steps])
     if len(told) == 1 + len(steps):

@@ -9,7 +9,7 @@ from armdyn.identify.fit import independent
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_run import PIECE_PERIODS, GreyRun, LinearisedRun, Noise, scaled
 from armdyn.identify.state_space.innovations import Colour
-from armdyn.identify.state_space.noise_evidence import LOG_KICKS, Table, Tables, at_one, everywhere, nearby
+from armdyn.identify.state_space.noise_evidence import LOG_KICKS, NoiseTable, Tables, at_one, everywhere, nearby
 from armdyn.physics.pieces import pseudo_inverse
 
 MAX_INNOVATION_GROWTH = 1.5
@@ -18,7 +18,7 @@ UNSEEN_INFORMATION = 1e-9
 """Information on an unknown, in inverse squared typical sizes, that is only rounding."""
 CONVERGED_NATS = 0.5
 """Change of the log evidence, nats, that does not matter."""
-Look = Callable[[LinearisedRun, Noise], Table]
+Look = Callable[[LinearisedRun, Noise], NoiseTable]
 """Function that gives the innovations of a run at several noises, chosen near one noise or everywhere."""
 NEARBY_LOOKS: Sequence[Look] = (nearby,) * 6
 WIDE_FIRST_LOOKS: Sequence[Look] = (everywhere, *NEARBY_LOOKS[1:])

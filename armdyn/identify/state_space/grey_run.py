@@ -10,10 +10,10 @@ from armdyn.identify.fit import CHI2_NEAR_NOISE
 from armdyn.identify.least_squares import GROSS_ERROR_RATIO
 from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.innovations import (
-    Chain,
     Colour,
     Gram,
     Innovations,
+    PieceChain,
     Rows,
     blocks,
     combined,
@@ -157,7 +157,7 @@ class GreyRun:
         start[~free, -1] = (begin - states[0])[~free]
         start[np.ix_(~free, columns)] = by_theta[np.ix_(~free, parameters)]
         wide = by_start * (LINEAR_PRIOR_SIZE * self._typical)
-        chain = Chain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
+        chain = PieceChain(found.transition, by_unknown, gap, start, wide @ wide.T, kicked @ kicked.T)
         given = zip(self.channels, self.quiet, weights, strict=True)
         rows = [
             Rows(found.samples.pop(c), len(states), columns, len(unknowns), quiet, weight, here)
@@ -191,7 +191,7 @@ class LinearisedRun:
         self,
         run: GreyRun,
         states: np.ndarray,
-        chain: Chain,
+        chain: PieceChain,
         rows: Sequence[Rows],
         definition: np.ndarray,
         wanted: np.ndarray,

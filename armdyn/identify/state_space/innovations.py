@@ -201,7 +201,7 @@ def combined(grams: Sequence[Gram], levels: Sequence[float]) -> tuple[np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class PieceChain:
     """Transitions of the state between the pieces of a run.
 
     Attributes:
@@ -220,7 +220,7 @@ class Chain:
     start_variance: np.ndarray
     kicked: np.ndarray
 
-    def of(self, acting: np.ndarray) -> "Chain":
+    def of(self, acting: np.ndarray) -> "PieceChain":
         """The transitions for some of the unknowns, (P,) bool."""
         start = self.start[:, np.append(acting, True)]
         return replace(self, by_unknown=self.by_unknown[:, :, acting], start=start)
@@ -246,7 +246,9 @@ class Innovations:
 
 
 @np.errstate(all="ignore")  # sums of a diverging run are no finite evidence
-def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain, kicks: np.ndarray) -> Innovations:
+def filtered(
+    parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: PieceChain, kicks: np.ndarray
+) -> Innovations:
     """Eliminate the states from sums, for (K,) standard deviations of the kicks.
 
     parts: for consecutive pieces (C, b, w, w) sums, (C,) log-determinants and the number of rows; see `combined`.
@@ -276,7 +278,7 @@ def filtered(parts: Iterable[tuple[np.ndarray, np.ndarray, float]], chain: Chain
 class _Filter:
     """Kalman filter, advanced over consecutive pieces; see `filtered`."""
 
-    def __init__(self, chain: Chain, kicks: np.ndarray) -> None:
+    def __init__(self, chain: PieceChain, kicks: np.ndarray) -> None:
         self._chain, self._noise, self._next = chain, kicks[:, None, None] ** 2 * chain.kicked, 0
         # The columns' states decrease by what the unknowns add to them: the residual is r - X dtheta.
         self._mean = chain.start * np.append(-np.ones(chain.start.shape[1] - 1), 1.0)
@@ -339,7 +341,7 @@ def updated(variance: np.ndarray, told: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 @np.errstate(all="ignore")
-def smoothed(sums: np.ndarray, chain: Chain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def smoothed(sums: np.ndarray, chain: PieceChain, kick: float, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(J, n) most likely change of the states at the beginning of the pieces, and (J, n) the kicks there.
 
     The adjoint recursion inverts no variance, so states without noise are allowed (Bryson & Frazier 1963; Bierman,

@@ -33,7 +33,7 @@ NOISE_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class NoiseTable:
     """Innovations of one run at S noises.
 
     Attributes:
@@ -54,7 +54,7 @@ class Table:
     rows: float
     kicks: int
 
-    def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "Table":
+    def after(self, columns: np.ndarray, change: np.ndarray, kept: np.ndarray) -> "NoiseTable":
         """The table for the unknowns `kept` (k,), after a change (c,) of the unknowns `columns` (c,)."""
         X, d = self.gram[:, columns], change
         slope = self.slope[:, kept] - X[:, :, kept].transpose(0, 2, 1) @ d
@@ -66,24 +66,24 @@ class Table:
         return np.asarray(-0.5 * self.square / level**2 - self.log_std - self.rows * np.log(level))
 
 
-def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> Table:
+def tabled(around: LinearisedRun, noises: Sequence[Noise], kicks: np.ndarray) -> NoiseTable:
     """Innovations at each of `noises`, with each of (K,) sizes of the kicks."""
     found = around.innovations(noises, kicks)
     every = tuple(replace(noise, kick=float(kick)) for noise in noises for kick in kicks)
-    return Table(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
+    return NoiseTable(every, found.gram, found.slope, found.square, found.log_std, found.rows, len(kicks))
 
 
-def at_one(around: LinearisedRun, noise: Noise) -> Table:
+def at_one(around: LinearisedRun, noise: Noise) -> NoiseTable:
     """Innovations at one noise."""
     return tabled(around, [noise], np.array([noise.kick]))
 
 
-def at_every_kick(around: LinearisedRun, noise: Noise) -> Table:
+def at_every_kick(around: LinearisedRun, noise: Noise) -> NoiseTable:
     """Innovations over the whole range of kicks, with the colours of one noise."""
     return tabled(around, [noise], around.kick_unit * np.exp(LOG_KICKS))
 
 
-def everywhere(around: LinearisedRun, noise: Noise) -> Table:
+def everywhere(around: LinearisedRun, noise: Noise) -> NoiseTable:
     """Innovations over the whole range of kicks and of one channel's colours; the other channels keep theirs.
 
     The channel with the most information on the motion is varied; the others are optimised afterwards.
@@ -96,7 +96,7 @@ def everywhere(around: LinearisedRun, noise: Noise) -> Table:
     return tabled(around, noises, kicks)
 
 
-def nearby(around: LinearisedRun, noise: Noise) -> Table:
+def nearby(around: LinearisedRun, noise: Noise) -> NoiseTable:
     """Innovations at noises around one noise."""
     noise = scaled(noise, 1.0 / min(noise.level))
     kicks = np.clip(noise.kick / around.kick_unit, np.exp(LOG_KICKS[0]), np.exp(LOG_KICKS[-1])) * around.kick_unit
@@ -124,7 +124,7 @@ def _neighbours(colour: Colour, swing: float) -> list[Colour]:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class SetEvidence:
     """Evidence of a set of effects at the noise that suits it best.
 
     Attributes:
@@ -163,7 +163,7 @@ class Tables:
 
     def __init__(
         self,
-        tables: Sequence[Table],
+        tables: Sequence[NoiseTable],
         values: np.ndarray,
         problem: Problem,
         training: int,
@@ -182,7 +182,7 @@ class Tables:
         guessed = np.where(problem.guess_weight > 0, problem.guess_mean - values, 0.0)
         self._centre = np.where(problem.prior_weight > 0, problem.prior_mean - values, guessed)
 
-    def coarse(self, like: Evidence) -> "Tables":
+    def coarse(self, like: SetEvidence) -> "Tables":
         """Tables at fewer noises, searched once from a set's noise: enough to choose the sets for a full search."""
         thinned, begin = [], []
         for table, pick in zip(self.tables, like.picks, strict=True):
@@ -205,7 +205,7 @@ class Tables:
         return Tables(thinned, self.values, self.problem, self.training, self._removable, begin)
 
     @np.errstate(all="ignore")
-    def evidence(self, free: np.ndarray) -> Evidence:
+    def evidence(self, free: np.ndarray) -> SetEvidence:
         """The best evidence of a set.
 
         Args:
@@ -253,7 +253,7 @@ class Tables:
         ends = (self.values + change)[c] != p.null[c]
         inside = not np.any((pulled > MAX_BOUND_PULL_NATS) & ends & p.is_effect[c])
         occam = float(self._freedom(H, c)) + spread
-        return Evidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
+        return SetEvidence(value - spread, predicted, occam, change, tuple(picks), tuple(levels), information, inside)
 
     def _predicted(
         self, r: int, change: np.ndarray, c: np.ndarray, known: np.ndarray, own: np.ndarray
@@ -294,7 +294,7 @@ class Tables:
         return 0.5 * log_det(T[:, None] * H * T + np.eye(len(c)))
 
     def _over(
-        self, part: "Table", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
+        self, part: "NoiseTable", H0: np.ndarray, g0: np.ndarray, c: np.ndarray, level: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """(S,) evidence at every noise of one run's table, given the sums of the other runs, and (S,) its level."""
         levels = np.full(len(part.square), level)

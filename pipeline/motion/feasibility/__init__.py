@@ -1,7 +1,7 @@
 """Feasibility: is a motion within every limit of the arm, and if not, which limit, which joint, when."""
 
 from pipeline.motion.feasibility.check import CheckSettings, check_joints, check_line
-from pipeline.motion.feasibility.clearance import Obstacle, Swing, box_and_table
+from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, box_and_table
 from pipeline.motion.feasibility.verdict import FeasibilityReport, Margin
 
 __all__ = [
@@ -9,7 +9,7 @@ __all__ = [
     "FeasibilityReport",
     "Margin",
     "Obstacle",
-    "Swing",
+    "PlannedSwing",
     "box_and_table",
     "check_joints",
     "check_line",

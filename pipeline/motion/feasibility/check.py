@@ -11,7 +11,7 @@ import urdf
 from armdyn.errors import InputError
 from ik import LineTable
 from ik.torque import JointTorque
-from pipeline.motion.feasibility.clearance import Obstacle, Swing, collision_series, swing_series
+from pipeline.motion.feasibility.clearance import Obstacle, PlannedSwing, collision_series, swing_series
 from pipeline.motion.feasibility.verdict import Bounded, FeasibilityReport
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
@@ -48,7 +48,7 @@ def check_line(
     robot: urdf.Robot,
     trajectory: LineTrajectory,
     settings: CheckSettings | None = None,
-    swing: Swing | None = None,
+    swing: PlannedSwing | None = None,
     at: ArrayLike | None = None,
 ) -> FeasibilityReport:
     """Judge a motion along the line: whether it stays on the line, and whether the joints can follow.

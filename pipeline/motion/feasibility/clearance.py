@@ -58,7 +58,7 @@ def box_and_table(line: urdf.Line, box: Box) -> tuple[Obstacle, ...]:
 
 
 @dataclass(frozen=True)
-class Swing:
+class PlannedSwing:
     """The load's swing that belongs to a motion along the line.
 
     Attributes:
@@ -145,7 +145,7 @@ def collision_series(robot: urdf.Robot, motion: JointTrajectory, obstacles: Sequ
 
 
 def swing_series(
-    robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: Swing, collision: bool
+    robot: urdf.Robot, line: urdf.Line, motion: JointTrajectory, swing: PlannedSwing, collision: bool
 ) -> list[Bounded]:
     """Tension of the string, and distances: of the load to every link, and of the string to every link but the hand."""
     tension = Bounded.between("tension", "N", ("string",), swing.time, swing.tension, swing.least_tension)

@@ -9,7 +9,7 @@ from worlds.pendulum import Setup, record, weighed
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.experiments.hypothesis import Experiment
+from armdyn.experiments.hypothesis import PlannedExperiment
 from armdyn.experiments.plan import other_kinds
 from armdyn.experiments.rivals import NO_EFFECT, named, of_diagnosis, refitted, require_gripper, weakest
 from armdyn.experiments.separation import outlook
@@ -74,8 +74,10 @@ def test_what_is_determined_worst_is_asked_for_where_nothing_ties():
     first, second = found.hypotheses
     assert "=" in first.name
     assert second.misfit == pytest.approx(4.0)  # two standard deviations away
-    angle = Experiment("angle_sensor", "", other_kinds(found, 5.0)[0].motion, {**found.noise, "swing_angle": 1e-3})
-    alone = Experiment("motion", "", angle.motion, found.noise)
+    angle = PlannedExperiment(
+        "angle_sensor", "", other_kinds(found, 5.0)[0].motion, {**found.noise, "swing_angle": 1e-3}
+    )
+    alone = PlannedExperiment("motion", "", angle.motion, found.noise)
     assert outlook(found.hypotheses, angle).separation > outlook(found.hypotheses, alone).separation
 
 

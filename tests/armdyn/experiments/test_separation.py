@@ -7,7 +7,7 @@ from scipy.stats import norm
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.plan import inseparable
 from armdyn.experiments.search import Lagrangian, random_motion
@@ -37,14 +37,14 @@ def separation(truth, rival):
 
 def gripper(effects, seconds=4.0, limits=None, step=NODE_SECONDS):
     hypotheses = [hypothesis(name) for name in effects]
-    cell = Experiment("motion", "", noise=LOAD_CELL)
+    cell = PlannedExperiment("motion", "", noise=LOAD_CELL)
     return GripperProblem(hypotheses, cell, motion_series(seconds), limits or GripperLimits(), step)
 
 
 def random_experiment(seed):
     problem = gripper(["linear_drag"], limits=GripperLimits(swing=0.5))
     x = random_motion(problem, np.random.default_rng(seed))
-    return Experiment("motion", "", problem.motion(x), LOAD_CELL)
+    return PlannedExperiment("motion", "", problem.motion(x), LOAD_CELL)
 
 
 def test_a_motion_starts_where_it_is_and_begins_and_ends_at_rest():
@@ -155,12 +155,12 @@ def test_the_probability_is_that_of_simulated_outcomes():
 def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limits():
     pair = hypothesis("pivot_viscous_friction"), hypothesis("linear_drag")
     limits = GripperLimits()
-    motion, random = design_motion(pair, Experiment("motion", "", noise=LOAD_CELL), 5.0, limits)
-    apart = outlook(pair, Experiment("motion", "", motion, LOAD_CELL)).separation ** 2
+    motion, random = design_motion(pair, PlannedExperiment("motion", "", noise=LOAD_CELL), 5.0, limits)
+    apart = outlook(pair, PlannedExperiment("motion", "", motion, LOAD_CELL)).separation ** 2
     assert apart > 10.0 * random
     assert np.all(motion.peaks <= [limits.travel, limits.speed, limits.acceleration])
     for h in pair:
-        held = PredictedExperiment(h, Experiment("motion", "", motion, LOAD_CELL))
+        held = PredictedExperiment(h, PlannedExperiment("motion", "", motion, LOAD_CELL))
         assert np.abs(held.swing(held.start)).max() <= limits.swing
         assert held.rollout(held.start).outputs[:, 0].min() > 0.0  # the string stays taut
 
@@ -173,7 +173,7 @@ def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
     assert [p.effects for p in pairs] == [("wind", "path_tilt")]
     assert "rotation of the frame" in pairs[0].why
     # A run in which the wind blows from the other side, after one in which both were measured.
-    turned = Experiment("turn", "", experiment.motion, LOAD_CELL, turned=("wind.force",))
+    turned = PlannedExperiment("turn", "", experiment.motion, LOAD_CELL, turned=("wind.force",))
     seen = [
         Hypothesis(h.name, h.model, h.free, h.information + np.diag([0.0, 0.0, size**-2.0, 0.0]))
         for h, size in ((wind, 1e-3), (tilt, 1e-3))
@@ -187,7 +187,7 @@ def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():
         "heavy", gain.model.with_values({"mass": 0.08 * 1.03, "sensor_gain.error": 0.0}), ("length", "mass"),
         np.zeros((2, 2)),
     )  # fmt: skip
-    weighed = Experiment("weigh", "", measured={"mass": 4e-4})
+    weighed = PlannedExperiment("weigh", "", measured={"mass": 4e-4})
     assert outlook((gain, heavy), weighed).chi2_increase[1, 0] == pytest.approx(
         (0.0024 / 4e-4) ** 2 / (1 + 4.0**0 * (8e-4 / 4e-4) ** 2), rel=0.01
     )

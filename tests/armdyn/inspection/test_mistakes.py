@@ -13,7 +13,7 @@ import armdyn
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.inspection.check import Inspection, Severity, WrongRecordingError
-from armdyn.inspection.correction import Correction, Reading
+from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import longest_hold
 from armdyn.inspection.inspect import inspected
 from armdyn.inspection.mistakes import rolled
@@ -168,7 +168,7 @@ def test_real_recordings_of_pendulums_are_never_called_wrong():
 
 T = np.arange(0.0, 1.0, 0.01)
 READINGS = st.builds(
-    Reading, st.sampled_from(["q.a", "q.b"]), st.sampled_from([-1.0, 1.0, 1e-3, 57.3]), st.floats(-2, 2),
+    CorrectedReading, st.sampled_from(["q.a", "q.b"]), st.sampled_from([-1.0, 1.0, 1e-3, 57.3]), st.floats(-2, 2),
     st.sampled_from([0.0, 0.1, -0.2]),
 )  # fmt: skip
 CORRECTIONS = st.builds(Correction, st.dictionaries(st.sampled_from(["q.a", "q.b"]), READINGS))

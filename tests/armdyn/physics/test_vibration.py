@@ -9,7 +9,7 @@ from scipy.signal import lsim
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.experiments.gripper import motion_series
-from armdyn.experiments.hypothesis import Experiment, Hypothesis, PredictedExperiment
+from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.parameter import column, quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
@@ -125,7 +125,7 @@ def predicted(effects, coefficients, noise):
     model = pendulum_model(0.368, 0.08, [EFFECTS[name] for name in effects])
     model = model.with_values({n: p.typical for n, p in model.parameters.items() if p.effect})
     free = ("length", "mass")
-    experiment = Experiment("motion", "", motion(coefficients), noise)
+    experiment = PlannedExperiment("motion", "", motion(coefficients), noise)
     return PredictedExperiment(Hypothesis("", model, free, np.zeros((2, 2))), experiment)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from armdyn.errors import InputError
 from pipeline.imports.conversion import imported
-from pipeline.imports.foreign import Column, Foreign
+from pipeline.imports.foreign import Foreign, ForeignColumn
 from pipeline.imports.mapping import ColumnMap, Entry, map_text, read_map
 from pipeline.imports.stamps import NONE, REPEATED
 
@@ -50,7 +50,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
     stamps = np.where(rng.random(40) < 0.1, np.nan, np.cumsum(steps))
     mapping = {f"column {channel}": data.draw(entries(channel)) for channel in UNITS}
     values = {name: np.where(rng.random(40) < 0.1, np.nan, rng.uniform(-5.0, 5.0, 40)) for name in mapping}
-    columns = {"t": Column(10.0 * stamps), **{name: Column(value) for name, value in values.items()}}
+    columns = {"t": ForeignColumn(10.0 * stamps), **{name: ForeignColumn(value) for name, value in values.items()}}
     if reordered:
         columns, mapping = dict(reversed(columns.items())), dict(reversed(mapping.items()))
     path = tmp_path_factory.mktemp("map") / "map.toml"
@@ -92,7 +92,7 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
 )
 def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
     time = stamp + 0.01 * np.arange(20)
-    columns = {"t": Column(time, "s"), "swing_angle": Column(np.sin(time), "rad")}
+    columns = {"t": ForeignColumn(time, "s"), "swing_angle": ForeignColumn(np.sin(time), "rad")}
     run = imported(Foreign("a", columns), ColumnMap({"swing_angle": Entry("swing_angle")}, "t")).run
     assert run.recorded == recorded
     assert run.channels["swing_angle"].time[0] == 0.0
@@ -109,4 +109,6 @@ def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
 def test_a_line_that_cannot_be_is_told(entry, count, complains):
     value = np.where(np.arange(20) < count, 1.0, np.nan)
     with complains(InputError):
-        imported(Foreign("a", {"t": Column(np.arange(20.0)), "x": Column(value)}), ColumnMap({"x": entry}, "t"))
+        imported(
+            Foreign("a", {"t": ForeignColumn(np.arange(20.0)), "x": ForeignColumn(value)}), ColumnMap({"x": entry}, "t")
+        )

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.loadcell.faults import Fault
-from pipeline.loadcell.protocol import Decoder, Reading, checksum, decode, encode
+from pipeline.loadcell.protocol import CellReading, Decoder, checksum, decode, encode
 
-readings = st.builds(Reading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
+readings = st.builds(CellReading, st.integers(0, 0xFFFF), st.integers(-0x800000, 0x7FFFFF))
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "loadcell.md").read_text()
 
 
@@ -57,7 +57,7 @@ def test_a_right_checksum_does_not_make_a_sample_of_what_is_out_of_range(text):
 
 
 def test_the_example_of_the_document_is_a_sample():
-    assert decode(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == Reading(4711, 259390)
+    assert decode(re.search(r"For example `(HX711 [^`]*)`", DOCUMENT).group(1).encode()) == CellReading(4711, 259390)
 
 
 ARDUINO = r"""
@@ -91,11 +91,11 @@ def test_the_documents_arduino_program_sends_what_its_hx711_measures(tmp_path):
     command = ["g++", "-Wall", "-Werror", "-o", tmp_path / "sketch", tmp_path / "main.cpp"]
     subprocess.run(command, check=True, timeout=60)
     sent = subprocess.run([tmp_path / "sketch"], check=True, capture_output=True, timeout=60).stdout
-    assert decode_all([sent]) == ([Reading(number, counts) for number, counts in enumerate(values)], {})
+    assert decode_all([sent]) == ([CellReading(number, counts) for number, counts in enumerate(values)], {})
 
 
 def lines(*numbers):
-    return [encode(Reading(number % 0x10000, 1000 + number)) for number in numbers]
+    return [encode(CellReading(number % 0x10000, 1000 + number)) for number in numbers]
 
 
 def decode_all(pieces):
@@ -155,7 +155,7 @@ def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():
         assert not decoder.feed(b"x" * 1000).readings
     assert len(decoder._rest) < 100
     decoded = decoder.feed(lines(1)[0])
-    assert (decoded.readings, decoded.faults) == ([Reading(1, 1001)], {MALFORMED: 1})
+    assert (decoded.readings, decoded.faults) == ([CellReading(1, 1001)], {MALFORMED: 1})
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=60), st.integers(0, 0xFFFF))
