@@ -38,7 +38,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from armdyn.watch.event import Kind
-from armdyn.watch.sound import Sound, measured, samples_of
+from armdyn.watch.sound import Sound, measured_sound, samples_of
 from armdyn.watch.watch import Watch
 
 imperfect = hidden_table.generator("imperfect_arm")
@@ -134,7 +134,7 @@ def sound_of(name: str, seed: int, rate: float) -> Sound:
     """What fifteen minutes of sound work say."""
     robot, rng = Robot.of(name, seed), np.random.default_rng([seed, 1])
     runs = [robot.work(rng, rate)[0] for _ in range(CALIBRATION)]
-    return measured(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
+    return measured_sound(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
 
 
 def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour: float) -> hidden_table.Row:

@@ -1,1 +1,1 @@
-"""The model at work beside the arm: what touches it, what it carries, what of it changed."""
+"""Online comparison of a model with its arm: outside torques, changed load, changed joints."""

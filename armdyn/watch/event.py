@@ -1,4 +1,4 @@
-"""What a watch tells, once."""
+"""Events that a watch reports, each once."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -10,7 +10,7 @@ SCHEMA = "armdyn.watch/1"
 
 
 class Kind(Enum):
-    """Of an event; the value is the key in JSON."""
+    """Kind of an event; the value is its name in JSON. `NOT_TOLD`: detected, but not identifiable yet."""
 
     OUTSIDE_TORQUE = "outside_torque"
     LOAD_CHANGED = "load_changed"
@@ -21,19 +21,19 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened to the arm.
+    """An event on the arm: an outside torque or a change, detected or ended.
 
     Attributes:
-        time: when it was told, s.
-        kind: of it.
-        joint: where it is seen best.
-        since: when it began, s.
-        size: in `unit`.
-        std: of the size.
-        unit: of the size.
-        what: the effect that it is, or those that it may be.
-        false_alarms_per_hour: how often a sound robot would make one of any kind.
-        sentence: for a person.
+        time: time of the report, s.
+        kind: see `Kind`.
+        joint: name of the joint with the clearest evidence.
+        since: estimated start, s.
+        size: estimated size, in `unit`.
+        std: standard deviation of the size, in `unit`.
+        unit: unit of size and std.
+        what: name of the effect, or of all possible effects.
+        false_alarms_per_hour: rate of events of all kinds on a sound robot.
+        sentence: the event in words.
     """
 
     time: float
@@ -49,7 +49,7 @@ class Event:
 
     @property
     def answer(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The event as an object for JSON."""
         return {
             "schema": SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint, "since": self.since,
             "size": self.size, "std": self.std, "unit": self.unit, "what": self.what,
@@ -59,14 +59,14 @@ class Event:
 
 @dataclass(frozen=True)
 class Estimate:
-    """How large a change is, and its standard deviation, in a unit.
+    """Estimated size of a change, and its standard deviation.
 
     Attributes:
-        joint: its index.
-        size: in `unit`.
-        std: likewise.
-        unit: of both.
-        what: the effect that it is, or those that it may be.
+        joint: index of the joint.
+        size: estimated size, in `unit`.
+        std: standard deviation of the size, in `unit`.
+        unit: unit of both.
+        what: name of the effect, or of all possible effects.
     """
 
     joint: int
@@ -80,11 +80,11 @@ class Estimate:
 
 
 class Reporter:
-    """Makes the events of an arm.
+    """Creates the events of an arm.
 
     Args:
         model: the arm.
-        per_hour: false alarms of all events together.
+        per_hour: false alarms per hour, for all events together.
     """
 
     def __init__(self, model: ArmModel, per_hour: float) -> None:
@@ -92,11 +92,11 @@ class Reporter:
         self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
 
     def torque(self, joint: int, size: float, std: float) -> Estimate:
-        """Of an outside torque on a joint."""
+        """Estimate of an outside torque on a joint, N m or N."""
         return Estimate(joint, float(size), float(std), self.units[joint])
 
     def event(self, kind: Kind, time: float, since: float, found: Estimate, sentence: str) -> Event:
-        """One of them; the sentence begins after the joint's name."""
+        """An event; `sentence` is what follows the joint's name; times in s."""
         joint = self.joints[found.joint]
         return Event(
             time, kind, joint, since, found.size, found.std, found.unit, found.what, self.per_hour,

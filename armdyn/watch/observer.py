@@ -1,21 +1,21 @@
-r"""An arm's model beside the arm: one sample in, and what the drives read beyond it out, with little delay.
+r"""The observer: it takes one sample at a time and returns the residual of each joint's torque with little delay.
 
-With F = (K / (s + K))^3 the residual of joint j is
+With the low-pass F = (K / (s + K))^3 the residual of joint j is
 
     r = F[tau] - R(q_f, v_f, a_f),    q_f = F[q],  v_f = s F[q],  a_f = s^2 F[q],
 
-R what the model says that the drive reads. It is the momentum observer's residual (De Luca & Mattone, ICRA 2005: torque
-and motion pass one low-pass, so that nothing is differentiated) with a filter of third order in place of the first:
-positions alone then give speed and acceleration, and whatever an effect makes of the acceleration is counted in. A
-torque from outside appears in it after F's delay, 3 / K on average. What changes slowly is taken off by a running mean
-of the last `SLOW` s: c = r - b, the contrast.
+where R is the torque that the model predicts. This is the residual of the momentum observer (De Luca & Mattone, ICRA
+2005), in which torque and motion pass the same low-pass and nothing is differentiated. Here F has order 3 instead of 1:
+the positions then also give speed and acceleration, and effects that depend on acceleration are included. An outside
+torque appears in r after the delay of F, 3 / K on average. The contrast c = r - b removes slow errors: b is the running
+mean of r over the last `MEAN_SECONDS`.
 
-What began a moment ago is hardly in F's output yet, and one filter for all drives would be too slow for some. So a
-second cascade has the torque, and another one the prediction, behind 1, 2, ... low-passes of `EARLY` 1/s: `stages`. A
-step of torque of 1 after t s is the cdf of an Erlang variable in the torque's and nothing in the prediction's; which
-sum of the stages shows it best over what a sound robot does, `armdyn.watch.onset` finds.
+A torque that began a moment ago is hardly visible behind F. So the torque passes a second cascade of low-passes with
+the bandwidth `STAGE_BANDWIDTH`, and the prediction passes a third one; their outputs are the stages. At t s after a
+unit step of torque, its stages hold the cdf of Erlang variables, and those of the prediction hold zero.
+`armdyn.watch.onset` finds the weighted sum of the stages that shows a step best.
 
-Where a joint turns round, F smooths the step of its friction. F's kernel has the variance 3 / K^2, so that with the
+Where a joint reverses, F smooths the step of its friction. The kernel of F has the variance 3 / K^2, so that with the
 acceleration a_f the expected sign of the velocity is erf(v_f / sqrt(2 (CREEP^2 + 3 a_f^2 / K^2))).
 """
 
@@ -35,53 +35,53 @@ from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 
 ORDER = 3
-"""Of F: the least that gives an acceleration."""
-SLOW = 0.5
-"""s; half of what an outside torque lasts at least that a person notices, and less than half a usual motion."""
+"""Order of F: the lowest that gives an acceleration."""
+MEAN_SECONDS = 0.5
+"""Memory of the running mean, s: half the shortest contact that a person notices, less than half a typical motion."""
 GAP = 0.2
-"""s without a sample after which nobody knows how the arm moved in between: the filters begin anew."""
-SETTLED = 15.0
-"""Time constants of F after which what it began with is gone: exp(-15) 15^2 / 2 is 3e-5 of it."""
+"""Longest time between two samples, s; after a longer one the motion in between is unknown and the filters restart."""
+SETTLING_TIME_CONSTANTS = 15.0
+"""Time constants 1 / K after which F has forgotten its initial state: exp(-15) 15^2 / 2 = 3e-5 of it remain."""
 BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
-"""K, 1/s, of which sound recordings choose, see `arrived`; neighbours find torques within 10 % of each other."""
-USUAL, PER_SAMPLE = 40.0, 0.8
-"""K where there are none, and at most so much of it for each interval between samples."""
-FIRST = 20
-"""Intervals that say how often samples come."""
-SOON = 0.05
-"""s in which a torque from outside should be found."""
-EARLY, TORQUES, PREDICTIONS = 100.0, 8, 5
-"""1/s, and low-passes for torque and prediction. On three simulated arms 6 and 3 find 2 of 20 steps fewer in time, and
-60 1/s as many."""
-SHORT = frozenset({"torque_delay", "command_delay"})
-"""Effects with a memory that is shorter than F's own."""
-MEAN = 2 * (ORDER + 1)
-"""Where the mean of the residual stands."""
-STAGES = MEAN + 4
-"""Where the cascades of `EARLY` stand."""
-PARTS = STAGES + TORQUES + 1 + PREDICTIONS
-"""States of a joint: last input and stages of F for its position, likewise its torque, means of residual and of
-prediction, the prediction a moment ago, and doubt; then stages of torque, the prediction and its stages; then the
-age."""
+"""Candidates for K, 1/s; sound recordings select one. Neighbours detect torques that differ by less than 10 %."""
+USUAL, MAX_BANDWIDTH_STEP = 40.0, 0.8
+"""K, 1/s, without sound recordings; and the largest product of K and the interval between samples."""
+RATE_INTERVALS = 20
+"""Number of intervals from which the sampling rate is estimated."""
+DETECTION_SECONDS = 0.05
+"""Time within which an outside torque should be detected, s."""
+STAGE_BANDWIDTH, TORQUE_STAGES, PREDICTION_STAGES = 100.0, 8, 5
+"""Bandwidth of the stages, 1/s; number of low-passes for torque, and for prediction. On three simulated arms 6 and 3
+low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
+SHORT_DELAYS = frozenset({"torque_delay", "command_delay"})
+"""Effects that remember for a shorter time than F; the observer leaves them out."""
+MEAN_INDEX = 2 * (ORDER + 1)
+"""Index of the running mean of the residual in the state, in blocks of nj."""
+STAGES_INDEX = MEAN_INDEX + 4
+"""Index of the first stage in the state, in blocks of nj."""
+PARTS = STAGES_INDEX + TORQUE_STAGES + 1 + PREDICTION_STAGES
+"""States per joint: last position and its 3 stages of F; the same for its torque; running means of residual and of
+prediction; prediction a moment ago; uncertain friction; stages of torque; prediction and its stages. The last entry of
+the state is the time since the start, s."""
 SOURCES = 4
-"""Of a residual's variance, see `Step`: noise, errors of links and gains, of time, and of friction's direction."""
+"""Number of sources of a residual's variance, see `Step.sources`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one sample says, of the nj joints; N m or N, as of the filter's delay ago.
+    """Output of the observer for one sample and nj joints; torques in N m or N, delayed by F.
 
     Attributes:
-        time: of the sample, s.
-        predicted: (nj,) that the model expects the drives to read.
-        residual: (nj,) read, less that.
-        contrast: (nj,) that of the last moments, less the mean before.
-        sources: (nj, 4) what the error's variance may grow with, (N m)^2 but the first: 1; the square of what the
-            prediction changed lately, as of an error of links; of what it changes during F's delay, as of an error of
-            time; and of the dry friction whose direction is not known.
-        motion: (3, nj) filtered positions, speeds and accelerations.
-        stages: (nj, 14) of torque, the prediction and its stages, N m.
-        settled: whether filters and mean hold nothing of how they began.
+        time: time of the sample, s.
+        predicted: (nj,) torque that the model predicts.
+        residual: (nj,) measured minus predicted torque.
+        contrast: (nj,) residual minus its running mean.
+        sources: (nj, 4) terms that the error's variance is a sum of, with a factor each, (N m)^2 except the first: 1
+            (noise); the squared deviation of the prediction from its running mean (errors of links and gains); its
+            squared change during the delay of F (errors of time); the squared dry friction of unknown direction.
+        motion: (3, nj) filtered positions, rad or m, speeds and accelerations.
+        stages: (nj, 14) stages of torque; prediction and its stages.
+        settled: whether filters and mean have forgotten their initial state.
     """
 
     time: float
@@ -95,15 +95,15 @@ class Step:
 
 
 class Observer:
-    """Takes samples one by one; a gap, a clock that jumps or a position that no motion explains begins it anew.
+    """Takes samples one by one; a gap, a jump of the clock or an impossibly fast change of position restarts it.
 
     Args:
-        model: an arm.
-        bandwidth: K, 1/s, where the samples come often enough for it.
+        model: the arm.
+        bandwidth: K, 1/s; reduced where the sampling rate is too low for it.
 
     Attributes:
-        bandwidth: K, 1/s, as it is used.
-        hold: whether the running mean must wait, as something acts that is not to be taken for usual.
+        bandwidth: K in use, 1/s.
+        hold: whether the running mean is held constant, because an outside torque must not enter it.
     """
 
     def __init__(self, model: ArmModel, bandwidth: float = USUAL) -> None:
@@ -118,18 +118,18 @@ class Observer:
         self.bandwidth = bandwidth
         self.hold = False
 
-    def begin(self) -> None:
-        """What comes next follows nothing that was."""
+    def restart(self) -> None:
+        """Restart the filters at the next sample."""
         self._last = None
 
     def take(self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0) -> Step | None:
-        """One sample; None where it is no use: something is missing, or its stamp is not after the last one.
+        """The output for one sample; None if a value is missing or its time is not after the last one.
 
         Args:
             time: s.
-            q: (nj,) positions.
-            tau: (nj,) what the drives read.
-            shift: (nj,) of it, what is known of by now.
+            q: (nj,) positions, rad or m.
+            tau: (nj,) measured torques, N m or N.
+            shift: (nj,) torque of the changes that were reported before; subtracted from the residual.
         """
         tau = np.where(self._asked, tau, 0.0)
         if not (np.isfinite(time) and np.isfinite(q).all() and np.isfinite(tau).all()):
@@ -138,55 +138,56 @@ class Observer:
         if self._last is not None:
             step = time - self._last[0]
             if step == 0.0 or (step < 0.0 and step > -GAP):
-                return None  # repeated, or overtaken by a later one
+                return None  # repeated, or out of order
             if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any() or (
-                step > 0.0 and len(self._intervals) < FIRST and self._too_rarely(step)
+                step > 0.0 and len(self._intervals) < RATE_INTERVALS and self._too_rarely(step)
             ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
         found = self._function(self._state, step, float(self.hold), K, q, tau, np.broadcast_to(shift, q.shape))
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
-        settled = bool(self._state[-1] > settling(K))
-        stages = self._state[STAGES * self._joints : -1].reshape(-1, self._joints).T
+        settled = bool(self._state[-1] > settling_time(K))
+        stages = self._state[STAGES_INDEX * self._joints : -1].reshape(-1, self._joints).T
         return Step(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), stages, settled)
 
     def _too_rarely(self, step: float) -> bool:
-        """Whether samples turn out to come too rarely for the filter, which then becomes slower."""
+        """Whether the sampling rate is too low for the filter; then K is reduced."""
         self._intervals.append(step)
-        slower = PER_SAMPLE / float(np.median(self._intervals)) if len(self._intervals) == FIRST else np.inf
+        enough = len(self._intervals) == RATE_INTERVALS
+        slower = MAX_BANDWIDTH_STEP / float(np.median(self._intervals)) if enough else np.inf
         self.bandwidth, before = min(self.bandwidth, slower), self.bandwidth
         return self.bandwidth < before
 
-    def explained(self, residual: FloatArray) -> None:
-        """Begin the running mean anew, with a residual (nj,): what the last moments held is known now."""
-        self._state[MEAN * self._joints : (MEAN + 1) * self._joints] = residual
+    def restart_mean(self, residual: FloatArray) -> None:
+        """Restart the running mean at a residual (nj,): the change that the last moments showed is now modelled."""
+        self._state[MEAN_INDEX * self._joints : (MEAN_INDEX + 1) * self._joints] = residual
 
     @property
     def delay(self) -> float:
-        """How long ago what is said now was on average, s."""
+        """Mean delay of F, s."""
         return ORDER / self.bandwidth
 
 
-def settling(bandwidth: float) -> float:
-    """S after a start until filters and mean hold nothing of how they began."""
-    return SETTLED / bandwidth + SLOW
+def settling_time(bandwidth: float) -> float:
+    """Time after a start until filters and mean have forgotten their initial state, s; bandwidth in 1/s."""
+    return SETTLING_TIME_CONSTANTS / bandwidth + MEAN_SECONDS
 
 
-def arrived(bandwidth: float) -> float:
-    """Share of a torque from outside that the residual has after `SOON`, at K = `bandwidth`, 1/s."""
-    x = bandwidth * SOON
+def arrived_share(bandwidth: float) -> float:
+    """Share of a step of outside torque that the residual shows after `DETECTION_SECONDS`, at K = `bandwidth`, 1/s."""
+    x = bandwidth * DETECTION_SECONDS
     return float(1.0 - np.exp(-x) * (1.0 + x + x**2 / 2.0))
 
 
 def observer_function(model: ArmModel) -> ca.Function:
-    """A step of the observer of this module, for one sample.
+    """One step of the observer, whose equations stand at the top of this module.
 
-    It is ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``;
-    a `step` of 0, below it or above `GAP` begins anew, and `hold` of 1 keeps the mean.
+    ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``; a
+    `step` <= 0 or > `GAP`, in s, restarts the filters, and `hold` = 1 holds the mean. Shapes and units: see `Step`.
 
     Raises:
-        InputError: an effect depends on time or has states of its own, which no function of one instant has.
+        InputError: an effect depends on time or has states; a function of one instant cannot contain it.
     """
     n = len(model.arm.joints)
     state, q, tau, shift = (ca.SX.sym(name, size) for name, size in
@@ -201,18 +202,18 @@ def observer_function(model: ArmModel) -> ca.Function:
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
     predicted, friction, way = _reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
-    mean, expected, before, doubted = parts[MEAN:STAGES]
-    early = parts[STAGES:]
-    torques = _filtered(tau, [parts[ORDER + 1], *early[:TORQUES]], EARLY, h, fresh)[1:]
-    predictions = _filtered(predicted, early[TORQUES:], EARLY, h, fresh)
+    mean, expected, before, doubted = parts[MEAN_INDEX:STAGES_INDEX]
+    early = parts[STAGES_INDEX:]
+    torques = _filtered(tau, [parts[ORDER + 1], *early[:TORQUE_STAGES]], STAGE_BANDWIDTH, h, fresh)[1:]
+    predictions = _filtered(predicted, early[TORQUE_STAGES:], STAGE_BANDWIDTH, h, fresh)
     age = ca.if_else(fresh, 0.0, state[-1] + h)
-    # Until it is as old as it remembers the mean is that of all since the filters settled.
-    gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLED / K, SLOW), 1e-9))
-    young = age <= SETTLED / K
+    # Before its memory is full, the mean is that of all samples since the filters settled.
+    gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, MEAN_SECONDS), 1e-9))
+    young = age <= SETTLING_TIME_CONSTANTS / K
     mean = ca.if_else(young, residual, mean + ca.if_else(hold > 0.5, 0.0, gain) * (residual - mean))
     expected = ca.if_else(young, predicted, expected + gain * (predicted - expected))
     before = ca.if_else(fresh, predicted, before + (1.0 - ca.exp(-h * K / ORDER)) * (predicted - before))
-    # What a joint did while it turned round is in the filters for a while.
+    # The friction of a reversal stays in the filters for a while.
     doubt = ca.fmax(friction * ca.sqrt(ca.fmax(1.0 - way**2, 0.0)), ca.exp(-h * K / ORDER) * doubted)
     doubt = ca.if_else(fresh, friction, doubt)
     following = ca.vertcat(*position, *torque, mean, expected, before, doubt, *torques, *predictions, age)
@@ -227,12 +228,11 @@ def observer_function(model: ArmModel) -> ca.Function:
 
 
 def column_function(model: ArmModel) -> ca.Function:
-    """``(q, v, a, bandwidth) -> (load, own, way)``: what changes would add to what the drives read.
+    """``(q, v, a, bandwidth) -> (load, own, way)``: derivatives of the measured torques with respect to each change.
 
-    `load` (nj, 4) is per mass, kg, and mass times place, kg m, of what the last link carries more, in the frame of its
-    joint; `own` (nj, 4) is, of each joint's own, per dry friction, N m, viscous friction, N m s/rad, torque that
-    is read without any, N m, and share of the torque that is read too large; `way` (nj,) is the expected sign of
-    each velocity.
+    `load` (nj, 4): with respect to an added load's mass, kg, and mass times position, kg m, in the frame of the last
+    joint. `own` (nj, 4): of each joint's torque with respect to its own dry friction, N m, viscous friction,
+    N m s/rad, offset, N m, and relative gain. `way` (nj,): expected sign of each velocity.
 
     Raises:
         InputError: as `observer_function`.
@@ -253,7 +253,7 @@ def column_function(model: ArmModel) -> ca.Function:
 
 
 def compiled(model: ArmModel) -> tuple[Buffered, Buffered]:
-    """`observer_function` and `column_function`, as machine code where there is a compiler."""
+    """`observer_function` and `column_function`, as machine code if a C compiler is installed."""
     kept = without_memory(model)
     name = f"watch_{len(model.arm.joints)}"
     functions = {"watch": observer_function(kept), "columns": column_function(kept)}
@@ -262,14 +262,14 @@ def compiled(model: ArmModel) -> tuple[Buffered, Buffered]:
 
 
 def without_memory(model: ArmModel) -> ArmModel:
-    """The model without effects by which a torque depends on what was before.
+    """The model without effects whose torque depends on the past.
 
     Raises:
-        InputError: one that was named has states of its own.
+        InputError: a named effect has states, and remembers longer than F.
     """
     late = {effect.name for effect in model.effects if depends_on_before(effect)}
     for effect in model.named_effects:
-        if effect.name in late and effect.name not in SHORT:
+        if effect.name in late and effect.name not in SHORT_DELAYS:
             raise InputError(
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"
@@ -280,7 +280,7 @@ def without_memory(model: ArmModel) -> ArmModel:
 def _filtered(
     given: Expression, past: list[Expression], K: Expression, h: Expression, fresh: Expression
 ) -> list[Expression]:
-    """The input and the stages of F after h s, each stage exact for an input that is straight in between."""
+    """Input and stages of a cascade after h s, each stage exact for an input that is linear between samples."""
     decay = ca.exp(-K * h)
     ramp = (1.0 - decay) / (K * h)
     following = [given]
@@ -293,7 +293,7 @@ def _filtered(
 def _reading(
     model: ArmModel, q: Expression, v: Expression, a: Expression, K: Expression
 ) -> tuple[Expression, Expression, Expression]:
-    """What the drives read, the size of the dry friction in it and the expected sign of the velocities, (nj,) each."""
+    """Predicted torques, size of the dry friction in them, and expected signs of the velocities, (nj,) each."""
     creep = ca.DM([0.1 * CREEP if slides else CREEP for slides in model.arm.slides])
     way = ca.erf(v / ca.sqrt(2.0 * (creep**2 + ORDER * (a / K) ** 2)))
     links = [ca.SX(link) for link in model.link_parameters().values()]

@@ -1,14 +1,14 @@
-r"""What began a moment ago: the sum of an observer's stages that shows a step of torque best.
+r"""Detection of a torque that began a moment ago: the weighted sum of the observer's stages that shows a step best.
 
-With x the stages of a joint, of torque and prediction, a step of torque of `ONSET` s ago adds s to them, known from the
-filters alone. A sound robot's x varies by C, each sample weighted by what it is believed, the inverse of the variance
-by its sources. Of all sums w'x with w's = 1, which say the torque that began, the smallest variance has
+A unit step of torque `ONSET_SECONDS` ago adds s to the stages x of a joint; the filters alone determine s. On a sound
+robot x has the second moments C, each sample weighted by the inverse of its variance. Of all sums w'x with w's = 1,
+which estimate the torque that began, the smallest variance has
 
     w = C^-1 s / (s' C^-1 s)
 
-(the matched filter in coloured noise: Capon, Proc. IEEE 57, 1969). Torque and prediction come in by themselves and not
-only as their difference: where a drive's torque is smooth by itself, a step shows before positions, differentiated
-twice, tell anything. What is smooth, motion or error of the model, cancels; noise is averaged as long as it pays.
+(matched filter in coloured noise: Capon, Proc. IEEE 57, 1969). Torque and prediction enter separately, not only as
+their difference: if the torque of a drive is smooth, a step is visible in it before positions, differentiated twice,
+show it. Smooth parts, motion or model error, cancel; noise is averaged as far as this reduces the variance.
 """
 
 from dataclasses import dataclass
@@ -17,24 +17,24 @@ import numpy as np
 from scipy.special import gammainc
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.observer import EARLY, PREDICTIONS, SOURCES, TORQUES
+from armdyn.watch.observer import PREDICTION_STAGES, SOURCES, STAGE_BANDWIDTH, TORQUE_STAGES
 from armdyn.watch.variances import variances
 
-ONSET = 0.03
-"""s: of the 50 in which a contact must be told, so many for it to stand in the stages, behind a drive's own filter."""
-REWEIGHTED = 3
-"""Fits of w and of its variance by turns; it changes little after two."""
+ONSET_SECONDS = 0.03
+"""Age of the step that the sum is tuned to, s; the remaining 20 of 50 ms are for the filter of a drive."""
+FIT_PASSES = 3
+"""Alternating fits of w and of the variance of w'x; w changes little after two."""
 RIDGE = 1e-9
-"""Of the mean variance of the stages, added to each: they are nearly alike in slow motion."""
+"""Share of the mean variance that is added to each stage; the stages are nearly equal in slow motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Onset:
-    """Of each joint.
+    """Estimator of the torque that began, for each joint.
 
     Attributes:
         weights: (nj, 14) w.
-        variance: (nj, 4) of w'x by its sources, see `Step`, (N m)^2 but the last three.
+        variance: (nj, 4) factors of the variance of w'x, see `Step.sources`; (N m)^2, 1, 1, 1.
     """
 
     weights: FloatArray
@@ -42,12 +42,12 @@ class Onset:
 
     @classmethod
     def of(cls, stages: np.ndarray, sources: np.ndarray) -> "Onset":
-        """From a sound robot's (n, nj, 14) stages and the (n, nj, 4) sources of their errors."""
+        """Fitted to a sound robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
         count, joints, size = stages.shape
-        step, weights, variance = stepped(), np.zeros((joints, size)), np.zeros((joints, SOURCES))
+        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, SOURCES))
         for j in range(joints):
             spread = np.ones(count)
-            for _ in range(REWEIGHTED):
+            for _ in range(FIT_PASSES):
                 scaled = stages[:, j] / np.sqrt(spread)[:, None]
                 C = scaled.T @ scaled
                 w = np.linalg.solve(C + (RIDGE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step)
@@ -56,11 +56,12 @@ class Onset:
                 spread = sources[:, j] @ variance[j]
         return cls(weights, variance)
 
-    def began(self, stages: FloatArray) -> FloatArray:
-        """(nj,) torques that seem to have begun, of (nj, 14) stages."""
+    def estimate(self, stages: FloatArray) -> FloatArray:
+        """(nj,) estimated torques that began, N m or N, from stages (nj, 14)."""
         return np.asarray((self.weights * stages).sum(axis=1))
 
 
-def stepped() -> FloatArray:
-    """(14,) what a step of torque of 1, `ONSET` s ago, adds to the stages."""
-    return np.append(gammainc(np.arange(1, TORQUES + 1), EARLY * ONSET), np.zeros(1 + PREDICTIONS))
+def step_response() -> FloatArray:
+    """(14,) s: stages after a unit step of torque `ONSET_SECONDS` ago."""
+    torque = gammainc(np.arange(1, TORQUE_STAGES + 1), STAGE_BANDWIDTH * ONSET_SECONDS)
+    return np.append(torque, np.zeros(1 + PREDICTION_STAGES))

@@ -1,4 +1,4 @@
-"""What a sound robot looks like to the observer: measured on recordings, or taken from the model's own band."""
+"""Statistics of the residuals of a sound (fault-free) robot, from recordings or from the error in the model file."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,43 +11,52 @@ from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
-from armdyn.watch.changes import BLOCK, LOAD, OWN, SAMPLE, WINDOWS, Baseline, Blocks, Sums
-from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, USUAL, Observer, Step, arrived, compiled
+from armdyn.watch.changes import (
+    BLOCK_SECONDS,
+    JOINT_CHANGES,
+    SAMPLE_SECONDS,
+    TYPICAL_LOAD,
+    WINDOW_SIZES,
+    Baseline,
+    Blocks,
+    Sums,
+)
+from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, USUAL, Observer, Step, arrived_share, compiled
 from armdyn.watch.onset import Onset
-from armdyn.watch.tail import FEWEST, Gaussian, Law, Tail, largest_of
-from armdyn.watch.variances import TINY, Level, variances
+from armdyn.watch.tail import MIN_STRETCHES, Gaussian, Law, Tail, largest_of
+from armdyn.watch.variances import MIN_VARIANCE, Level, variances
 
 Sample = tuple[float, FloatArray, FloatArray]
-"""Time, s, (nj,) positions and (nj,) what the drives read."""
-STRETCH = 2.0
-"""s, after which a model's errors are new: of a stretch only the largest counts."""
-SHORTEST = 15.0
-"""s of sound recordings at least: the largest values of seven stretches."""
+"""Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
+STRETCH_SECONDS = 2.0
+"""Time after which a model's errors are independent, s; only the largest of each stretch counts."""
+MIN_SECONDS = 15.0
+"""Least length of the sound recordings, s: seven stretches."""
 FOLDS = 4
-"""Parts of the sound recordings; each is judged by what the others say is usual, as a new recording will be."""
-APART = 0.02
-"""s from sample to sample of which variances are made, after which filters hold little of what was."""
-UNKNOWN = np.array([np.inf, 0.0, 0.0, 0.0])
-"""Variance by sources of a joint whose torque the model does not tell."""
-COHERENT = 1.0
-"""s for which the error of a model that nobody calibrated is taken to stay what it is."""
+"""Number of parts of the sound recordings, for cross-validation: each is scored with statistics of the others."""
+VARIANCE_INTERVAL = 0.02
+"""Time between the samples from which variances are fitted, s; the filters remember little for longer."""
+UNPREDICTED = np.array([np.inf, 0.0, 0.0, 0.0])
+"""Factors of the variance, see `Step.sources`, of a joint whose torque the model does not predict."""
+COHERENCE_SECONDS = 1.0
+"""Assumed correlation time of the error of a model without calibration, s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """What to expect of a robot on which nothing changed.
+    """Statistics of a sound robot.
 
     Attributes:
-        bandwidth: of the observer, 1/s.
-        contrast: (nj, 4) variance of the contrast by its sources, see `Step`.
-        residual: (nj, 4) likewise of the residual.
-        touch: by joint, law of the largest contrast over its size.
-        onset: what shows a torque that began a moment ago; None where nothing is known of it.
-        sudden: by joint, law of the largest of those over its size.
-        baselines: by size of a window in blocks.
-        load: law of the load's largest score; None where nothing is known of it.
-        own: by joint and kind of other changes, laws of their scores; likewise.
-        seconds: of the recordings it was measured on; None where it is the model's own band.
+        bandwidth: K of the observer, 1/s.
+        contrast: (nj, 4) factors of the contrast's variance, see `Step.sources`.
+        residual: (nj, 4) factors of the residual's variance.
+        touch: by joint, distribution of the largest contrast, in standard deviations.
+        onset: estimator of a torque that began a moment ago; None without recordings.
+        sudden: by joint, distribution of its largest estimate, in standard deviations.
+        baselines: by number of blocks in a window.
+        load: distribution of the load's largest score; None if the recordings are too short.
+        own: by joint and kind of change, distribution of the largest score; None likewise.
+        seconds: length of the recordings, s; None without recordings.
     """
 
     bandwidth: float
@@ -63,21 +72,21 @@ class Sound:
 
     @property
     def sentence(self) -> str:
-        """What the rate of false alarms rests on."""
+        """The basis of the rate of false alarms, in words."""
         if self.seconds is None:
             return (
                 "The rate of false alarms rests on the model's own band, which is taken to be Gaussian and new every "
-                f"{COHERENT:g} s; --calibrate RUN measures it on your own sound recordings."
+                f"{COHERENCE_SECONDS:g} s; --calibrate RUN measures it on your own sound recordings."
             )
         basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
         return basis if self.load is not None else f"{basis} They are too short to tell slow changes: record more."
 
 
 def samples_of(run: Run, model: ArmModel) -> Iterator[Sample]:
-    """The samples of a recording, at the stamps of its first torque.
+    """The samples of a recording, at the times of its first torque channel.
 
     Raises:
-        InputError: it holds no torque, or lacks a position.
+        InputError: a torque or a position is missing.
     """
     names = model.predicted_channels(run)
     joints = model.arm.joints
@@ -100,31 +109,31 @@ def samples_of(run: Run, model: ArmModel) -> Iterator[Sample]:
 
 
 def _at(time: FloatArray, channel: Channel) -> FloatArray:
-    """(n,) a channel at times of others; nan beyond its ends and in its gaps."""
+    """A channel interpolated at n times, s; nan beyond its ends and in its gaps."""
     value = np.interp(time, channel.time, channel.value, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(channel.time, time), 1, len(channel) - 1)
     return np.where(channel.time[after] - channel.time[after - 1] > GAP, np.nan, value)
 
 
-def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> Sound:
-    """From sound recordings.
+def measured_sound(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> Sound:
+    """Statistics from recordings of a sound robot.
 
     Args:
         model: the arm.
-        recordings: each gives its samples, as often as it is asked.
+        recordings: functions that return the samples; each is called several times.
 
     Raises:
-        InputError: they are too short.
+        InputError: the recordings are shorter than `MIN_SECONDS`.
     """
     bandwidth = _quickest(model, recordings)
     seen = _Seen.of(_settled(model, recordings, bandwidth))
-    if seen.length < SHORTEST:
+    if seen.length < MIN_SECONDS:
         raise InputError(
-            f"the sound recordings last {seen.length:.1f} s together: record {SHORTEST:g} s or more of usual motion"
+            f"the sound recordings last {seen.length:.1f} s together: record {MIN_SECONDS:g} s or more of usual motion"
         )
     asked = np.array([joint in model.joints for joint in model.arm.joints])[:, None]
     contrast, residual = (
-        np.where(asked, variances(values, seen.sources), UNKNOWN) for values in (seen.contrast, seen.residual)
+        np.where(asked, variances(values, seen.sources), UNPREDICTED) for values in (seen.contrast, seen.residual)
     )
     parts = [seen.onset(asked, (seen.time * FOLDS // seen.length) != k) for k in range(FOLDS)]
     lasting, early = Level(contrast), [Level(part.variance) for part in parts]
@@ -133,21 +142,21 @@ def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]
     before = 0.0
     for elapsed, step in _settled(model, recordings, bandwidth):
         k, interval, before = min(int(elapsed * FOLDS / seen.length), FOLDS - 1), elapsed - before, elapsed
-        began = parts[k].began(step.stages)
+        began = parts[k].estimate(step.stages)
         ratios = []
         for level, error in ((lasting, step.contrast), (early[k], began)):
             ratios.append(np.abs(error) / level.std(step.sources))
             level.take(error, step.sources, interval)
-        if elapsed >= STRETCH * len(largest):
+        if elapsed >= STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * 2)
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]
         if blocks.due(step.time):
             blocks.take(step, bandwidth)
     touch, sudden = (
-        tuple(Tail.of(values, STRETCH, 1) for values in np.array(each)[: int(seen.length // STRETCH)].T)
+        tuple(Tail.of(values, STRETCH_SECONDS, 1) for values in np.array(each)[: int(seen.length // STRETCH_SECONDS)].T)
         for each in zip(*largest, strict=True)
     )
-    baselines, load, own = _baselines(Sums.together(list(blocks.sums))) if blocks.sums else ({}, None, None)
+    baselines, load, own = _baselines(Sums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
     onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
     return Sound(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
 
@@ -155,7 +164,7 @@ def measured(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]
 def _settled(
     model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]], bandwidth: float
 ) -> Iterator[tuple[float, Step]]:
-    """What the observer says when its filters are settled, and how many s of that there were before."""
+    """Outputs of the settled observer, each after the settled time that came before it, s."""
     elapsed = 0.0
     for recording in recordings:
         observer, before = Observer(model, bandwidth), np.inf
@@ -169,7 +178,7 @@ def _settled(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Of n samples `APART` s apart: times from the first, s, contrast, residual, stages and sources; s of all."""
+    """Outputs of n samples `VARIANCE_INTERVAL` apart: settled time, s, and arrays (n, ...); length of all, s."""
 
     time: FloatArray
     contrast: FloatArray
@@ -183,7 +192,7 @@ class _Seen:
         kept: list[tuple[float, Step]] = []
         elapsed = 0.0
         for elapsed, step in steps:
-            if not kept or elapsed - kept[-1][0] >= APART:
+            if not kept or elapsed - kept[-1][0] >= VARIANCE_INTERVAL:
                 kept.append((elapsed, step))
         chosen = [step for _, step in kept]
         contrast, residual, stages, sources = (
@@ -192,27 +201,27 @@ class _Seen:
         return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
 
     def onset(self, asked: np.ndarray, chosen: np.ndarray) -> Onset:
-        """From some of the samples."""
+        """Onset estimator from the samples with mask `chosen` (n,)."""
         found = Onset.of(self.stages[chosen], self.sources[chosen])
-        return Onset(found.weights, np.where(asked, found.variance, UNKNOWN))
+        return Onset(found.weights, np.where(asked, found.variance, UNPREDICTED))
 
 
 def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> float:
-    """The bandwidth, 1/s, at which errors hide least of a torque after `SOON`, by the mean of the joints' logs."""
+    """The bandwidth, 1/s, with the least error over the share of a torque that arrives in time (mean log of joints)."""
     hidden = {}
     for bandwidth in BANDWIDTHS:
-        steps = takewhile(lambda each: each[0] < SHORTEST, _settled(model, recordings[:1], bandwidth))
+        steps = takewhile(lambda each: each[0] < MIN_SECONDS, _settled(model, recordings[:1], bandwidth))
         contrast = np.array([step.contrast for _, step in steps])
         if len(contrast):
-            size = np.maximum(np.mean(contrast**2, axis=0), TINY)
-            hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(arrived(bandwidth))
+            size = np.maximum(np.mean(contrast**2, axis=0), MIN_VARIANCE)
+            hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(arrived_share(bandwidth))
     return min(hidden, key=hidden.__getitem__) if hidden else USUAL
 
 
 def _baselines(blocks: Sums) -> tuple[dict[int, Baseline], Law | None, tuple[tuple[Law, ...], ...] | None]:
-    """Baselines by size of window, and the laws of the largest scores of load and everything else."""
+    """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
     count = len(blocks.load)
-    sizes = [size for size in WINDOWS if count >= (FOLDS - 1) * size]
+    sizes = [size for size in WINDOW_SIZES if count >= (FOLDS - 1) * size]
     scores = np.zeros((count, 1 + blocks.own_error[0].size))
     baselines = {}
     for size in sizes:
@@ -225,22 +234,22 @@ def _baselines(blocks: Sums) -> tuple[dict[int, Baseline], Law | None, tuple[tup
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                load, own = Baseline.of(windows.of(others), size).scores(windows.of(mine))
+                load, own = Baseline.of(windows.select(others), size).scores(windows.select(mine))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
-    # Windows share blocks with their neighbours for as long as the shortest lasts at least.
-    largest = largest_of(scores, WINDOWS[0])
-    if not sizes or len(largest) < FEWEST:
+    # Neighbouring windows share blocks for at least the length of the shortest window.
+    largest = largest_of(scores, WINDOW_SIZES[0])
+    if not sizes or len(largest) < MIN_STRETCHES:
         return {}, None, None
-    first, *laws = (Tail.of(values, WINDOWS[0] * BLOCK, 2) for values in largest.T)
-    kinds = len(OWN)
+    first, *laws = (Tail.of(values, WINDOW_SIZES[0] * BLOCK_SECONDS, 2) for values in largest.T)
+    kinds = len(JOINT_CHANGES)
     return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
 
-def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
-    """From the errors that the model's last repair left, as its file tells them.
+def sound_from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
+    """Statistics from the errors that the last repair wrote to the model file (`history`), taken as Gaussian.
 
     Raises:
-        InputError: the file tells none.
+        InputError: the file has no error for a joint.
     """
     last: Mapping[str, Any] = next((change for change in reversed(history) if change.get("rmse")), {})
     errors = {**last.get("rmse", {}), **last.get("held_out_rmse", {})}
@@ -251,24 +260,24 @@ def from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
             "recordings, --calibrate RUN"
         )
     size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, 0.0, 0.0, 1.0] for joint in model.arm.joints])
-    n, alike = len(size), COHERENT / SAMPLE
+    n, alike = len(size), COHERENCE_SECONDS / SAMPLE_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
     crossings = 3600.0 * USUAL / (2.0 * np.pi * np.sqrt(ORDER))
-    per_sample = np.full((n, len(OWN)), np.inf)
+    per_sample = np.full((n, len(JOINT_CHANGES)), np.inf)
     baselines = {
         w: Baseline(
-            np.zeros(len(LOAD)),
-            np.zeros((n, len(OWN))),
-            np.zeros((n, len(OWN), len(OWN))),
+            np.zeros(len(TYPICAL_LOAD)),
+            np.zeros((n, len(JOINT_CHANGES))),
+            np.zeros((n, len(JOINT_CHANGES), len(JOINT_CHANGES))),
             np.full(n, alike),
             1.0,
-            np.ones((n, len(OWN))),
+            np.ones((n, len(JOINT_CHANGES))),
             (np.inf, per_sample),
         )
-        for w in WINDOWS
+        for w in WINDOW_SIZES
     }
-    values = 3600.0 / BLOCK
+    values = 3600.0 / BLOCK_SECONDS
     return Sound(
-        USUAL, size, size, (Gaussian(crossings),) * n, None, (), baselines, Gaussian(values, len(LOAD)),
-        ((Gaussian(values),) * len(OWN),) * n, None,
+        USUAL, size, size, (Gaussian(crossings),) * n, None, (), baselines, Gaussian(values, len(TYPICAL_LOAD)),
+        ((Gaussian(values),) * len(JOINT_CHANGES),) * n, None,
     )  # fmt: skip

@@ -1,14 +1,14 @@
-r"""How often a sound robot's statistic exceeds a threshold: from what was seen, to far beyond it.
+r"""Thresholds for a rate of false alarms, extrapolated from the largest values in sound recordings.
 
-The largest values of stretches of a sound recording that exceed their median u are exponential beyond it, as those of a
-density with an exponential tail are (peaks over a threshold with the shape 0: Pickands, Ann. Stat. 3, 1975). A model's
-error at one instant comes in bouts and is exponential itself; the root of a sum of squares over many instants is nearly
-Gaussian, so that its square is. With n peaks of mean excess B, the probability that the next one exceeds u + x is not
-exp(-x / B), which takes B for known, but what is left when B is integrated out (Gamma posterior, prior 1 / B):
+A sound recording is cut into stretches. Of their largest values, those above the median u are exponential beyond u, as
+for a density with an exponential tail (peaks over a threshold with shape 0: Pickands, Ann. Stat. 3, 1975). The model's
+error at one instant comes in bursts and has such a tail; the root of a sum of squares over many instants is nearly
+Gaussian, so that its square has one. For n peaks of mean excess B, the probability that the next peak exceeds u + x
+would be exp(-x / B) if B were the true mean. With B integrated out (Gamma posterior, prior 1 / B) it is
 
     (1 + x / (n B))^-n.
 
-So a short recording asks for a high threshold by itself, and a long one for the exponential's.
+So a short recording gives a high threshold, and a long one that of the exponential.
 """
 
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import chi
 
-FEWEST = 7
-"""Stretches of which a tail is made at least; with three excesses the threshold is a hundred times their mean."""
+MIN_STRETCHES = 7
+"""Least number of stretches for a tail; with three excesses the threshold is a hundred times their mean."""
 
 
 class Law(Protocol):
-    """How often a statistic of a sound robot exceeds a threshold."""
+    """Distribution of a statistic of a sound robot."""
 
     def threshold(self, per_hour: float) -> float:
-        """Threshold that the statistic exceeds `per_hour` times an hour."""
+        """Threshold that the statistic exceeds `per_hour` times per hour."""
         ...
 
 
 @dataclass(frozen=True)
 class Tail:
-    """The law of this module.
+    """Exponential tail; its equation stands at the top of this module.
 
     Attributes:
-        start: u.
-        excess: B.
+        start: u, in the statistic's unit to the `power`.
+        excess: B, in the same unit.
         count: n.
-        rate: how often a stretch exceeds u, per hour.
-        power: of the statistic that is exponential, 1 or 2.
+        rate: stretches per hour that exceed u.
+        power: power of the statistic that has an exponential tail, 1 or 2.
     """
 
     start: float
@@ -49,7 +49,7 @@ class Tail:
 
     @classmethod
     def of(cls, largest: np.ndarray, seconds: float, power: int) -> "Tail":
-        """From the largest values (k,) of stretches of so many seconds each, `FEWEST` or more; see `Tail.power`."""
+        """Fitted to the largest values (k,) of k >= `MIN_STRETCHES` stretches of `seconds` each; `power`: see above."""
         values = np.sort(largest**power)
         count = len(values) // 2
         start = float(np.median(values))
@@ -64,11 +64,11 @@ class Tail:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """Of the root of the sum of `degrees` squares of Gaussian errors, as of a band whose errors nobody measured.
+    """Distribution of the root of the sum of `degrees` squared unit Gaussian errors; used without calibration.
 
     Attributes:
-        values: how many independent values there are per hour.
-        degrees: of freedom.
+        values: independent values per hour.
+        degrees: degrees of freedom.
     """
 
     values: float
@@ -80,6 +80,6 @@ class Gaussian:
 
 
 def largest_of(values: np.ndarray, size: int) -> np.ndarray:
-    """(k, m) largest values of stretches of `size` of (n, m) values; what is left over at the end is left out."""
+    """(k, m) largest of (n, m) values in each stretch of `size`; an incomplete last stretch is left out."""
     count = len(values) // size
     return np.asarray(values[: count * size].reshape(count, size, -1).max(axis=1))

@@ -1,8 +1,8 @@
-"""Outside torques: what no sound robot shows, told at once, and where it ends.
+"""Outside torques: detected at once as deviations that no sound robot has, and followed until they end.
 
-Two statistics are followed. The onset says of each joint what torque began some 30 ms ago, and nothing of what stays;
-the contrast is later, and stays as long as the torque does. Either one beyond its threshold begins an event; the
-contrast, or an onset of the opposite sign where the torque is too small for the contrast, ends it.
+Two statistics are compared with thresholds. The onset estimates the torque that began about 30 ms ago in each joint; it
+does not see a constant torque. The contrast is later and lasts as long as the torque. An event begins when either
+exceeds its threshold. The contrast ends it, or, for a torque too small for the contrast, an onset of opposite sign.
 """
 
 from dataclasses import dataclass, replace
@@ -10,26 +10,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import WEAK
+from armdyn.watch.changes import LOAD_PRIOR
 from armdyn.watch.event import Event, Kind, Reporter
 from armdyn.watch.observer import GAP, Step
 from armdyn.watch.sound import Sound
 from armdyn.watch.variances import Level
 
-LASTING = 5.0
-"""s after which it is no touch any more: whatever stays so long is looked at as a change of load or robot."""
-OVER = 0.5
-"""Of the threshold, or of what it was, below which a contrast is gone: half-way, so that noise neither ends nor begins
-it."""
-QUIET = 0.3
-"""s for which it must be gone, and after which the onset's filters hold nothing of how it began."""
-REPEATED = 60.0
-"""s for which what may be a load is not told again: whether it is one is told by the slow sums."""
+LONGEST_TOUCH = 5.0
+"""Longest contact, s; what lasts longer is treated as a change of load or robot."""
+END_SHARE = 0.5
+"""Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
+END_SECONDS = 0.3
+"""Time below that share until the event ends, s; the filters of the onset have then forgotten its start."""
+REPEAT_SECONDS = 60.0
+"""Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Excess:
-    """A statistic at one sample, (nj,): value, standard deviation, and how many of those a sound robot has at most."""
+    """A statistic at one sample, (nj,): value and standard deviation, N m or N; threshold in standard deviations."""
 
     value: FloatArray
     std: FloatArray
@@ -37,24 +36,24 @@ class _Excess:
 
     @property
     def ratio(self) -> FloatArray:
-        """Over the largest sound one."""
+        """(nj,) absolute value over the threshold."""
         return np.asarray(np.abs(self.value) / (self.threshold * self.std))
 
 
 @dataclass
 class _Open:
-    """One that goes on.
+    """An outside torque that has not ended.
 
     Attributes:
-        begun: when it was noticed, s.
-        since: when it began, s.
-        began: the onset in that joint.
-        largest: (nj,) contrast at its largest.
-        joint: where it shows best.
+        begun: time of detection, s.
+        since: estimated start, s.
+        began: onset in `joint`, N m or N.
+        largest: (nj,) largest contrast, N m or N.
+        joint: index of the joint with the clearest evidence.
         doubted: whether it may be a load.
-        lasting: whether the contrast shows it.
-        reported: whether an event said so.
-        gone: when it was gone, s.
+        lasting: whether the contrast has exceeded `END_SHARE` of its threshold.
+        reported: whether an event has reported it.
+        gone: time at which it fell below that, s.
     """
 
     begun: float
@@ -69,15 +68,12 @@ class _Open:
 
 
 class Touches:
-    """Follows onset and contrast.
+    """Detects outside torques by onset and contrast.
 
     Args:
-        reporter: makes the events.
-        sound: what a sound robot shows.
-        per_hour: false alarms of these events.
-
-    Attributes:
-        going_on: whether the running mean and the slow sums must wait.
+        reporter: creates the events.
+        sound: statistics of the sound robot.
+        per_hour: false alarms per hour, for these events together.
     """
 
     def __init__(self, reporter: Reporter, sound: Sound, per_hour: float) -> None:
@@ -95,29 +91,29 @@ class Touches:
 
     @property
     def going_on(self) -> bool:
-        """Whether something touches the arm now."""
+        """Whether an outside torque, or a possible load, acts now; the running mean is then held."""
         return self._open is not None
 
     @property
-    def outside(self) -> bool:
-        """Whether that is surely nothing that the tool carries."""
+    def surely_outside(self) -> bool:
+        """Whether it acts now and no load can explain it; the slow sums then wait."""
         return self._open is not None and not self._open.doubted
 
     def limit(self, step: Step) -> FloatArray:
-        """(nj,) contrasts that a sound robot does not have."""
+        """(nj,) thresholds of the contrast, N m or N."""
         return np.asarray(self.threshold * self._level.std(step.sources))
 
     def reset(self, time: float) -> None:
-        """At a time, s, what went on is explained, or nothing is known of it."""
+        """Forget the present event at a time, s: it is explained, or the observer restarted."""
         self._open, self._outlasted, self._quiet = None, None, time
 
     def take(self, step: Step, load: FloatArray, delay: float) -> list[Event]:
-        """What one sample tells.
+        """The events of one sample.
 
         Args:
-            step: of the observer.
-            load: (nj, 4) columns of the load there.
-            delay: of the observer, s.
+            step: the observer's output.
+            load: (nj, 4) columns of the load, see `column_function`.
+            delay: mean delay of the observer, s.
         """
         contrast = _Excess(step.contrast, self._level.std(step.sources), self.threshold)
         seen = [contrast]
@@ -125,7 +121,7 @@ class Touches:
         if self._open is None:
             self._level.take(step.contrast, step.sources, interval)
         if self._sound.onset is not None and self._onset_level is not None:
-            began = self._sound.onset.began(step.stages)
+            began = self._sound.onset.estimate(step.stages)
             seen.append(_Excess(began, self._onset_level.std(step.sources), self._sudden))
             if self._open is None:
                 self._onset_level.take(began, step.sources, interval)
@@ -133,7 +129,7 @@ class Touches:
             return self._went_on(self._open, step, seen, load)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
         highest = float(clearest.ratio.max())
-        if highest < OVER:
+        if highest < END_SHARE:
             self._quiet = step.time
         return self._begun(step, clearest, contrast, load, delay) if highest >= 1.0 else []
 
@@ -142,22 +138,22 @@ class Touches:
         left, most = (float(np.linalg.norm(each / contrast.std)) for each in (contrast.value, now.largest))
         if left > most:
             now.largest = contrast.value
-        shown = float(contrast.ratio.max()) >= OVER
+        shown = float(contrast.ratio.max()) >= END_SHARE
         now.lasting |= shown
         if now.lasting:
-            there = shown and left > OVER * most
+            there = shown and left > END_SHARE * most
         else:
             back = seen[-1].value[now.joint] * now.began
-            opposite = step.time - now.begun > QUIET and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
+            opposite = step.time - now.begun > END_SECONDS and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
             there = now.gone is None and not opposite
         if there:
             now.gone = None
         elif now.gone is None:
             now.gone = step.time
-        elif step.time - now.gone > QUIET:
+        elif step.time - now.gone > END_SECONDS:
             self._open, self._quiet = None, step.time
             return [self._ended(now, step, contrast)] if now.reported else []
-        if step.time - now.begun > LASTING:
+        if step.time - now.begun > LONGEST_TOUCH:
             self._open, self._outlasted, self._quiet = None, now.largest, step.time
         elif now.doubted and not self._as_load(step, load, 1.0):
             now.doubted, now.reported, self._doubted = False, True, -np.inf
@@ -172,24 +168,24 @@ class Touches:
             if lasting and left < 0.5 * most:
                 now = _Open(step.time, since, 0.0, -before, joint, doubted=False, lasting=True)
                 return [self._ended(now, step, contrast)]
-        # An onset says that something began, and not yet how large it is in which joint.
+        # An onset detects the start, but does not yet identify size and joint.
         doubted = not lasting or self._as_load(step, load, 0.5)
         now = self._open = _Open(
             step.time, since, float(clearest.value[joint]), contrast.value, joint, doubted, lasting
         )
         if not doubted:
             return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
-        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED, step.time
+        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEAT_SECONDS, step.time
         return [self._event(Kind.NOT_TOLD, now, step, contrast)] if now.reported else []
 
     def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
-        """Whether something that the tool carries would do: what it leaves is below a share of the threshold.
+        """Whether a load explains the residual: with the best load, less than a share of the threshold remains.
 
-        Asked of the residual: the contrast's mean holds some of a load that was taken up in its last moments.
+        The contrast does not serve for this: its running mean contains part of a load that was lifted just before.
         """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
         X, r = load / std[:, None], step.residual / std
-        best = np.linalg.solve(X.T @ X + WEAK, X.T @ r)
+        best = np.linalg.solve(X.T @ X + LOAD_PRIOR, X.T @ r)
         return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
     def _event(self, kind: Kind, now: _Open, step: Step, contrast: _Excess) -> Event:

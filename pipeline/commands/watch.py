@@ -1,4 +1,4 @@
-"""`armdyn watch`: the model beside the robot."""
+"""`armdyn watch`: online comparison of a model with its robot."""
 
 import json
 import sys
@@ -60,10 +60,10 @@ def watch(
     from armdyn.effects.user import load_effects
     from armdyn.errors import at
     from armdyn.model_file import read_model_file
-    from armdyn.watch.sound import from_band, measured
+    from armdyn.watch.sound import measured_sound, sound_from_band
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import Log
-    from pipeline.watch.sources import again, recordings_in, runs_of
+    from pipeline.watch.sources import recordings_in, runs_of, sample_sources
 
     runs, calibrate = runs or [], recordings_in(calibrate or [])
     if (ros is None) == (not runs) or (STANDARD in runs and len(runs) > 1):
@@ -78,7 +78,10 @@ def watch(
         given = given.following([*sound_runs, *watched])
         say("measuring a sound robot")
         with at(model):
-            sound = measured(given, again(given, sound_runs)) if sound_runs else from_band(given, file.history)
+            if sound_runs:
+                sound = measured_sound(given, sample_sources(given, sound_runs))
+            else:
+                sound = sound_from_band(given, file.history)
         say("preparing")
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:
@@ -94,24 +97,24 @@ def watch(
             out.note(f"watching at {shown.address}")
             if not no_browser and sys.stdout.isatty():
                 shown.open()
-        for name, samples in _sources(watching, ros, arm, [*zip(files, again(given, watched), strict=True)]):
+        for name, samples in _sources(watching, ros, arm, [*zip(files, sample_sources(given, watched), strict=True)]):
             out.source = name
             for sample in samples:
                 found = watching.take(*sample)
                 if kept is not None:
-                    kept.keep(sample)
+                    kept.write(sample)
                 if shown is not None:
                     shown.take(found)
                 for event in found:
-                    out.tell(event, kept)
-            watching.observer.begin()
+                    out.report(event, kept)
+            watching.observer.restart()
         out.end(files)
 
 
 def _sources(
     watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[Sample]]]]"
 ) -> "Iterator[tuple[Path | None, Iterator[Sample]]]":
-    """Where samples come from, one after the other: the recording's file, and the samples."""
+    """The sources in order: file of the recording, or None if live; its samples."""
     from pipeline.watch.sources import RosStates, lines_of
 
     if ros is not None:
@@ -127,7 +130,7 @@ def _sources(
 
 
 class _Out:
-    """Where events go: a line each for a person, or for a program."""
+    """Prints each event as a sentence, or as a line of JSON."""
 
     def __init__(
         self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack
@@ -143,13 +146,13 @@ class _Out:
         self.note(sound.sentence)
 
     def note(self, sentence: str) -> None:
-        """Say something that is no event."""
+        """Print a sentence, unless JSON uses standard output."""
         if not self._quiet:
             typer.echo(sentence)
             sys.stdout.flush()
 
-    def tell(self, event: "Event", kept: "Log | None") -> None:
-        """Tell an event; what a change calls for."""
+    def report(self, event: "Event", kept: "Log | None") -> None:
+        """Report an event; after a change, start a new log file and print the command for a repair."""
         from armdyn.watch.event import Kind
 
         self._events += 1
@@ -162,11 +165,11 @@ class _Out:
         if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED):
             self._changed = self.source
             if kept is not None:
-                kept.part()
+                kept.next_file()
                 self.note(f"to repair the model from here on: {self._repair([kept.file])}")
 
     def end(self, files: list[Path]) -> None:
-        """Say what all of it was."""
+        """Print the summary, and the command for a repair with the files after a change."""
         count = f"{self._events} event{'s' * (self._events != 1)}"
         self.note(f"{count}, at {self._rate()}." if self._events else f"Nothing happened, at {self._rate()}.")
         after = files[files.index(self._changed) + 1 :] if self._changed in files else []

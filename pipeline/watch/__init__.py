@@ -1,1 +1,1 @@
-"""Where a watch gets its samples, and where what it says goes."""
+"""Sources of a watch's samples, its log and its page."""

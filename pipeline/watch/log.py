@@ -1,4 +1,4 @@
-"""What came, kept as recordings: another one begins where the load or the robot changed, for a repair from then on."""
+"""Log of the samples as recordings; a new file starts at each change, so that a repair can use what follows."""
 
 from pathlib import Path
 from typing import TextIO
@@ -11,17 +11,17 @@ from armdyn.watch.sound import Sample
 
 
 class Log:
-    """Writes samples as they come; every line is in the file at once, and no later part writes over a file.
+    """Writes samples as they arrive; each line is flushed at once, and later files never overwrite a file.
 
     Args:
-        file: of the first recording; ``run.csv`` is followed by ``run_2.csv``.
+        file: first recording; ``run_2.csv`` follows ``run.csv``.
         model: the arm.
 
     Attributes:
-        file: that is written now.
+        file: the recording that is being written.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
 
     def __init__(self, file: Path, model: ArmModel) -> None:
@@ -45,14 +45,14 @@ class Log:
         stream.write(self._heads + "\n")
         return stream
 
-    def keep(self, sample: Sample) -> None:
-        """Write a sample; what is missing of it is left empty."""
+    def write(self, sample: Sample) -> None:
+        """Write a sample; missing values are empty cells."""
         stamp, q, tau = sample
         cells = ("" if np.isnan(value) else repr(float(value)) for value in (stamp, *q, *tau[self._asked]))
         self._stream.write(",".join(cells) + "\n")
 
-    def part(self) -> None:
-        """Begin another recording, of the next number that no file has."""
+    def next_file(self) -> None:
+        """Start a new file, with the next number that is free."""
         self.close()
         while self.file.exists():
             self._count += 1
@@ -60,5 +60,5 @@ class Log:
         self._stream = self._opened()
 
     def close(self) -> None:
-        """Write what is not written yet."""
+        """Close the present file."""
         self._stream.close()

@@ -1,4 +1,4 @@
-"""A page that shows what a watch sees: residuals with their bands, and events, from this computer only."""
+"""Live web page of a watch: residuals with their bands, and events; accessible from this computer only."""
 
 import json
 import threading
@@ -16,26 +16,26 @@ from armdyn.watch.watch import Watch
 from pipeline.processes import Closing
 
 HOST = "127.0.0.1"
-EVERY, SHOWN, MOST = 0.05, 30.0, 200
-"""s from point to point, s that a curve shows, and events that are listed."""
+POINT_SECONDS, CURVE_SECONDS, MAX_EVENTS = 0.05, 30.0, 200
+"""Time between points, s; length of a curve, s; number of listed events."""
 PAGE = Path(__file__).parent / "templates" / "watch.html"
 
 
 class LivePage(Closing):
-    """Serves the page while a watch goes on.
+    """Serves the page while a watch runs.
 
     Args:
-        watch: what it shows.
-        port: where; any that is free if None.
+        watch: the watch to show.
+        port: TCP port; None: any free one.
 
     Raises:
-        InputError: the port is taken.
+        InputError: the port is not available.
     """
 
     def __init__(self, watch: Watch, port: int | None) -> None:
         self._watch = watch
-        self._points: deque[list[Any]] = deque(maxlen=round(SHOWN / EVERY))
-        self._events: deque[dict[str, Any]] = deque(maxlen=MOST)
+        self._points: deque[list[Any]] = deque(maxlen=round(CURVE_SECONDS / POINT_SECONDS))
+        self._events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self._lock = threading.Lock()
         try:
             self._server = ThreadingHTTPServer((HOST, port or 0), self._handler())
@@ -46,34 +46,34 @@ class LivePage(Closing):
         self._thread.start()
 
     def take(self, events: Sequence[Event]) -> None:
-        """Show the watch's latest sample, and events."""
+        """Add the watch's latest sample, and these events."""
         step = self._watch.latest
         if step is None:
             return
         with self._lock:
             self._events.extend(event.answer for event in events)
-            if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < EVERY):
+            if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < POINT_SECONDS):
                 limit = self._watch.touches.limit(step)
                 mean = step.residual - step.contrast
                 self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])
 
     def state(self) -> bytes:
-        """What the page asks for, as JSON."""
+        """Curves and events for the page, as JSON."""
         with self._lock:
-            told = {
+            state = {
                 "joints": list(self._watch.model.arm.joints), "points": list(self._points),
                 "events": list(self._events), "basis": self._watch.sound.sentence,
             }  # fmt: skip
-        return json.dumps(told).encode()
+        return json.dumps(state).encode()
 
     def open(self) -> None:
-        """Show it in a browser."""
+        """Open the page in a browser."""
         import webbrowser
 
         threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
     def close(self) -> None:
-        """End it."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -83,7 +83,7 @@ class LivePage(Closing):
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 host = self.headers.get("Host", "").rpartition(":")[0]
-                if host not in (HOST, "localhost"):  # a name that another page had point here
+                if host not in (HOST, "localhost"):  # DNS rebinding by another web page
                     return self.send_error(403)
                 if self.path == "/":
                     return self._answer(PAGE.read_bytes(), "text/html; charset=utf-8")
@@ -100,6 +100,6 @@ class LivePage(Closing):
                 self.wfile.write(body)
 
             def log_message(self, *_: Any) -> None:
-                """Say nothing."""
+                """Print nothing."""
 
         return Handler

@@ -1,4 +1,4 @@
-"""Samples of an arm as they come: from recordings, from a program's lines on standard input, or from a robot's ROS."""
+"""Sources of an arm's samples: recordings, lines of CSV on standard input, or the ROS topics of a robot."""
 
 import math
 import queue
@@ -21,17 +21,17 @@ from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE, JointStates
 
 RECORDINGS = (".csv", ".mcap")
-KEPT = 2000
-"""States that wait when the computer is busy, two seconds at 1 kHz; then the oldest are dropped, which is a gap."""
-AGAIN = 1.0
-"""s after which a bridge that went away is called again."""
+QUEUE_SIZE = 2000
+"""States that are buffered while the computer is busy, 2 s at 1 kHz; then the oldest are dropped."""
+RECONNECT_SECONDS = 1.0
+"""Time between attempts to reconnect to a lost bridge, s."""
 
 
 def recordings_in(paths: Sequence[Path]) -> list[Path]:
-    """The recordings that are named, those of a folder by their names.
+    """The files among `paths`, and the recordings in its folders, sorted by name.
 
     Raises:
-        InputError: a folder holds none.
+        InputError: a folder contains no recording.
     """
     found: list[Path] = []
     for path in paths:
@@ -46,22 +46,22 @@ def recordings_in(paths: Sequence[Path]) -> list[Path]:
 
 
 def runs_of(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
-    """Recordings as the model reads them, with torques of servos that only say what they were told."""
+    """Recordings of the model's arm, with torques of servos computed from their position or velocity errors."""
     return [model.reading(read_run(path)) for path in paths]
 
 
-def again(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[Sample]]]:
-    """By run, what gives its samples, from the first one whenever it is asked."""
+def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[Sample]]]:
+    """One function per run; each call returns all samples of the run."""
     return [partial(samples_of, run, model) for run in runs]
 
 
 def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[Sample]:
-    """Samples from lines of CSV, the first of them its heads as of a recording: ``time [s],q.elbow [rad],...``.
+    """Samples from lines of CSV; the first line is a recording's header: ``time [s],q.elbow [rad],...``.
 
-    A line that cannot be read, or lacks a value, is a sample that is missing.
+    A line that is malformed or lacks a value is skipped.
 
     Raises:
-        InputError: the heads lack the time, or a position or torque.
+        InputError: the header lacks the time, a position or a torque.
     """
     heads = [name_and_unit(cell) for cell in stream.readline().strip().split(",")]
     index = {head: i for i, (head, _) in enumerate(heads)}
@@ -89,24 +89,24 @@ def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> I
 class RosStates:
     """Joint states of a robot behind rosbridge; nothing is sent to the robot.
 
-    A bridge that goes away is called again until it is back, which is a gap.
+    A lost bridge is reconnected; its missing samples are a gap.
 
     Args:
-        uri: of the bridge.
-        topic: of the joint states.
-        names: of the arm's joints.
+        uri: address of the bridge.
+        topic: topic of the joint states.
+        names: names of the arm's joints.
     """
 
     def __init__(self, uri: str, topic: str, names: Sequence[str]) -> None:
         self._uri, self._topic, self._names = uri, topic, tuple(names)
-        self._waiting: queue.Queue[Sample] = queue.Queue(KEPT)
+        self._waiting: queue.Queue[Sample] = queue.Queue(QUEUE_SIZE)
         self._ended = False
 
     def samples(self) -> Iterator[Sample]:
-        """Until a signal comes: times on our clock, s since the first.
+        """Samples until a signal (SIGINT, SIGTERM); times on this computer's clock, s since the first.
 
         Raises:
-            InputError: no bridge, no states of these joints, or none with a torque.
+            InputError: no connection, or no states of these joints, or states without torques.
         """
         with ExitStack() as stack:
             stack.enter_context(noted_signals(lambda _: setattr(self, "_ended", True)))
@@ -151,7 +151,7 @@ class RosStates:
                 self._waiting.get_nowait()
 
     def _reconnected(self, stack: ExitStack) -> Bridge | None:
-        time.sleep(AGAIN)
+        time.sleep(RECONNECT_SECONDS)
         try:
             return stack.enter_context(self._connected())
         except InputError:

@@ -3,7 +3,7 @@
 import pytest
 from watch_work import model, samples, work
 
-from armdyn.watch.sound import measured
+from armdyn.watch.sound import measured_sound
 
 
 @pytest.fixture(scope="session")
@@ -15,4 +15,4 @@ def arm():
 def sound(arm):
     """What six minutes of sound work say."""
     runs = [work(arm, seed) for seed in range(100, 106)]
-    return measured(arm, [lambda run=run: samples(run) for run in runs])
+    return measured_sound(arm, [lambda run=run: samples(run) for run in runs])

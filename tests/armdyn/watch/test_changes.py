@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from armdyn.watch.changes import OWN, Baseline, Sums
+from armdyn.watch.changes import JOINT_CHANGES, Baseline, Sums
 
-FRICTION, OFFSET = OWN.index("joint_coulomb_friction"), OWN.index("torque_offset")
+FRICTION, OFFSET = JOINT_CHANGES.index("joint_coulomb_friction"), JOINT_CHANGES.index("torque_offset")
 MORE = 0.3
 
 
@@ -20,7 +20,7 @@ def windows(rng, count, more=0.0):
         L = np.zeros((50, 4))
         W = 1.0 / 0.1**2
         parts.append(Sums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
-    return Sums.together(parts)
+    return Sums.stacked(parts)
 
 
 def test_friction_is_found_beside_an_offset_that_scatters():
@@ -32,14 +32,14 @@ def test_friction_is_found_beside_an_offset_that_scatters():
     _, scores = baseline.scores(changed)
     assert np.median(scores[:, 0, FRICTION]) > 4.0
     assert np.median(scores[:, 0, OFFSET]) < 1.5
-    found = [baseline.own_change(changed.of(k), 0, FRICTION) for k in range(200)]
+    found = [baseline.own_change(changed.select(k), 0, FRICTION) for k in range(200)]
     sizes, stds = np.array(found).T
     assert np.median(sizes) == pytest.approx(MORE, abs=0.02)
     assert np.median(np.abs(sizes - MORE) / stds) < 1.5
 
 
 def test_a_joint_that_never_moves_tells_nothing_and_breaks_nothing():
-    still = Sums.together([Sums.none(2)] * 30)
+    still = Sums.stacked([Sums.zeros(2)] * 30)
     load, own = Baseline.of(still, 3).scores(still)
     assert np.isfinite(own).all()
     assert own.max() < 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armdyn.watch.observer import Observer
-from armdyn.watch.onset import ONSET, Onset, stepped
+from armdyn.watch.onset import ONSET_SECONDS, Onset, step_response
 
 
 def stages(arm, tau, interval):
@@ -15,11 +15,11 @@ def stages(arm, tau, interval):
 
 @pytest.mark.parametrize("interval", [0.001, 0.002])
 def test_a_step_stands_in_the_stages_as_the_onset_expects(arm, interval):
-    before, after = round(0.5 / interval), round(ONSET / interval)
+    before, after = round(0.5 / interval), round(ONSET_SECONDS / interval)
     found = stages(arm, np.repeat([0.0, 5.0], [before, after + 1]), interval)
     # Between samples a torque is straight, so that its step is half an interval early; a stage rises by 27 /s at most.
     early = 5.0 * 27.0 * interval / 2.0
-    np.testing.assert_allclose((found[-1] - found[before - 1])[2], 5.0 * stepped(), atol=early)
+    np.testing.assert_allclose((found[-1] - found[before - 1])[2], 5.0 * step_response(), atol=early)
 
 
 def test_a_torque_that_began_is_told_without_bias_beside_smooth_errors(arm):
@@ -30,8 +30,8 @@ def test_a_torque_that_began_is_told_without_bias_beside_smooth_errors(arm):
     seen = np.array(stages(arm, smooth + 0.05 * rng.standard_normal(len(time)), 0.002))[500:]
     sources = np.concatenate([np.ones((*seen.shape[:2], 1)), np.zeros((*seen.shape[:2], 3))], axis=2)
     onset = Onset.of(seen[::10], sources[::10])
-    held_out = np.array([onset.began(each)[2] for each in seen[5::10]])
+    held_out = np.array([onset.estimate(each)[2] for each in seen[5::10]])
     std = np.sqrt(onset.variance[2, 0])
     assert std < 0.1
     assert np.sqrt(np.mean(held_out**2)) == pytest.approx(std, rel=0.2)
-    assert onset.began(seen[100] + 3.0 * stepped())[2] - onset.began(seen[100])[2] == pytest.approx(3.0)
+    assert onset.estimate(seen[100] + 3.0 * step_response())[2] - onset.estimate(seen[100])[2] == pytest.approx(3.0)

@@ -6,7 +6,7 @@ from watch_work import samples, work
 
 from armdyn.errors import InputError
 from armdyn.watch.event import Kind
-from armdyn.watch.sound import from_band, measured
+from armdyn.watch.sound import measured_sound, sound_from_band
 from armdyn.watch.watch import Watch
 
 CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
@@ -95,7 +95,7 @@ def test_what_is_kept_does_not_grow(arm, sound):
 
 def test_a_model_that_says_its_error_needs_no_calibration(arm):
     history = [{"rmse": {f"tau.{joint}": 0.2 for joint in arm.joints}}]
-    band = from_band(arm, history)
+    band = sound_from_band(arm, history)
     assert "--calibrate" in band.sentence
     assert events(arm, band, work(arm, 50)) == []
     assert Kind.OUTSIDE_TORQUE in {e.kind for e in events(arm, band, work(arm, 0, 16.0, begin=10.0, outside=CONTACT))}
@@ -103,9 +103,9 @@ def test_a_model_that_says_its_error_needs_no_calibration(arm):
 
 def test_a_model_that_says_nothing_of_its_error_needs_recordings(arm, complains):
     with complains(InputError):
-        from_band(arm, [])
+        sound_from_band(arm, [])
 
 
 def test_sound_recordings_that_are_too_short_are_refused(arm, complains):
     with complains(InputError):
-        measured(arm, [lambda: samples(work(arm, 0, 5.0))])
+        measured_sound(arm, [lambda: samples(work(arm, 0, 5.0))])

@@ -15,7 +15,7 @@ from armdyn.arm.model import arm_model
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
-from armdyn.watch.sound import measured
+from armdyn.watch.sound import measured_sound
 from armdyn.watch.watch import Watch
 from pipeline.watch.log import Log
 from pipeline.watch.page import LivePage
@@ -97,7 +97,7 @@ def test_lines_of_standard_input_are_samples(folder, calibrated, armdyn, monkeyp
 def test_the_page_shows_residuals_with_their_limits_and_events(complains):
     arm = model()
     runs = [work(arm, seed) for seed in (100, 101)]
-    watch = Watch(arm, measured(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
+    watch = Watch(arm, measured_sound(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
     with LivePage(watch, None) as page:
         for sample in samples(work(arm, 0, 16.0, begin=10.0, outside=CONTACT)):
             page.take(watch.take(*sample))
@@ -131,9 +131,9 @@ def test_standard_input_without_a_joint_is_refused(folder, calibrated, refused, 
 def test_no_part_of_a_log_writes_over_a_file(tmp_path):
     (tmp_path / "day_2.csv").write_text("kept")
     log = Log(tmp_path / "day.csv", arm_model(robot="ur5"))
-    log.keep((0.0, np.zeros(6), np.zeros(6)))
+    log.write((0.0, np.zeros(6), np.zeros(6)))
     assert len((tmp_path / "day.csv").read_text().splitlines()) == 2  # at once, in case the power fails
-    log.part()
+    log.next_file()
     log.close()
     assert log.file == tmp_path / "day_3.csv"
     assert (tmp_path / "day_2.csv").read_text() == "kept"
