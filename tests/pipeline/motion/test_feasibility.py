@@ -14,7 +14,7 @@ from pipeline.motion.feasibility import (
     CheckSettings,
     FeasibilityReport,
     Obstacle,
-    Swing,
+    PlannedSwing,
     box_and_table,
     check_joints,
     check_line,
@@ -237,7 +237,7 @@ def test_an_arm_turned_into_its_own_body_collides(robot):
 def test_a_slack_string_and_a_load_over_the_hand_are_named(robot, table, angle, slack, length, expected):
     motion = line_sine(0.02, 0.5)
     tension = np.where(slack & (np.arange(len(motion)) == 120), 0.01, 0.8)
-    swing = Swing(motion.time, np.linspace(0.0, angle, len(motion)), tension, length, least_tension=0.05)
+    swing = PlannedSwing(motion.time, np.linspace(0.0, angle, len(motion)), tension, length, least_tension=0.05)
     report = check_line(table, robot, motion, CheckSettings(), swing)
     assert {limit for limit, _ in broken(report)} == expected, report.sentence
     if slack:
