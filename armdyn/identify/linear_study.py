@@ -1,6 +1,5 @@
 """A study of a model whose predictions are linear in most values, such as an arm: one expansion scores every set."""
 
-from collections import deque
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -17,7 +16,7 @@ from armdyn.identify.study import Study
 MAX_QUICK_STEPS = 8
 """Steps of a quick fit; a candidate that needs more is no small correction of the present fit."""
 CACHED_SCORERS = 3
-"""Number of cached scorers: a search returns to the last ones."""
+"""Number of cached scorers, those used last: a search returns to them."""
 
 
 class LinearStudy(Study):
@@ -27,8 +26,8 @@ class LinearStudy(Study):
     sums_predict = True
 
     @cached_property
-    def _scorers(self) -> deque[tuple[Fit, LinearScorer]]:
-        return deque(maxlen=CACHED_SCORERS)
+    def _scorers(self) -> dict[Fit, LinearScorer]:
+        return {}
 
     def _fit_as_given(self) -> Fit:
         wanted = self.problem.fitted & self.problem.of(self.model.names)
@@ -96,13 +95,15 @@ class LinearStudy(Study):
             at: the fit of the expansion.
             given_misfit: squared error of the model as given, see `LinearScorer`; None where `at` is its fit.
         """
-        k = next((k for k, (fit, _) in enumerate(self._scorers) if fit is at), None)
-        if k is None:
-            k = len(self._scorers) if len(self._scorers) < CACHED_SCORERS else CACHED_SCORERS - 1
-            self._scorers.append((at, self._scorer_around(at)))
+        found = self._scorers.pop(at, None)
+        if found is None:
+            found = self._scorer_around(at)
         if given_misfit is not None:
-            self._scorers[k] = at, self._scorers[k][1].compared_with(given_misfit)
-        return self._scorers[k][1]
+            found = found.compared_with(given_misfit)
+        self._scorers[at] = found
+        if len(self._scorers) > CACHED_SCORERS:
+            del self._scorers[next(iter(self._scorers))]
+        return found
 
     def _scorer_around(self, at: Fit) -> LinearScorer:
         everything = Problem(self.problem.model, [*self.runs, *self.held_out], self.noise)

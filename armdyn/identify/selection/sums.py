@@ -3,9 +3,8 @@ r"""A model expanded at one fit, as sums over samples, from which the fit and pr
 With X the derivatives of a channel's prediction with respect to every unknown and r its residual, the squared error
 after a change d of the unknowns is r'r - 2 d' X'r + d' X'X d, exactly where the model is linear in them, as an arm is
 in most of its effects. The sums X'X, X'r and r'r of every run and channel therefore contain all that is needed to
-choose effects: fitting a
-set to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32, 1976, on subsets by their
-normal equations).
+choose effects: fitting a set to some runs and predicting the others is one small linear solve (Hocking, Biometrics 32,
+1976, on subsets by their normal equations).
 """
 
 from collections.abc import Collection, Sequence

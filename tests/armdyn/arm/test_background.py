@@ -31,7 +31,10 @@ def with_small(model, values=SMALL, width=0.3):
 def recorded(name, seed=0):
     """Both slides on waves; forces by Newton's law with the small values, and noise."""
     rub, offset = [SMALL[f"{FRICTION}[{joint}]"] for joint in ("along", "across")], [0.0, -0.25]
-    force = lambda v, a, **_: [4.0, 2.0] * a + rub * v + offset  # noqa: E731
+
+    def force(v, a, **_):
+        return [4.0, 2.0] * a + rub * v + offset
+
     return urdfs.recorded(["along", "across"], ["m", "m"], force, 1500, seed, name, 0.02)
 
 

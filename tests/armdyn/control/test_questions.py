@@ -59,7 +59,10 @@ def test_the_gradient_of_every_criterion_is_exact(control):
     _, gradient = cost_and_gradient(sac, schedule, state, rival)
     some = np.zeros((6, sac.settings.steps))
     some[np.arange(6), [0, 7, 13, 40, 90, 120]] = 1.0
-    cost = lambda u: np.array(cost_and_gradient(sac, schedule + u @ some, state, rival)[0])  # noqa: E731
+
+    def cost(u):
+        return np.array(cost_and_gradient(sac, schedule + u @ some, state, rival)[0])
+
     assert_jacobian(cost, np.zeros(6), some @ gradient, 1e-2, 1e-6)
 
 

@@ -88,7 +88,7 @@ def test_a_dropped_file_stays_in_its_folder_or_is_refused(folder, name, complain
 
 
 def test_a_page_writes_below_its_folder_and_over_nothing_but_what_it_wrote_and_nobody_changed(tmp_path, complains):
-    work = tmp_path / "work"
+    work = tmp_path / "desk"
     (work / "deep").mkdir(parents=True)
     (work / "link").symlink_to(tmp_path)
     writable = Writable(work)
