@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
-from armdyn.effects.catalogue import find_several
+from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available, load_effects
 from armdyn.identify.compare import Comparison, compare
@@ -155,6 +155,17 @@ class CheckedStudy:
             return ()
         return (f"The {given.label} of the model as given is set aside, to be found anew",)
 
+    def with_effects(self, labels: Sequence[str]) -> "CheckedStudy":
+        """The same recordings with a model that has more effects, named by labels such as ``payload(right_w2)``.
+
+        Raises:
+            InputError: no effect has such a label, or the model has it already.
+        """
+        model = self.study.model
+        for label in labels:
+            model = model.with_effect(find(label, self.known.catalogue))
+        return replace(self, study=self.study.choosing_from(self.effects, model)) if labels else self
+
     def compare(self) -> Comparison:
         """Fit the model and find where it fails."""
         found = compare(self.study)
@@ -181,10 +192,7 @@ class CheckedStudy:
         if not absent:
             return moved
         left = tuple(effect for effect in self.effects if effect.name not in absent)
-        runs, held_out, exam = (
-            [run.recording for run in runs] for runs in (self.study.runs, self.study.held_out, self.study.exam)
-        )
-        return replace(self, study=Study.of(self.study.model, runs, held_out, left, exam), effects=left).repair(say)
+        return replace(self, study=self.study.choosing_from(left), effects=left).repair(say)
 
     def add(self, wanted: Iterable[Effect]) -> Repair:
         """Add these effects, one after the other, whether or not the recordings need them."""
@@ -194,7 +202,7 @@ class CheckedStudy:
 
     def discover(self, say: Say | None = None) -> Discovery:
         """Find a formula for the force that the model lacks."""
-        return discover(self.study.model, self.study.runs, self.study.held_out, self.effects, say)
+        return discover(self.study, say)
 
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""

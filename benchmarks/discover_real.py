@@ -56,7 +56,7 @@ def judged(name: str, data: Path) -> dict[str, object]:
     before = errors(study, study.first())
     row: dict[str, object] = {"set": name, "repaired": [effect.label for effect in repaired.effects], "before": before}
     if before["fitted"] > LEFT:
-        found = discover(repaired, runs, held_out, catalogue)
+        found = discover(Study.of(repaired, runs, held_out, catalogue))
         with tempfile.TemporaryDirectory() as file:
             effects = effects_found(repaired, found, Path(file))
         study = Study.of(repaired, runs, held_out, effects, exam)

@@ -31,9 +31,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import Progress, Step
 from armdyn.identify.selection.search import Search, search
 from armdyn.identify.study import Study
-from armdyn.model import Model
 from armdyn.parameter import Parameter
-from armdyn.run import Run
 from armdyn.threads import one_thread
 
 Terms = Callable[[Fit], Iterator[Term]]
@@ -50,36 +48,28 @@ MAX_CURVE_RESIDUAL_SHARE = 0.7
 
 
 @one_thread
-def discover(
-    model: Model,
-    runs: Sequence[Run],
-    held_out: Sequence[Run],
-    catalogue: Sequence[Effect],
-    progress: Progress | None = None,
-) -> Discovery:
-    """Find a formula for the force that a model lacks.
+def discover(study: Study, progress: Progress | None = None) -> Discovery:
+    """Find a formula for the force that the model of a study lacks.
 
     Args:
-        model: the model as given.
-        runs: runs to fit.
-        held_out: runs that help to choose, but are not fitted.
-        catalogue: known effects; a formula that one of them explains as well gets its name.
+        study: model, runs and catalogue; a formula that an effect of the catalogue explains as well gets its name.
         progress: called with a text at every step.
 
     Raises:
         InputError: a further quantity has two units, or the states of a user's base are not in SI units.
     """
-    check_same_units([*runs, *held_out])
+    model, catalogue = study.model, study.catalogue
+    check_same_units([*study.runs, *study.held_out])
     say = progress or (lambda _: None)
     say("fitting the model as it is")
-    bare = Study.of(model, runs, held_out, ())
+    bare = study.choosing_from(())
     first = bare.first()
     given = Search((Step((), (), bare.present, first, residual_tests(first, [])),))
     if not given.last.tests.fails:
         return concluded(bare, given, {}, {})
     formulas, curves = TERMS_BY_BASE.get(model.base, (physics_terms, physics_curves))
     taken = {effect.name for effect in (*model.effects, *catalogue)}
-    searched = partial(_searched, partial(Study.of, model, runs, held_out), catalogue, say)
+    searched = partial(_searched, study, say)
     terms = named_terms(formulas(first), taken)
     study, found = searched(terms)
     if study.is_lost(found.last.fit):
@@ -92,16 +82,14 @@ def discover(
     return concluded(study, found, terms, {e.name: e for e in catalogue})
 
 
-def _searched(
-    study_of: Callable[..., Study], catalogue: Sequence[Effect], say: Progress, terms: dict[str, Term]
-) -> tuple[Study, Search]:
+def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Study, Search]:
     effects = effects_of_terms(list(terms.values()))
-    size = len(catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
-    study = study_of([*catalogue, *effects], catalogue_size=size)
+    size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
+    study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
     if study.sums_predict:
         names = _promising(study, terms)
         promising = [effect for effect in effects if effect.name in names]
-        study = study_of([*catalogue, *promising], catalogue_size=size)
+        study = given.choosing_from([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)
     return study, found if predicts_better(study, found) else Search(found.steps[:1])
 

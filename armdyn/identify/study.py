@@ -82,6 +82,7 @@ class Study(ABC):
         catalogue_size: int = 0,
     ) -> None:
         self.model = model
+        self.catalogue = tuple(catalogue)
         self.asked = frozenset(asked)
         self.catalogue_size = catalogue_size
         self.runs, self.held_out, self.exam = prepared(model, runs, held_out, exam)
@@ -106,6 +107,20 @@ class Study(ABC):
         self._in_turn: dict[Fit, list[Fit]] = {}
         self._exam: dict[Fit, list[Fit]] = {}
         self.present_names = [name for c in self.present for name in c.names]
+
+    def choosing_from(
+        self, catalogue: Sequence[Effect], model: Model | None = None, catalogue_size: int = 0
+    ) -> "Study":
+        """A study of the same runs with other effects to choose from, and with another model where one is given."""
+        return Study.of(
+            self.model if model is None else model,
+            self.runs,
+            self.held_out,
+            catalogue,
+            self.exam,
+            self.asked,
+            catalogue_size,
+        )
 
     @one_thread
     def first(self) -> Fit:

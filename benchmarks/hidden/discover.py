@@ -35,7 +35,7 @@ def judged(kind: str, seed: int, folder: Path) -> dict:
     given = world(kind, seed)
     model = _model(given, folder)
     start = time.process_time()
-    found = discover(model, given.runs, [given.held_out], available(model))
+    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
     seconds = time.process_time() - start
     kinds = [one.kind for one in found.findings] + [one.known_as for one in found.findings if one.known_as]
     before, after = _errors(model, given, ()), _errors(model, given, effects_found(model, found, folder))

@@ -7,17 +7,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import sentence_of
 from ik.children import begin_child
 from pipeline.console.inputs import Inputs
 from pipeline.workbench.bench import Workbench
-
-if TYPE_CHECKING:
-    from armdyn.checked_study import ModelWithCatalogue
-    from armdyn.identify.study import Study
 
 _T = TypeVar("_T")
 SearchWork = Callable[[Inputs, Sequence[str], Callable[[str], None]], dict[str, Any]]
@@ -121,11 +117,10 @@ def diagnosed(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]
     Raises:
         InputError: something cannot be used.
     """
-    from armdyn.identify.diagnose import diagnose
     from pipeline.answers import diagnosis_answer
 
-    _, study = _with_effects(inputs, effects)
-    return {**diagnosis_answer(study, diagnose(study, say)), "beside": list(effects)}
+    given = inputs.read().with_effects(effects)
+    return {**diagnosis_answer(given.study, given.diagnose(say)), "beside": list(effects)}
 
 
 def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
@@ -134,20 +129,6 @@ def discovered(inputs: Inputs, effects: Sequence[str], say: Callable[[str], None
     Raises:
         InputError: something cannot be used.
     """
-    from armdyn.discovery.discover import discover
-
-    known, study = _with_effects(inputs, effects)
-    found = discover(study.model, study.runs, study.held_out, known.catalogue, say)
+    found = inputs.read().with_effects(effects).discover(say)
     labels = [one.label for one in found.findings]
     return {"sentence": found.sentence, "labels": labels, "text": found.file_text() if found.new else ""}
-
-
-def _with_effects(inputs: Inputs, effects: Sequence[str]) -> "tuple[ModelWithCatalogue, Study]":
-    from armdyn.effects.catalogue import find
-    from armdyn.identify.study import Study
-
-    given = inputs.read()
-    study, model = given.study, given.study.model
-    for label in effects:
-        model = model.with_effect(find(label, given.known.catalogue))
-    return given.known, Study.of(model, study.runs, study.held_out, given.known.catalogue) if effects else study

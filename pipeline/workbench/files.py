@@ -296,7 +296,7 @@ def keep(
         TaskFailedError: the fit failed.
     """
     from armdyn.document import NextStep
-    from armdyn.identify.repair import add, require_found
+    from armdyn.identify.repair import require_found
     from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
@@ -305,12 +305,12 @@ def keep(
 
     if model.suffix.lower() != ".toml":
         raise InputError(f"{model}: end the name of a model file in .toml")
-    study = bench.study
+    study = given.study
     check_outputs(model, report, exported, inputs=opened.recordings)
     for target in (model, report, exported):
         if target is not None:
             writable.check(target, over)
-    found = require_found(add(study, bench.effects_of(effects)))
+    found = require_found(given.add(bench.effects_of(effects)))
     kept, copied = _with_its_urdf(found.model, model, writable, over)
     if opened.effects is not None and is_temporary(opened.effects):
         laws = model.with_name(f"{model.stem}_effects.py")

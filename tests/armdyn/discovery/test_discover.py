@@ -31,7 +31,7 @@ from ...worlds.pendulum import Setup, record
 def test_nothing_is_discovered_where_nothing_is_missing():
     model = pendulum_model(0.368, 0.08)
     run = record("clean", Setup(duration=6.0), np.random.default_rng(3))
-    found = discover(model, [run], [], available(model))
+    found = discover(Study.of(model, [run], [], available(model)))
     assert not found.findings
     assert found.sentence == "Nothing is missing: what is left is noise."
 
@@ -39,7 +39,7 @@ def test_nothing_is_discovered_where_nothing_is_missing():
 def test_what_stands_still_shows_no_law():
     time, noise = np.arange(0.0, 8.0, 0.02), 1e-3 * np.random.default_rng(1).standard_normal(400)
     run = Run("still", {"swing_angle": Channel(time, noise, "rad")}, {}, {"swing_angle": 1e-3})
-    found = discover(pendulum_model(0.368, 0.08), [run], [], [])
+    found = discover(Study.of(pendulum_model(0.368, 0.08), [run], [], []))
     assert found.still
     assert "record a motion" in found.sentence
 
@@ -109,7 +109,7 @@ def test_a_joint_may_have_a_long_name(tmp_path):
 
 def test_nothing_is_discovered_in_a_clean_arm(model):
     given = world("clean arm", 1)
-    assert not discover(model, given.runs, [given.held_out], available(model)).findings
+    assert not discover(Study.of(model, given.runs, [given.held_out], available(model))).findings
 
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):
@@ -131,7 +131,7 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
 @pytest.mark.slow
 def test_cogging_is_discovered_beside_friction(model):
     given = world("cogging", 0)
-    found = discover(model, given.runs, [given.held_out], available(model))
+    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
     (law,) = found.new
     assert (law.kind, law.joints) == ("cogging", ("elbow",))
     assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}
