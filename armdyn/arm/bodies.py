@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from armdyn.arm.composition import Change, JointFunctions
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import described_parameters, gravity_regressor, inverse_dynamics, parents, torque_regressor
+from armdyn.arm.rigid import GravityTorques, inverse_dynamics, parents, torque_regressor
 from armdyn.parameter import RecordedColumn
 from armdyn.recording.channels import Channel, DriveReading
 
@@ -77,9 +77,9 @@ class MotionSamples:
         return torque_regressor(self.model, self.motion.q, self.motion.v, self.motion.a)
 
     @cached_property
-    def gravity_regressor(self) -> np.ndarray:
-        """(n, nj, nj, 3, 4) torques per gravity and per mass and first moment of a link."""
-        return gravity_regressor(self.model, self.motion.q)
+    def per_gravity(self) -> GravityTorques:
+        """Torques per component of gravity."""
+        return GravityTorques(self.model, self.motion.q)
 
     def rigid(self, joint: int, bodies: Bodies) -> np.ndarray:
         """(n,) change of a joint's torque by the changes of the rigid bodies."""
@@ -88,7 +88,7 @@ class MotionSamples:
             if self.carries(joint, i):
                 change += self.regressor[:, joint, i] @ link
         if bodies.gravity is not None and bodies.gravity.any():
-            change += self.per_gravity(joint, bodies) @ bodies.gravity
+            change += self.changed_per_gravity(joint, bodies) @ bodies.gravity
         return change
 
     def by_link(self, joint: int, link: int, bodies: Bodies) -> np.ndarray:
@@ -96,23 +96,16 @@ class MotionSamples:
         columns = self.regressor[:, joint, link]
         if bodies.gravity is not None and bodies.gravity.any():
             columns = columns.copy()
-            columns[:, :4] += bodies.gravity @ self.gravity_regressor[:, joint, link]
+            columns[:, :4] += bodies.gravity @ self.per_gravity.of_link(joint, link)
         return columns
 
-    def per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
+    def changed_per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
         """(n, 3) torque on a joint per component of gravity, with the changed links."""
-        columns = self.described_per_gravity[joint]
+        columns = self.per_gravity.described[joint]
         for i, change in bodies.links.items():
-            if change[:4].any():
-                columns = columns + self.gravity_regressor[:, joint, i] @ change[:4]
+            if change[:4].any() and self.carries(joint, i):
+                columns = columns + self.per_gravity.of_link(joint, i) @ change[:4]
         return columns
-
-    @cached_property
-    def described_per_gravity(self) -> np.ndarray:
-        """(nj, n, 3) torques of the described arm per component of gravity."""
-        weights = described_parameters(self.model)[:, :4].ravel()
-        by_joint = self.gravity_regressor.transpose(1, 0, 3, 2, 4)
-        return by_joint.reshape(*by_joint.shape[:3], -1) @ weights
 
     @cached_property
     def parents(self) -> tuple[int, ...]:

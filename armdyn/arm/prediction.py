@@ -168,7 +168,9 @@ class ChannelPredictor:
             for i in carried:  # ten columns for a link, however many parameters it has
                 slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
             if term.loaded and bodies.gravity is not None:
-                slopes[OF_BASE] = reduced.reduce(per_load * reduced.signal(self._stretch.per_gravity(joint, bodies)))
+                slopes[OF_BASE] = reduced.reduce(
+                    per_load * reduced.signal(self._stretch.changed_per_gravity(joint, bodies))
+                )
         found = NonlinearTerm(key, reduced.reduce(rest[:, :-1]), slopes)
         reduced.rests[term] = found
         return found

@@ -67,7 +67,7 @@ class Reduction:
         self.signal: Callable[[np.ndarray], np.ndarray] = (lambda s: s) if earlier is None else earlier.signal
         self.link = cache(lambda link: reduce(stretch.regressor[:, joint, link]))
         # No method: a circle of references would keep the large arrays until Python collects circles.
-        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.gravity_regressor[:, joint, link]))
+        self.weight = cache(lambda link: _reduced_weight(reduce, stretch.per_gravity.of_link(joint, link)))
         self.linear: dict[TorqueTerm, np.ndarray] = {}
         self.rests: dict[TorqueTerm, NonlinearTerm] = {}
 
@@ -79,7 +79,7 @@ class Reduction:
     @cached_property
     def per_gravity(self) -> np.ndarray:
         """(N, 3) torque of the described arm per component of gravity."""
-        return self.reduce(self._stretch.described_per_gravity[self._joint])
+        return self.reduce(self._stretch.per_gravity.described[self._joint])
 
 
 class Earlier:

@@ -4,6 +4,8 @@ A link has ten parameters in Pinocchio's order, in the frame of the joint and ab
 Iyy, Ixz, Iyz, Izz.
 """
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -106,16 +108,55 @@ def torque_regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarr
     return regressor.reshape(n, nj, nj, SIZE)
 
 
-def gravity_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    """(n, nj, nj, 3, 4) matrices G that give the torques at rest by mass m and centre c of each link l.
+class GravityTorques:
+    """Torques that hold an arm at rest, per component of gravity, from the positions of its links.
 
-    tau_j = sum_l g' G[., j, l] (m_l, m_l c_l), with gravity g (3,), m/s^2.
+    A body of mass m with its centre at x needs the torque -m g' dx/dq_j on joint j (virtual work), with dx/dq_j = v_j +
+    w_j x (x - p_j) for a joint at p_j with linear and angular axes v_j and w_j.
+
+    Args:
+        model: the arm.
+        q: (n, nj) positions of the joints.
     """
-    model, still, by_axis = model.copy(), np.zeros_like(q), []
-    for axis in np.eye(3):
-        model.gravity.linear = axis
-        by_axis.append(torque_regressor(model, q, still, still)[..., :4])
-    return np.stack(by_axis, axis=3)
+
+    def __init__(self, model: pin.Model, q: np.ndarray) -> None:
+        n, nj = q.shape
+        self._rotation, self._place = np.empty((nj, n, 3, 3)), np.empty((nj, n, 3))
+        self._linear, self._angular = np.empty((nj, n, 3)), np.empty((nj, n, 3))
+        self._model, self._parents = model, parents(model)
+        for i, (axis, parent, placement) in enumerate(
+            zip(joint_axes(model), self._parents, list(model.jointPlacements)[1:], strict=True)
+        ):
+            cross, angle = pin.skew(axis[3:]), q[:, i, None, None]
+            rotation = placement.rotation @ (np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+            place = placement.translation + q[:, i, None] * (placement.rotation @ axis[:3])
+            if parent >= 0:
+                place = (self._rotation[parent] @ place[..., None])[..., 0] + self._place[parent]
+                rotation = self._rotation[parent] @ rotation
+            self._rotation[i], self._place[i] = rotation, place
+            self._linear[i], self._angular[i] = rotation @ axis[:3], rotation @ axis[3:]
+
+    def of_link(self, joint: int, link: int) -> np.ndarray:
+        """(n, 3, 4) matrices G of a joint: tau = g' G (m, m c), with mass m and centre c of a link that it carries."""
+        columns = np.empty((len(self._place[joint]), 3, 4))
+        arm = self._place[link] - self._place[joint]
+        columns[:, :, 0] = -(self._linear[joint] + np.cross(self._angular[joint], arm))
+        columns[:, :, 1:] = -np.cross(self._angular[joint][:, :, None], self._rotation[link], axis=1)
+        return columns
+
+    @cached_property
+    def described(self) -> np.ndarray:
+        """(nj, n, 3) torques for the links as the model describes them."""
+        mass = np.zeros(len(self._parents))
+        moment = np.zeros(self._place.shape)
+        for i, inertia in reversed(list(enumerate(list(self._model.inertias)[1:]))):
+            mass[i] += inertia.mass
+            moment[i] += inertia.mass * (self._place[i] + self._rotation[i] @ inertia.lever)
+            if (parent := self._parents[i]) >= 0:
+                mass[parent] += mass[i]
+                moment[parent] += moment[i]
+        mass = mass[:, None, None]
+        return -(mass * self._linear + np.cross(self._angular, moment - mass * self._place))
 
 
 def parents(model: pin.Model) -> tuple[int, ...]:

@@ -326,7 +326,7 @@ class ArmRun:
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) derivatives of the torques by gravity."""
-        return MotionSamples(self.model.arm.model, m, m.time).described_per_gravity[self.of_joint]
+        return MotionSamples(self.model.arm.model, m, m.time).per_gravity.described[self.of_joint]
 
     @cached_property
     def _effort(self) -> np.ndarray:

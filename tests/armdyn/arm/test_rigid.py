@@ -5,8 +5,8 @@ import pytest
 from worlds.baxter import CENTRE, JOINTS, rigid_torque
 
 from armdyn.arm.rigid import (
+    GravityTorques,
     described_parameters,
-    gravity_regressor,
     inertial_parameters,
     inverse_dynamics,
     is_physical,
@@ -47,13 +47,13 @@ def test_torques_are_linear_in_gravity(baxter, tmp_path, chain):
         model = urdfs.arm(tmp_path, getattr(urdfs, chain)).arm.model
     q = np.random.default_rng(0).uniform(-2, 2, (20, model.nv))
     gravity = np.array([3.0, -5.0, 7.0])
-    weights = described_parameters(model)[:, :4]
-    ours = np.einsum("k,njlkp,lp->nj", gravity, gravity_regressor(model, q), weights)
     other = model.copy()
     other.gravity.linear = gravity
-    still = np.zeros_like(q)
-    theirs = inverse_dynamics(other, q, still, still)
-    assert ours == pytest.approx(theirs, abs=1e-10)
+    still, ours = np.zeros_like(q), GravityTorques(model, q)
+    assert pytest.approx(inverse_dynamics(other, q, still, still), abs=1e-10) == (ours.described @ gravity).T
+    by_link = torque_regressor(other, q, still, still)[:, 0, :, :4]
+    for link in range(model.nv):
+        assert gravity @ ours.of_link(0, link) == pytest.approx(by_link[:, link], abs=1e-10)
 
 
 def test_torques_under_another_gravity_are_those_of_mujoco(baxter):
