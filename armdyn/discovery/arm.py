@@ -15,7 +15,6 @@ from armdyn.recording.channels import FloatArray
 
 MISSING_TORQUE_SHARE = 0.1
 """Typical size of a missing torque, as a share of the joint's root mean square torque."""
-JOINT_STOP_PLACES, JOINT_RUB_PLACES, JOINT_MAGNET_PLACES, JOINT_CABLE_PLACES = 5, 2, 5, 3
 WAVE_PERIODS = 28
 """Number of periods of waves along the position, evenly in the logarithm: neighbours are 15 % apart, as far as a fit
 reaches."""
@@ -40,12 +39,11 @@ def arm_curves(fit: Fit) -> Iterator[Term]:
 
 
 def _of_joint(site: Site, position: Variable, speed: Variable, load: Variable, time: Variable) -> Iterator[Term]:
-    widths, grid = (0.05 * speed.size, 0.3 * speed.size), (JOINT_STOP_PLACES, JOINT_RUB_PLACES)
-    yield from shapes.of_hinge(site, position, speed, time, grid, widths)
+    yield from shapes.of_hinge(site, position, speed, time, (0.05 * speed.size, 0.3 * speed.size))
     yield shapes.power(site, load, 2, "saturating motor", "a torque with the square of the load")
     yield shapes.power(site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates")
-    yield from shapes.growing(site, position, JOINT_CABLE_PLACES)
-    yield from shapes.magnets(site, position, JOINT_MAGNET_PLACES)
+    yield from shapes.growing(site, position)
+    yield shapes.magnet(site, position)
     yield from shapes.play(site, speed, position, (0.01 * position.span, 0.05 * position.span))
     periods = position.span * np.geomspace(MIN_WAVE_PERIOD, MAX_WAVE_PERIOD, WAVE_PERIODS)
     yield from shapes.waves(site, position, periods.tolist())

@@ -25,6 +25,7 @@ from armdyn.identify.compare import fitted_parameters
 from armdyn.identify.diagnose import MIN_EXPLAINED_AT_NOISE
 from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
+from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.lost import lost_sentence
 from armdyn.identify.residual.tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
@@ -86,7 +87,7 @@ def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Stud
     effects = effects_of_terms(list(terms.values()))
     size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
-    if study.sums_predict:
+    if isinstance(study, LinearStudy):
         names = _promising(study, terms)
         promising = [effect for effect in effects if effect.name in names]
         study = given.choosing_from([*given.catalogue, *promising], catalogue_size=size)
@@ -101,11 +102,11 @@ def predicts_better(study: Study, found: Search) -> bool:
     return not unfitted[1] or then < given
 
 
-def _promising(study: Study, terms: Mapping[str, Term]) -> set[str]:
+def _promising(study: LinearStudy, terms: Mapping[str, Term]) -> set[str]:
     """Names of the terms of each joint with the largest predicted contribution, few of a kind."""
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
-    for score in study.scores(study.first(), study.present):
+    for score in study.scores(study.with_places(study.first()), study.present):
         term = terms.get(score.candidate.effect)
         if term is None:
             continue

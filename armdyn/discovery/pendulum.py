@@ -11,21 +11,19 @@ from armdyn.identify.fit import Fit
 
 MISSING_FORCE_SHARE = 0.02
 """Typical size of a missing force, as a share of the load's weight."""
-STRING_RUB_PLACES, STRING_STOP_PLACES, RAIL_MAGNET_PLACES = 3, 5, 7
-"""Number of positions on a grid: a fit from one of them reaches half the distance to its neighbours."""
 
 
 def pendulum_terms(fit: Fit) -> Iterator[Term]:
     """All candidate formulas for the runs of a fit of the bare model."""
     string, load, rail, v = _sites(fit)
-    widths, grid = (0.1 * v["speed"].size, 0.4 * v["speed"].size), (STRING_STOP_PLACES, STRING_RUB_PLACES)
-    yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], grid, widths, "drag", "damping")
+    widths = (0.1 * v["speed"].size, 0.4 * v["speed"].size)
+    yield from shapes.of_hinge(string, v["angle"], v["speed"], v["time"], widths, "drag", "damping")
     yield from shapes.of_recorded(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
-        yield from shapes.magnets(load, v["position"], RAIL_MAGNET_PLACES)
+        yield shapes.magnet(load, v["position"])
         under = replace(load, adds=below, shown="{} * ({away} along the line, 1 upwards)")
-        yield from shapes.magnets(under, v["position"], RAIL_MAGNET_PLACES)
+        yield shapes.magnet(under, v["position"])
         for n in (1, 2, 3):
             yield shapes.power(rail, v["along"], n, "rail", "the rail is not level along the way")
 

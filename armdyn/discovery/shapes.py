@@ -7,6 +7,7 @@ import numpy as np
 
 from armdyn.discovery.term import Constant, Site, Term, Variable
 from armdyn.discovery.units import over
+from armdyn.identify.thresholds import PLACE_RANGE_SIZES
 
 CURVE_VALUES = 7
 """Number of values of a smooth curve: fewer cannot follow a magnet's pull and release, and each one has a price."""
@@ -15,6 +16,8 @@ STEP_WIDTHS: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 that compiled equations can be reused."""
 STEP_WIDTH_SHARE = 0.01
 """Width of a step at zero, as a share of the largest value of a quantity with another unit."""
+MAGNET_WIDTH_SHARE = 1.0 / 7.0
+"""Width of a magnet's pull with which its position is searched, as a share of the range of the positions."""
 PLAY_EXPONENT = 8
 """Exponent with which a play's force approaches its limit. Compared with a spring that slips there at once, 1 leaves
 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, and 8 leaves 0.15."""
@@ -56,7 +59,7 @@ def of_anything(site: Site, v: Variable) -> Shapes:
 
 
 def of_hinge(
-    site: Site, at: Variable, speed: Variable, time: Variable, grid: tuple[int, int], widths: Sequence[float],
+    site: Site, at: Variable, speed: Variable, time: Variable, widths: Sequence[float],
     drag: str = "friction", damping: str = "friction",
 ) -> Shapes:  # fmt: skip
     """Shapes of a torque on anything that turns: drag, springs, stops, rubs, a sticky seal, and friction that fades.
@@ -66,7 +69,6 @@ def of_hinge(
         at: angle or position.
         speed: its rate.
         time: time since the start of the run.
-        grid: number of positions of stops, and of rubs.
         widths: speeds over which a sticky seal's friction falls.
         drag: a word for a force against the speed.
         damping: a word for a force against the speed that depends on the position.
@@ -76,8 +78,8 @@ def of_hinge(
     yield power(site, at, 3, "flexure", f"a spring that stiffens with the cube of the {at.name}")
     grows = f"{damping} that grows with the {at.name}"
     yield product(site, f"damping by {at.name}", grows, (at, 2), (speed, 1))
-    yield from stops(site, at, grid[0])
-    yield from one_sided(site, at, speed, grid[1])
+    yield from stops(site, at)
+    yield from one_sided(site, at, speed)
     yield from sticky(site, speed, widths)
     yield from warming(site, speed, time)
 
@@ -99,45 +101,39 @@ def curves(site: Site, variables: Sequence[Variable], recorded: Sequence[Variabl
 
 
 def sought(v: Variable) -> Constant:
-    """A position parameter that is searched over the whole range of the runs."""
-    return Constant(v.unit, (v.low + v.high) / 2, 0.0, v.low, v.high, typical=v.span / 20)
+    """A position parameter that is searched over the whole range of the runs, see `identify.thresholds`."""
+    middle, typical = (v.low + v.high) / 2, v.span / (2.0 * PLACE_RANGE_SIZES)
+    return Constant(v.unit, middle, 0.0, v.low, v.high, typical=typical)
 
 
-def stops(site: Site, v: Variable, places: int) -> Shapes:
-    """Springs k max(0, v - place) beyond positions above the middle, k min(0, v - place) beyond those below."""
-    for where in _places(v, places):
-        place = where["place"].value
-        side, least = ("above", "ca.fmax") if place > np.median(v.samples) else ("below", "ca.fmin")
+def stops(site: Site, v: Variable) -> Shapes:
+    """Springs k max(0, v - place) beyond a position, and k min(0, v - place) below one."""
+    for side, least in (("above", "ca.fmax"), ("below", "ca.fmin")):
         says = f"a spring that is touched {side} a certain {v.name}"
         yield _single(
-            site, "stop", says, (v,), f"{site.resists}{least}(0, {v.name} - place)", [(v, 1)], where,
+            site, "stop", says, (v,), f"{site.resists}{least}(0, {v.name} - place)", [(v, 1)], {"place": sought(v)},
             size="stiffness", positive=True, scale=0.3 * v.span,
         )  # fmt: skip
 
 
-def one_sided(site: Site, v: Variable, speed: Variable, places: int) -> Shapes:
+def one_sided(site: Site, v: Variable, speed: Variable) -> Shapes:
     """Friction on one side of a position: viscous, and dry."""
-    for where in _places(v, places):
-        for side, sign in (("above", "+"), ("below", "-")):
-            step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
-            says = f"friction only {side} a certain {v.name}"
-            yield from _frictions(site, "one-sided rub", says, v, speed, step, where)
+    for side, sign in (("above", "+"), ("below", "-")):
+        step = f"(1 {sign} ca.tanh(({v.name} - place) / {STEP_WIDTHS[v.unit]:g})) / 2"
+        says = f"friction only {side} a certain {v.name}"
+        yield from _frictions(site, "one-sided rub", says, v, speed, step, {"place": sought(v)})
 
 
-def magnets(site: Site, v: Variable, places: int) -> Shapes:
+def magnet(site: Site, v: Variable) -> Term:
     """A pull k / (1 + u^2)^2 times u = (v - place) / width towards a position; a site may add the transverse part."""
-    for place in np.linspace(v.low, v.high, places):
-        width = v.span / places
-        where = {
-            "place": _place(v, float(place), places),
-            "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
-        }
-        u = f"({v.name} - place) / width"
-        across = "{away}" in site.adds
-        shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
-        here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
-        says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-        yield Term("magnet", says, here, (v,), shapes, _size(site), where)
+    width = MAGNET_WIDTH_SHARE * v.span
+    where = {"place": sought(v), "width": Constant(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span)}
+    u = f"({v.name} - place) / width"
+    across = "{away}" in site.adds
+    shapes = {"pull": f"{site.resists}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
+    here = replace(site, adds=site.adds.replace("{away}", u), shown=site.shown.replace("{away}", u))
+    says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
+    return Term("magnet", says, here, (v,), shapes, _size(site), where)
 
 
 def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
@@ -152,17 +148,16 @@ def sticky(site: Site, v: Variable, widths: Sequence[float]) -> Shapes:
         )  # fmt: skip
 
 
-def growing(site: Site, v: Variable, places: int) -> Shapes:
+def growing(site: Site, v: Variable) -> Shapes:
     """A force k (exp(max(0, v - place) / width) - 1) to either side of a position: a cable or hose that tightens."""
     toward = "" if site.resists else "-"
-    for where in _places(v, places):
-        width = _width(v.unit, 0.4 * v.span, 0.05, 10.0)
-        for back, away in ((site.resists, f"{v.name} - place"), (toward, f"place - {v.name}")):
-            yield _single(
-                site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
-                f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], {**where, "width": width},
-                size="tension", positive=True, scale=1.0,
-            )  # fmt: skip
+    where = {"place": sought(v), "width": _width(v.unit, 0.4 * v.span, 0.05, 10.0)}
+    for back, away in ((site.resists, f"{v.name} - place"), (toward, f"place - {v.name}")):
+        yield _single(
+            site, "tightening cable", f"a cable that tightens with {v.name}", (v,),
+            f"{back}(ca.exp(ca.fmax(0, {away}) / width) - 1)", [], where,
+            size="tension", positive=True, scale=1.0,
+        )  # fmt: skip
 
 
 def play(site: Site, speed: Variable, position: Variable, travels: Sequence[float]) -> Shapes:
@@ -303,17 +298,6 @@ def _size(
     unit = over(site.unit, *((v.unit, n) for v, n in powers))
     typical = site.typical / (of_powers if scale is None else scale)
     return Constant(unit, 0.0, 0.0, 0.0 if positive else -np.inf, typical=typical)
-
-
-def _places(v: Variable, places: int) -> Iterator[dict[str, Constant]]:
-    """Evenly spaced positions inside the range."""
-    for place in np.linspace(v.low, v.high, places + 2)[1:-1]:
-        yield {"place": _place(v, float(place), places)}
-
-
-def _place(v: Variable, at: float, places: int) -> Constant:
-    spread = v.span / (places + 1) / 2
-    return Constant(v.unit, at, spread, v.low - 0.5 * v.span, v.high + 0.5 * v.span)
 
 
 def _width(unit: str, width: float, narrowest: float = 0.05, widest: float = 20.0) -> Constant:

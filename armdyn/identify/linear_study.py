@@ -1,6 +1,7 @@
 """A study of a model whose predictions are linear in most values, such as an arm: one expansion scores every set."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +11,7 @@ from armdyn.identify.fit import Fit, channel_rmse, determined, fit
 from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.linear_scorer import LinearScorer, noisy
-from armdyn.identify.selection.sums import sums
+from armdyn.identify.selection.sums import sums, with_places
 from armdyn.identify.study import Study
 
 MAX_QUICK_STEPS = 8
@@ -23,7 +24,6 @@ class LinearStudy(Study):
     """Fits of a model whose predictions are linear in most values; see `Study`."""
 
     later_ties = False
-    sums_predict = True
 
     @cached_property
     def _scorers(self) -> dict[Fit, LinearScorer]:
@@ -50,6 +50,12 @@ class LinearStudy(Study):
         free = (problem.fitted & ~problem.is_effect) | (wanted & ~fixed)
         free = determined(problem, free, values) | (free & self.first().free)
         return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
+
+    def with_places(self, at: Fit) -> Fit:
+        """A fit at the likeliest threshold of every candidate that has one: while it is absent, nothing else changes."""
+        absent = [atom for c in self.candidates for atom in c.split_by_joint()]
+        values, _ = with_places(self.problem, {run.name for run in self.runs}, at.values, absent, at.free)
+        return replace(at, values=values)
 
     def explained_share(self, before: Fit, after: Fit) -> float:
         """Share of the squared error that is explained, on held-out runs where there are any; see `explained`."""

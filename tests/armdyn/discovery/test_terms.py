@@ -49,10 +49,10 @@ def test_the_unit_of_a_size_is_that_of_the_force_over_its_variables(unit, others
 def test_every_shape_is_an_effect_that_vanishes_at_null():
     terms = [
         shapes.power(STRING, SPEED, 3, "cubic drag", "drag"),
-        *shapes.stops(STRING, ANGLE, 3),
-        *shapes.one_sided(STRING, ANGLE, SPEED, 2),
-        *shapes.magnets(STRING, ANGLE, 2),
-        *shapes.growing(STRING, ANGLE, 2),
+        *shapes.stops(STRING, ANGLE),
+        *shapes.one_sided(STRING, ANGLE, SPEED),
+        shapes.magnet(STRING, ANGLE),
+        *shapes.growing(STRING, ANGLE),
         *shapes.waves(STRING, ANGLE, [0.1]),
         shapes.curve(STRING, ANGLE),
         *shapes.recorded_frictions(STRING, TEMPERATURE, SPEED),
@@ -67,8 +67,8 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
 
 
 def test_a_formula_is_read_as_it_is_computed(tmp_path):
-    stop = replace(next(shapes.stops(STRING, ANGLE, 2)), name="my_stop")
-    assert stop.formula == "-stiffness * min(0, angle - place)"
+    stop = replace(next(shapes.stops(STRING, ANGLE)), name="my_stop")
+    assert stop.formula == "-stiffness * max(0, angle - place)"
     path = tmp_path / "effect.py"
     path.write_text(file_text("A stop.", [stop], {"my_stop": "    As seen."}))
     (effect,) = load_effects(path)
@@ -82,7 +82,7 @@ def test_a_recorded_quantity_is_declared_as_it_was_recorded():
     assert (list(friction.shapes), friction.size.unit) == (["coefficient"], "N m s/rad")
     (effect,) = effects_of_terms([friction])
     assert effect.columns == {"extra_temperature": RecordedColumn("extra.temperature", "K", 295.0)}
-    stop = replace(next(shapes.stops(STRING, ANGLE, 2)), name="stop")
+    stop = replace(next(shapes.stops(STRING, ANGLE)), name="stop")
     assert "import effect, quantity" in file_text("No column.", [stop])
 
 
