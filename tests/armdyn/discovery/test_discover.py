@@ -20,6 +20,7 @@ from armdyn.identify.selection.candidate import group_by_effect
 from armdyn.identify.selection.path import Step
 from armdyn.identify.selection.search import Search
 from armdyn.identify.study import Study
+from armdyn.identify.thresholds import PLACE_RANGE_SIZES
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
@@ -79,7 +80,7 @@ def model(tmp_path_factory):
     return arm_model(urdf=path)
 
 
-def test_a_place_is_one_that_its_joint_reaches(model):
+def test_a_place_is_looked_for_where_its_joint_reaches(model):
     run = world("cogging", 0).runs[0]
     terms = list(named_terms(arm_terms(Study.of(model, [run], [], ()).first())).values())
     for term, law in zip(terms, effects_of_terms(terms), strict=True):
@@ -87,12 +88,24 @@ def test_a_place_is_one_that_its_joint_reaches(model):
         q = run.channels[f"q.{joint}"].value
         parameters = model.with_effect(law).parameters
         if "place" in term.constants:
-            assert q.min() <= parameters[f"{law.name}.place[{joint}]"].value <= q.max()
+            place = parameters[f"{law.name}.place[{joint}]"]
+            assert q.min() <= place.lower < place.upper <= q.max()
+            assert (place.value - place.lower, place.prior) == (pytest.approx(PLACE_RANGE_SIZES * place.typical), None)
         if "cubic_drag" in law.name:
             typical = parameters[f"{law.name}.k[{joint}]"].typical
             rms = np.sqrt(np.mean(run.channels[f"tau.{joint}"].value ** 2))
             fastest = np.abs(np.gradient(q, run.channels[f"q.{joint}"].time)).max()
             assert typical * fastest**3 == pytest.approx(0.1 * rms, rel=0.2)
+
+
+def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
+    """In the middle of a joint's range a magnet may pull to no side."""
+    given = world("tightening cable", 0)
+    terms = named_terms(arm_terms(Study.of(model, given.runs, [], ()).first()))
+    study = Study.of(model, given.runs, [], effects_of_terms(list(terms.values())))
+    drops = {score.candidate.effect: score.drop for score in study.scores(study.with_places(study.first()), ())}
+    (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.site.joint == "elbow")
+    assert there > 0.5 * max(drops.values())
 
 
 def test_a_joint_may_have_a_long_name(tmp_path):
