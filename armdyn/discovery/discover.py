@@ -27,6 +27,7 @@ from armdyn.identify.explained import Scale
 from armdyn.identify.fit import Fit, channel_rmse
 from armdyn.identify.linear_study import LinearStudy
 from armdyn.identify.lost import lost_sentence
+from armdyn.identify.problem import transferred
 from armdyn.identify.residual.tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import Progress, Step
@@ -88,7 +89,7 @@ def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Stud
     size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
     if isinstance(study, LinearStudy):
-        names = _promising(study, terms)
+        names = _promising(study, terms, search(study_of(catalogue), say).last)
         promising = [effect for effect in effects if effect.name in names]
         study = given.choosing_from([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)
@@ -102,11 +103,12 @@ def predicts_better(study: Study, found: Search) -> bool:
     return not unfitted[1] or then < given
 
 
-def _promising(study: LinearStudy, terms: Mapping[str, Term]) -> set[str]:
-    """Names of the terms of each joint with the largest predicted contribution, few of a kind."""
+def _promising(study: LinearStudy, terms: Mapping[str, Term], known: Step) -> set[str]:
+    """Names of the terms of each joint with the largest predicted contribution beside known effects, few of a kind."""
+    at = study.fit_with(known.effects, known.fit, transferred(known.fit.values, known.fit.problem, study.problem))
     looked_at = Counter[tuple[str, ...]]()
     found = set[str]()
-    for score in study.scores(study.with_places(study.first()), study.present):
+    for score in study.scores(study.with_places(at), known.effects):
         term = terms.get(score.candidate.effect)
         if term is None:
             continue
