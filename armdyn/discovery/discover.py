@@ -89,7 +89,7 @@ def _searched(given: Study, say: Progress, terms: dict[str, Term]) -> tuple[Stud
     size = len(given.catalogue) + len(effects) // max(len({t.site.joint for t in terms.values()}), 1)
     study = given.choosing_from([*given.catalogue, *effects], catalogue_size=size)
     if isinstance(study, LinearStudy):
-        names = _promising(study, terms, search(study_of(catalogue), say).last)
+        names = _promising(study, terms, search(given, say).last)
         promising = [effect for effect in effects if effect.name in names]
         study = given.choosing_from([*given.catalogue, *promising], catalogue_size=size)
     found = search(study, say)

@@ -52,7 +52,7 @@ class LinearStudy(Study):
         return fit(problem, free, values, most_steps=MAX_QUICK_STEPS)
 
     def with_places(self, at: Fit) -> Fit:
-        """A fit at the likeliest threshold of every candidate that has one: while it is absent, nothing else changes."""
+        """A fit at the likeliest threshold of every candidate that has one; predictions stay as they are."""
         absent = [atom for c in self.candidates for atom in c.split_by_joint()]
         values, _ = with_places(self.problem, {run.name for run in self.runs}, at.values, absent, at.free)
         return replace(at, values=values)
