@@ -235,6 +235,6 @@ def _why(error: BaseException) -> str:
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
     place = place_of(error, path)
     code = getattr(item.function, "__code__", None)
-    if place == str(path) and code is not None and Path(code.co_filename) == path:
+    if place == str(path) and code is not None and Path(code.co_filename) == path.absolute():
         place = f"{path}, line {code.co_firstlineno}"
     return InputError(f"{place}: the effect '{str(item.name)[:60]}': {what}")

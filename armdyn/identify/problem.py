@@ -129,6 +129,10 @@ class Problem:
         noise: standard deviation by run and channel, in the channel's unit.
 
     Stated values (`known`) of a run are priors: one for all runs where they agree, else one for each run.
+
+    Attributes:
+        jumps: likeliest value by unknown, for effects whose only value has no influence at null; see
+            `armdyn.identify.state_space.places`.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
@@ -166,6 +170,7 @@ class Problem:
             self.start(),
             np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
         )
+        self.jumps: dict[int, float] = {}
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]

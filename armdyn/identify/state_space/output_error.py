@@ -81,7 +81,7 @@ class AroundMotion:
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
-        self.places = places(self.box, self.point, self.base, self.seen)
+        self.places, problem.jumps = places(self.box, self.point, self.base, self.seen)
         problem.place(self.names_of_places)
         self._given = values.copy()
         for k, place in self.places.items():
