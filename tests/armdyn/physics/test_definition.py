@@ -134,10 +134,10 @@ def test_a_measured_state_and_its_rate_are_guessed(run):
         {"outputs": {"q.mass": "N"}},
         {"outputs": {"angle": "rad"}},
         {"states": (state("stretch", "m", typical=0.1),)},
-        {"states": state("stretch", "m", typical=0.1)},
-        {"held": "gripper_x"},
         {"outputs": {"q.mass": "m", "q.other": "m"}},
         {"inputs": {}},
+        {"states": state("stretch", "m", typical=0.1)},
+        {"held": "gripper_x"},
     ],
 )  # fmt: skip
 def test_a_wrong_declaration_is_refused_in_one_line(changed, complains):
