@@ -95,7 +95,7 @@ def read_model_file(path: Path | str, extra: Iterable[Effect] = ()) -> ModelFile
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory: give the model's file")
-    table = read_toml(path, f": make one with 'armdyn new pendulum {path}'")
+    table = read_toml(path, f": make one with 'armdyn new pendulum {path}' or 'armdyn new --base FILE.py {path}'")
     with at(path):
         return _parsed(table, path.parent, tuple(extra))
 

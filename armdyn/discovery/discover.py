@@ -58,7 +58,7 @@ def discover(study: Study, progress: Progress | None = None) -> Discovery:
         progress: called with a text at every step.
 
     Raises:
-        InputError: a further quantity has two units, or the states of a user's base are not in SI units.
+        InputError: a further quantity has two units.
     """
     model, catalogue = study.model, study.catalogue
     check_same_units([*study.runs, *study.held_out])

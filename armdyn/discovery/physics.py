@@ -11,11 +11,9 @@ import numpy as np
 from armdyn.discovery import shapes
 from armdyn.discovery.term import Site, Term, Variable
 from armdyn.discovery.units import over
-from armdyn.errors import InputError
 from armdyn.identify.fit import Fit
 from armdyn.physics.definition import RATE_STAGE
 from armdyn.physics.model import PhysicsModel
-from armdyn.recording.units import to_base_units
 from armdyn.run import Run
 
 MISSING_RATE_SHARE = 0.05
@@ -55,12 +53,12 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
         for name, values in model.rates(run, theta).items():
             rates.setdefault(name, []).append(values)
     variables = [
-        Variable(_called(name), f'rate["{name}"]', _plain(units[name], name), np.concatenate(parts))
+        Variable(_called(name), f'rate["{name}"]', units[name], np.concatenate(parts))
         for name, parts in samples.items()
     ]
     variables = [variable for variable in variables if variable.span > 0.0]
     for name, parts in rates.items():
-        unit = over(_plain(units[name], name), ("s", 1))
+        unit = over(units[name], ("s", 1))
         size = MISSING_RATE_SHARE * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         yield Site(RATE_STAGE, unit, "rate.with_rate({})", max(size, np.finfo(float).tiny), "-", joint=name), variables
 
@@ -78,15 +76,3 @@ def _called(name: str) -> str:
     """The name of a state or input in formulas: a Python name that is not used otherwise."""
     short = re.sub(r"\W", "_", name.removeprefix("extra."))
     return f"{short}_" if short in RESERVED_NAMES or keyword.iskeyword(short) else short
-
-
-def _plain(unit: str, name: str) -> str:
-    """The unit of differences of a state or an input, as text.
-
-    Raises:
-        InputError: the unit is a multiple of an SI unit, so that sizes would have no unit.
-    """
-    base, factor, zero = to_base_units(unit)
-    if factor != 1.0:
-        raise InputError(f"discover needs SI units, and '{name}' is in {unit}: write its base in {base}")
-    return base if zero else unit

@@ -26,7 +26,7 @@ class Variable:
     Attributes:
         name: its name in formulas, such as ``"angle"``.
         source: its expression in the stage, such as ``"string.angle"``.
-        unit: its SI unit.
+        unit: its SI unit, or the unit that a user's own base gives it.
         samples: (n,) its values in the runs, in any order; they give the range for positions and widths.
         column: the recorded column that it is, in place of an expression; None for an expression.
     """

@@ -1,9 +1,11 @@
 """Units of sizes: the unit of a force over the units of its factors."""
 
 import re
-from collections import Counter
+from collections import defaultdict
 
-_PART = re.compile(r"(?P<symbol>[A-Za-z]+)(?:\^(?P<power>-?\d+))?")
+_PART = re.compile(r"(?P<symbol>[^\W\d]+|%)(?:\^(?P<power>-?[\d.]+))?")
+_DIFFERENCES = {"degC": "K", "degF": "delta_degF"}
+"""Unit of differences, by units whose zero is elsewhere: only differences of them have multiples and powers."""
 
 
 def over(unit: str, *others: tuple[str, int]) -> str:
@@ -18,14 +20,14 @@ def over(unit: str, *others: tuple[str, int]) -> str:
     return (" ".join(above) or "1") + (f"/{bottom}" if below else "")
 
 
-def _powers(unit: str) -> Counter[str]:
-    found: Counter[str] = Counter()
+def _powers(unit: str) -> dict[str, float]:
+    found = defaultdict[str, float](float)
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below, -1)):
         for match in _PART.finditer(part):
-            found[match["symbol"]] += sign * int(match["power"] or 1)
+            found[_DIFFERENCES.get(match["symbol"], match["symbol"])] += sign * float(match["power"] or 1)
     return found
 
 
-def _text(symbol: str, power: int) -> str:
-    return symbol if power == 1 else f"{symbol}^{power}"
+def _text(symbol: str, power: float) -> str:
+    return symbol if power == 1 else f"{symbol}^{power:g}"

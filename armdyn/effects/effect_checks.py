@@ -45,7 +45,7 @@ def check_declared(effects: Sequence[Effect], path: Path) -> None:
             if not isinstance(getattr(item, what), str):
                 raise _fault(item, path, f"{what} is not a text: put it in quotes")
         for short, declared in item.quantities.items():
-            wrong = _wrong_with(declared)
+            wrong = _wrong_with(declared, of_catalogue=item.acts_on in TRIAL_STAGES)
             if wrong is not None:
                 raise _fault(item, path, f"'{short}': {wrong}")
         for argument, column in item.columns.items():
@@ -106,8 +106,11 @@ def check_applied(item: Effect, path: Path) -> None:
                 raise _fault(item, path, f"it has no finite derivative at its {at} values {where}: {hint}")
 
 
-def _wrong_with(q: Quantity) -> str | None:
-    """Sentence on what is wrong with a parameter's declaration; None where nothing is."""
+def _wrong_with(q: Quantity, *, of_catalogue: bool) -> str | None:
+    """Sentence on what is wrong with a parameter's declaration; None where nothing is.
+
+    The catalogue's stages are in SI units; those of a user's own base are in the units that the base has.
+    """
     for what in ("typical", "null", "lower", "upper"):
         value = getattr(q, what)
         if not _is_number(value):
@@ -115,7 +118,7 @@ def _wrong_with(q: Quantity) -> str | None:
     if not isinstance(q.unit, str):
         return f"unit is {q.unit!r}: write a text such as 'N s/m'"
     try:
-        si = si_unit(q.unit)
+        si = si_unit(q.unit) if of_catalogue else to_base_units(q.unit)[0]
     except InputError as error:
         return str(error)
     spread_fits = q.spread is None or (isinstance(q.spread, int | float) and 0.0 < q.spread < math.inf)
@@ -132,7 +135,7 @@ def _wrong_with(q: Quantity) -> str | None:
         (q.scope not in ("shared", "per_run"), f"scope is {q.scope!r}: write 'shared' or 'per_run'"),
         (not spread_fits, f"spread is {q.spread!r}: write a number of more than 0, or leave it out"),
         (
-            si.replace(" ", "") != q.unit.replace(" ", "") and q.unit != "Nm",
+            of_catalogue and si.replace(" ", "") != q.unit.replace(" ", "") and q.unit != "Nm",
             f"'{q.unit}' is no SI unit: write '{si}' and the numbers in it",
         ),
     )
@@ -232,6 +235,6 @@ def _why(error: BaseException) -> str:
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:
     place = place_of(error, path)
     code = getattr(item.function, "__code__", None)
-    if place == str(path) and code is not None and Path(code.co_filename) == path:
+    if place == str(path) and code is not None and Path(code.co_filename) == path.absolute():
         place = f"{path}, line {code.co_firstlineno}"
     return InputError(f"{place}: the effect '{str(item.name)[:60]}': {what}")

@@ -60,8 +60,7 @@ class Fit:
     def cost(self) -> float:
         """Chi2 plus the cost of the priors; infinite where a simulation diverges."""
         prior = self.problem.prior_weight * (self.problem.prior_mean - self.values)
-        cost = self.chi2 + float(prior @ prior)
-        return cost if np.isfinite(cost) else np.inf
+        return self.chi2 + float(prior @ prior)
 
     @property
     def chi2_per_sample(self) -> float:

@@ -99,9 +99,11 @@ def by_channel(blocks: Sequence[Block]) -> dict[str, list[Block]]:
     return found
 
 
+@np.errstate(all="ignore")  # the values of a diverging simulation are infinite
 def chi2_of(blocks: Sequence[Block]) -> float:
-    """Sum of the squared residuals over the noise variance."""
-    return float(sum(block.residual @ block.residual for block in blocks))
+    """Sum of the squared residuals over the noise variance; infinite where a simulation diverges."""
+    found = float(sum(block.residual @ block.residual for block in blocks))
+    return found if np.isfinite(found) else np.inf
 
 
 def samples_of(blocks: Sequence[Block]) -> int:
@@ -129,6 +131,10 @@ class Problem:
         noise: standard deviation by run and channel, in the channel's unit.
 
     Stated values (`known`) of a run are priors: one for all runs where they agree, else one for each run.
+
+    Attributes:
+        jumps: likeliest value by unknown, for effects whose only value has no influence at null; see
+            `armdyn.identify.state_space.places`.
     """
 
     def __init__(self, model: Model, runs: Sequence[Run], noise: Noise) -> None:
@@ -166,6 +172,7 @@ class Problem:
             self.start(),
             np.where(guessed, 1.0 / (GUESS_PRIOR_SIZE * self.typical), 0.0),
         )
+        self.jumps: dict[int, float] = {}
         self._whole: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._partial: dict[tuple[bytes, frozenset[str]], list[Block]] = {}
         self._of_run = [self._placed(i) for i in range(len(self.runs))]
@@ -290,6 +297,7 @@ class Problem:
                 found.append(Block(run.name, channel, measured, residual, sensitivities, noise))
         return found
 
+    @np.errstate(all="ignore")  # a diverging simulation has infinite cost, and a step to it is shortened
     def expansion(self, values: np.ndarray, free: np.ndarray, *, guesses: bool = True) -> Expansion:
         """Expand the cost at (P,) `values` in the unknowns `free`; first guesses may act as very weak priors."""
         prior = self.prior_weight * (self.prior_mean - values)
@@ -297,12 +305,12 @@ class Problem:
         cost = float(prior @ prior + guess @ guess) / 2
         gradient = -(self.prior_weight * prior + self.guess_weight * guess)[free]
         hessian = np.diag(self.prior_weight[free] ** 2 + (self.guess_weight[free] ** 2 if guesses else 0.0))
-        for block in self.blocks(values, free):
+        blocks = self.blocks(values, free)
+        for block in blocks:
             sensitivities = block.sensitivities[:, free]
-            cost += float(block.residual @ block.residual) / 2
             gradient -= sensitivities.T @ block.residual
             hessian += sensitivities.T @ sensitivities
-        return Expansion(cost, gradient, hessian)
+        return Expansion(cost + chi2_of(blocks) / 2, gradient, hessian)
 
     def fit(self, free: np.ndarray, start: np.ndarray, *, most_steps: int = 30, tolerance: float = 0.02) -> Descent:
         """Minimise over the unknowns `free`, (P,) bool; the others stay at `start`. The result has all (P,) values."""
@@ -348,9 +356,7 @@ class FreePart:
 
     def evaluate(self, values: np.ndarray) -> Expansion:
         """Evaluate the cost; it is infinite where a simulation diverges. See `Cost.evaluate`."""
-        whole = self.whole(values)
-        with np.errstate(all="ignore"):  # a diverging simulation has infinite cost, and the step is shortened
-            at = self._problem.expansion(whole, self._free)
+        at = self._problem.expansion(self.whole(values), self._free)
         if not (np.isfinite(at.cost) and np.all(np.isfinite(at.hessian)) and np.all(np.isfinite(at.gradient))):
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return at

@@ -292,6 +292,9 @@ def physics(
     Raises:
         InputError: a channel is unknown or has another unit, a name is used twice, or there is nothing to fit.
     """
+    for what, given in (("parameters", parameters), ("states", states), ("held", held)):
+        if isinstance(given, Parameter | str):
+            raise InputError(f"physics '{name}': {what} is no tuple: write {what}=(...,), with a comma at its end")
     if not parameters or not outputs:
         raise InputError(f"physics '{name}': declare a parameter and an output at least")
     step = DEFAULT_STEP_PERIODS * period if step is None else step

@@ -2,7 +2,7 @@
 
     python benchmarks/hidden/hidden_effects_own.py [--cases N] [--thresholds N] [--clean N] [--first SEED] [--off SHARE]
 
-Bases are thermal, hydraulic, pneumatic, electrical, mechanical and geared, of order 1 to 6, written as the
+Bases are thermal, hydraulic, pneumatic, electrical, chemical, mechanical and geared, of order 1 to 6, written as the
 documentation asks for it, with several effects of their own each, one of which is hidden
 (tests/worlds/own_bases). Start values are off at random. Two recordings are fitted, one takes part in
 choosing, one in nothing. Thresholds have a place: right are those whose values are all within three standard
@@ -25,6 +25,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from worlds.own_bases import Case, Family, case
 from worlds.own_bases.fast import FAST
+from worlds.own_bases.laboratory import LABORATORY
 from worlds.own_bases.slow import SLOW
 
 from armdyn.checked_study import CheckedStudy
@@ -32,7 +33,7 @@ from armdyn.errors import ArmdynError
 from armdyn.identify.repair import Repair
 from armdyn.identify.sentence import Verdict
 
-FAMILIES = (*SLOW, *FAST)
+FAMILIES = (*SLOW, *FAST, *LABORATORY)
 THRESHOLDS = (
     ("tanks", "overflow"), ("tanks", "pump_dead_zone"), ("vessel", "relief_valve"), ("filter", "diode"),
     ("geared", "backlash"), ("masses", "end_stop"), ("train", "coupling_backlash"), ("cylinder", "valve_dead_zone"),

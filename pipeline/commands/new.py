@@ -25,7 +25,7 @@ class _Bases(typer.core.TyperGroup):
     """The group of bases, in which ``--base FILE.py`` means a base from the user's file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        own = any(arg.partition("=")[0] == "--base" for arg in args)
+        own = args[:1] != ["own"] and any(arg.partition("=")[0] == "--base" for arg in args)
         return super().parse_args(ctx, ["own", *args] if own else args)
 
 

@@ -201,7 +201,7 @@ def _term(shape: Shape, value: float, scale: float, curve: ForceCurve) -> ForceT
 def _said(term: ForceTerm, what: str, grows: bool) -> str:
     size = term.size if term.shape is CONSTANT_SHAPE else abs(term.size)
     number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
-    against = term.against.replace("_", " ").replace("load", "predicted load")
+    against = "predicted load" if term.against == "load" else term.against.replace("_", " ")
     return term.shape.says.format(size=number, sense="grows" if grows else "falls", what=what, against=against)
 
 

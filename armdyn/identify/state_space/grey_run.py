@@ -20,7 +20,7 @@ from armdyn.identify.state_space.innovations import (
     filtered,
     smoothed,
 )
-from armdyn.physics.pieces import Pieces, pseudo_inverse
+from armdyn.physics.pieces import Linearised, Pieces, pseudo_inverse
 from armdyn.physics.simulated import simulated
 from armdyn.recording.gaps import until
 from armdyn.recording.noise import quiet_noise
@@ -143,6 +143,9 @@ class GreyRun:
         parameters = np.flatnonzero(wanted[places])
         columns = np.searchsorted(unknowns, places[parameters])
         found = pieces.linearised(theta, states, parameters)
+        for column, unknown in enumerate(places[parameters]):
+            if unknown in self.problem.jumps and values[unknown] == self.problem.null[unknown]:
+                self._add_secant(found, pieces, theta, states, parameters, column, self.problem.jumps[unknown])
         # States are momenta; rates are what a parameter change keeps constant and what a kick changes.
         gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
         by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
@@ -164,6 +167,25 @@ class GreyRun:
             for c, quiet, weight in given
         ]
         return LinearisedRun(self, states, chain, rows, definition, wanted)
+
+    def _add_secant(
+        self,
+        found: Linearised,
+        pieces: Pieces,
+        theta: np.ndarray,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        column: int,
+        at: float,
+    ) -> None:
+        """Put the change up to the value `at`, over the difference, in place of a parameter's derivative of zero."""
+        moved = theta.copy()
+        moved[parameters[column]] = at
+        there = pieces.linearised(moved, states, np.zeros(0, dtype=int))
+        way = at - theta[parameters[column]]
+        found.by_theta[:, :, column] = (there.ends - found.ends) / way
+        for name, samples in found.samples.items():
+            samples.by_theta[:, column] = (there.samples[name].predicted - samples.predicted) / way
 
     def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
         """The pieces of a model without effects that have no influence here, and the unknowns of its parameters.

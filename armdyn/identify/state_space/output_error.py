@@ -81,7 +81,7 @@ class AroundMotion:
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
         self.base, self.point = self._begun(wanted, options)
         self.seen = self.box.seen(self.point) | (problem.prior_weight > 0.0) | self.of_starts | self.base
-        self.places = places(self.box, self.point, self.base, self.seen)
+        self.places, problem.jumps = places(self.box, self.point, self.base, self.seen)
         problem.place(self.names_of_places)
         self._given = values.copy()
         for k, place in self.places.items():
@@ -132,8 +132,7 @@ class AroundMotion:
         base = self.box.determined(begin, wanted)
         if (guessed := wanted & (self.problem.guess_weight > 0.0)).any():
             # An unknown that a start state compensates gets a weak prior: an added effect may make it identifiable.
-            with np.errstate(all="ignore"):
-                change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
+            change = np.diag(self.problem.expansion(option, guessed, guesses=False).hessian)
             base[np.flatnonzero(guessed)[change > 0.0]] = True
         return base, self.box.settled(base, begin)
 
@@ -268,9 +267,7 @@ def _bounded_fit(problem: Problem, free: np.ndarray, values: np.ndarray, steps: 
 
 def _cost(problem: Problem, values: np.ndarray) -> float:
     values = np.clip(values, problem.lower, problem.upper)
-    with np.errstate(all="ignore"):
-        found = problem.expansion(values, np.zeros(len(values), dtype=bool)).cost
-    return found if np.isfinite(found) else np.inf
+    return problem.expansion(values, np.zeros(len(values), dtype=bool)).cost
 
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:

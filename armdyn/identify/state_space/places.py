@@ -9,8 +9,12 @@ from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.identify.thresholds import likeliest
 
 
-def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray) -> dict[int, float]:
-    """Find the likeliest threshold, by unknown, of every effect that has one.
+def places(
+    box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarray
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Find the likeliest threshold, by unknown, of every effect that has one, and of those with no other value.
+
+    A limit that no run reaches is an effect without a size: it is absent at its null value, and present elsewhere.
 
     Args:
         box: all runs, linearised around their motion.
@@ -18,20 +22,24 @@ def places(box: GreyBox, point: NoiseAndMotion, base: np.ndarray, seen: np.ndarr
         base: (P,) bool, unknowns of the base that are fitted.
         seen: (P,) bool, unknowns that change something while all effects are absent.
     """
-    problem, found, values = box.problem, dict[int, float](), point.values.copy()
+    problem, values = box.problem, point.values.copy()
+    found, alone = dict[int, float](), dict[int, float]()
     hidden = problem.is_effect & box.removable & ~problem.per_run & ~seen
     for place in np.flatnonzero(hidden).tolist():
         effect = problem.columns[place].parameter
         own = np.array(
             [(c.parameter.effect, c.parameter.joint) == (effect.effect, effect.joint) for c in problem.columns]
         )
-        own[place] = False
+        sized = own.sum() > 1
+        own[place] = not sized
         here = replace(point, values=values)
-        if own.any() and not box.seen(here)[place]:
+        if not sized or not box.seen(here)[place]:
             at = _likeliest(box, here, base | own, place)
-            if np.isfinite(at):
+            if np.isfinite(at) and sized:
                 values[place] = found[place] = at
-    return found
+            elif np.isfinite(at):
+                alone[place] = at
+    return found, alone
 
 
 def _likeliest(box: GreyBox, point: NoiseAndMotion, free: np.ndarray, place: int) -> float:

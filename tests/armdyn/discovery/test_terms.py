@@ -40,6 +40,10 @@ TEMPERATURE, OPENING = recorded("temperature", "K", 290.0 + 10.0 * CHANGES), rec
         ("N m", [("rad/s", 1), ("K", 1)], "N m s/(rad K)"),
         ("N", [("kg/m/s^2", 2)], "N m^2 s^4/kg^2"),
         ("N m", [("1", 1)], "N m"),
+        ("mm", [("s", 1)], "mm/s"),
+        ("degC", [("s", 1), ("degC", 1)], "1/s"),
+        ("l/min", [("mm^0.5", 1)], "l/(min mm^0.5)"),
+        ("%", [("degF", 2)], "%/delta_degF^2"),
     ],
 )
 def test_the_unit_of_a_size_is_that_of_the_force_over_its_variables(unit, others, expected):

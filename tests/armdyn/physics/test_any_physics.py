@@ -9,6 +9,7 @@ from command import called
 from scipy.integrate import solve_ivp
 from worlds.own_bases import HEAD, Family, case
 from worlds.own_bases.fast import FILTER, GEARED
+from worlds.own_bases.laboratory import ROD
 from worlds.own_bases.slow import BATTERY, OVEN, TANKS, VESSEL
 
 from armdyn.checked_study import CheckedStudy
@@ -114,6 +115,17 @@ def test_the_place_of_a_threshold_is_found_with_its_size(tmp_path):
         p = found.model.parameters[name]
         assert abs(p.value - drawn[name]) < 3.0 * p.std
     assert found.model.parameters["relief_valve.opens"].std < 0.01 * drawn["relief_valve.opens"]
+
+
+def test_a_limit_that_is_an_effect_by_itself_is_found_where_no_run_would_show_the_declared_one(tmp_path):
+    drawn = case(ROD, 1, "heater_limit")
+    model, runs = drawn.model(tmp_path), drawn.runs()
+    tried = [item for item in model.own_effects if item.name == "heater_limit"]
+    found = CheckedStudy.of(model, runs[:2], runs[2:3], effects=tried).repair()
+    assert [item.name for item in found.model.effects] == ["heater_limit"]
+    limit = found.model.parameters["heater_limit.limit"]
+    assert abs(limit.value - drawn["heater_limit.limit"]) < 3.0 * limit.std
+    assert limit.std < 0.01 * limit.value
 
 
 @pytest.mark.slow

@@ -136,6 +136,8 @@ def test_a_measured_state_and_its_rate_are_guessed(run):
         {"states": (state("stretch", "m", typical=0.1),)},
         {"outputs": {"q.mass": "m", "q.other": "m"}},
         {"inputs": {}},
+        {"states": state("stretch", "m", typical=0.1)},
+        {"held": "gripper_x"},
     ],
 )  # fmt: skip
 def test_a_wrong_declaration_is_refused_in_one_line(changed, complains):

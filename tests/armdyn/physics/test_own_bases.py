@@ -8,6 +8,8 @@ import pytest
 from command import called
 from scipy.integrate import solve_ivp
 
+from armdyn.checked_study import CheckedStudy
+from armdyn.discovery.physics import physics_terms
 from armdyn.effects.effect import effect
 from armdyn.errors import TaskFailedError
 from armdyn.front import compare, fit, repair
@@ -39,6 +41,34 @@ def oscillator(at):
     force = at.input("tau.push").value - at["stiffness"] * at["place"] - at["damping"] * at["speed"]
     rates = {"place": at["speed"], "speed": force / (at["inertia"] - 0.5)}
     return Equations(rates, {"q.mass": at["place"]})
+'''
+
+
+VESSEL = '''
+"""A heated vessel, in units of its own."""
+
+import casadi as ca
+
+from armdyn.effects.effect import effect
+from armdyn.parameter import quantity
+from armdyn.physics import Equations, constant, physics, state
+
+
+@physics(
+    "vessel", summary="A heated vessel that is filled.", source="Newton 1701",
+    parameters=(constant("loss", "1/min", 0.3, lower=1e-3), constant("area", "l/mm", 2.0, lower=1e-2)),
+    states=(state("inside", "degC", typical=20.0, start=30.0), state("level", "mm", typical=50.0, start=20.0)),
+    inputs={"extra.flow": "l/min"}, outputs={"extra.inside": "degC", "extra.level": "mm"}, period=120.0,
+)
+def vessel(at):
+    flow = at.input("extra.flow").value
+    rates = {"inside": (5 - at["loss"] * (at["inside"] - 20)) / 60, "level": flow / at["area"] / 60}
+    return Equations(rates, {"extra.inside": at["inside"], "extra.level": at["level"]})
+
+
+@effect(acts_on="rate", summary="A vent opens.", source="of its own")
+def vent(rate, size=quantity("1/s", typical=0.01, lower=0.0), edge=quantity("degC", typical=5.0, null=40.0)):
+    return rate.with_rate(-size * ca.fmax(rate["inside"] - edge, 0))
 '''
 
 
@@ -157,6 +187,25 @@ def test_a_state_that_nothing_shows_stays_where_it_begins():
     found = compare(physics_model(spinning).with_values({"inertia": 0.03}), [run])
     assert abs(found.parameters["inertia"].value - 0.02) < 4 * found.parameters["inertia"].std
     assert found.parameters["initial_angle"].value == 0.0
+
+
+def test_a_base_keeps_its_own_units_in_effects_and_laws(tmp_path):
+    path, time = tmp_path / "vessel.py", np.arange(0.0, 600.0, 2.0)
+    path.write_text(VESSEL)
+    found = solve_ivp(lambda t, s: [(5 - 0.2 * (s[0] - 20)) / 60, (1 + np.sin(t / 30)) / 180], (0, 600), [25.0, 10.0],
+                      t_eval=time, rtol=1e-8).y  # fmt: skip
+    noise = np.random.default_rng(1).normal(size=found.shape) * [[0.1], [0.01]]
+    columns = {"time [s]": time, "extra.flow [l/min]": 1 + np.sin(time / 30),
+               "extra.inside [degC]": found[0] + noise[0], "extra.level [mm]": found[1] + noise[1]}  # fmt: skip
+    table = np.array([*columns.values()]).T
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=",".join(columns), comments="")
+    model = load_base(path)
+    assert model.own_effects[0].quantities["edge"].unit == "degC"
+    study = CheckedStudy.of(model, [tmp_path / "a.csv"]).study
+    units = {(t.kind, *(v.name for v in t.variables), t.site.joint): t for t in physics_terms(study.first())}
+    edge = units["threshold above", "inside", "level"]
+    assert (edge.constants["place"].unit, edge.size.unit) == ("degC", "mm/(s K)")
+    assert units["proportion", "level", "inside"].size.unit == "K/(s mm)"
 
 
 def test_a_fit_that_is_worse_than_the_signal_is_lost_and_names_no_physics(

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
-from armdyn.physics import Equations, Expression, Moment, Stage, constant, physics, state
+from armdyn.physics import Equations, Expression, Moment, Rate, Stage, constant, physics, state
 """
 RUNS = 4
 """Of a case: two to fit, one to choose by, one that takes part in nothing."""
