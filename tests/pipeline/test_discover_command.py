@@ -94,15 +94,8 @@ def test_where_one_motion_shows_no_law_another_one_is_asked_for():
 
 
 def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
-    term = Term(
-        "flexure",
-        "a spring",
-        Site("string", "N m", "{}", 1.0),
-        (),
-        {},
-        Constant("1", 0.0, 0.0),
-        name="discovered_flexure",
-    )
+    site, size = Site("string", "N m", "{}", 1.0), Constant("1", 0.0, 0.0)
+    term = Term("flexure", "a spring", site, (), {}, size, name="discovered_flexure")
     law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
     steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), judged=True), Path("law.py"))

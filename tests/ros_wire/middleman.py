@@ -18,15 +18,9 @@ STOP = Phase.STOP.value
 
 
 class Middleman:
-    """Listens where a bridge would, and passes on; a fault begins when it is told so.
+    """Listens where a bridge would, under an address of its own, and passes on; a fault begins when it is told so.
 
-    Args:
-        uri: of the real bridge.
-        seed: of what is drawn at random.
-
-    Attributes:
-        uri: to be used in place of the bridge's.
-        stopping: when the program said that its arm is coming to rest [s]; None before.
+    `stopping` is when the program said that its arm is coming to rest [s]; None before.
     """
 
     def __init__(self, uri, seed=0):

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from armdyn.effects.catalogue import CATALOGUE
@@ -10,7 +9,6 @@ from armdyn.effects.user import load_effects
 from armdyn.identify.repair import add, repair
 from armdyn.identify.study import Study
 from armdyn.model_file import read_model
-from armdyn.pendulum.model import pendulum_model
 from armdyn.run import read_run
 from pipeline.trial import TrialSettings, run_trial, simulate
 
@@ -91,12 +89,6 @@ def test_the_model_of_a_trial_is_the_one_that_it_estimated_with(trial):
     assert prior is not None
     assert (prior.mean, prior.std) == (0.01, 0.01)
     assert kept.parameters["initial_angle"].fitted
-
-
-def test_a_load_in_wind_rests_where_the_wind_holds_it():
-    model = pendulum_model(0.4, 0.1, [CATALOGUE["wind"]]).with_values({"wind.force": 0.1})
-    assert model.rest_angle() == pytest.approx(-np.arctan(0.1 / (0.1 * 9.81)), rel=1e-9)
-    assert pendulum_model(0.4, 0.1).rest_angle() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_load_cell_decides_against_the_printed_tension(trial):

@@ -113,16 +113,12 @@ def test_the_page_shows_residuals_with_their_limits_and_events(complains):
     assert abs(residual[1] - mean[1]) > limit[1]
 
 
-def test_what_it_cannot_watch_is_refused(folder, refused, tmp_path, complains):
-    complains.line(refused("watch", folder / "m.toml"))
-    complains.line(refused("watch", folder / "m.toml", "-", "--ros", "ws://127.0.0.1:1"))
-    complains.line(refused("watch", folder / "m.toml", folder / "day"))
-    complains.line(refused("watch", folder / "m.toml", tmp_path))
+def test_what_it_cannot_watch_is_refused(folder, calibrated, refused, tmp_path, monkeypatch, complains):
     (tmp_path / "p.toml").write_text('base = "pendulum"\n')
-    complains.line(refused("watch", tmp_path / "p.toml", folder / "sound_0.csv"))
-
-
-def test_standard_input_without_a_joint_is_refused(folder, calibrated, refused, monkeypatch):
+    day, sound = folder / "day", folder / "sound_0.csv"
+    for words in ((), ("-", "--ros", "ws://127.0.0.1:1"), (day,), (tmp_path,)):
+        complains.line(refused("watch", folder / "m.toml", *words))
+    complains.line(refused("watch", tmp_path / "p.toml", sound))
     monkeypatch.setattr("sys.stdin", io.StringIO("time [s],q.shoulder_pan_joint [rad]\n0,0\n"))
     said = refused("watch", folder / "m.toml", "-", *calibrated[:4], "--json", "-")
     assert "its first line has no q.shoulder_lift_joint" in said
