@@ -43,7 +43,7 @@ def load_truth(robot):
     at_load = velocity(robot, data, mujoco.mjtObj.mjOBJ_BODY, model.body("load").id)
     relative = at_load - velocity(robot, data, mujoco.mjtObj.mjOBJ_SITE, model.site("pivot").id)
     reach = data.body("load").xpos - data.site("pivot").xpos
-    (x, vx), (z, vz) = ((-float(of @ axis) for of in (reach, relative)) for axis in (line.direction, np.eye(3)[2]))
+    (x, vx), (z, vz) = (-np.array([reach, relative]) @ axis for axis in (line.direction, np.eye(3)[2]))
     return SimpleNamespace(
         position=data.body("load").xpos.copy(), velocity=at_load, distance=float(np.linalg.norm(reach)),
         swing_angle=swing_angle(reach, line.direction), swing_rate=(vx * z - x * vz) / (x * x + z * z),

@@ -46,27 +46,15 @@ def test_every_model_meets_every_recording_once_also_one_that_is_missing(folder)
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "recordings = 3",
-        "[[recordings]]\nmodell = 'm.toml'",
-        "[[recordings]]\nmodel = 'm.toml'",
-        GOOD.replace("m.toml", "n.toml"),
-        GOOD.replace("m.toml", "n*.toml"),
-        GOOD.replace("*.csv", "*.mcap"),
-        GOOD.replace('["*.csv"]', "[3]"),
-        GOOD.replace("*.csv", "{robot}.csv"),
-        f"task = 'repare'\n{GOOD}",
-        f"taks = 'repair'\n{GOOD}",
-        f"[changes]\nfalse_alarms = 2\n{GOOD}",
-        f"[changes]\nfalse_alarms = true\n{GOOD}",
-        f"[time]\nfrom = 'file'\n{GOOD}",
-        f"[time]\nform = 'log'\n{GOOD}",
-        f"time = 3\n{GOOD}",
-        GOOD + "times = { 'b.csv' = 2026-05-04 }",
-        GOOD + "times = { 'a.csv' = 5 }",
-        "[[recordings]",
+        "", "recordings = 3", "[[recordings]]\nmodell = 'm.toml'", "[[recordings]]\nmodel = 'm.toml'",
+        GOOD.replace("m.toml", "n.toml"), GOOD.replace("m.toml", "n*.toml"), GOOD.replace("*.csv", "*.mcap"),
+        GOOD.replace('["*.csv"]', "[3]"), GOOD.replace("*.csv", "{robot}.csv"), f"task = 'repare'\n{GOOD}",
+        f"taks = 'repair'\n{GOOD}", f"[changes]\nfalse_alarms = 2\n{GOOD}",
+        f"[changes]\nfalse_alarms = true\n{GOOD}", f"[time]\nfrom = 'file'\n{GOOD}",
+        f"[time]\nform = 'log'\n{GOOD}", f"time = 3\n{GOOD}", GOOD + "times = { 'b.csv' = 2026-05-04 }",
+        GOOD + "times = { 'a.csv' = 5 }", "[[recordings]",
     ],
-)
+)  # fmt: skip
 def test_a_wrong_spec_is_refused_in_one_line(folder, text, complains):
     with complains(InputError):
         read(folder, text)

@@ -155,17 +155,12 @@ def write_calibration(folder):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["monitor", "PORT"],
-        ["monitor", "/dev/ttyNONE", "--calibration", "FILE"],
-        ["monitor", "PORT", "--calibration", "FOREIGN"],
-        ["monitor", "PORT", "--seconds", "0"],
-        ["monitor"],
-        ["calibrate", "/dev/ttyNONE"],
-        ["calibrate", "PORT", "--weights", "heavy"],
-        ["calibrate", "PORT", "--samples", "3"],
-        ["calibrate", "PORT", "--baud", "0"],
+        ["monitor", "PORT"], ["monitor", "/dev/ttyNONE", "--calibration", "FILE"],
+        ["monitor", "PORT", "--calibration", "FOREIGN"], ["monitor", "PORT", "--seconds", "0"], ["monitor"],
+        ["calibrate", "/dev/ttyNONE"], ["calibrate", "PORT", "--weights", "heavy"],
+        ["calibrate", "PORT", "--samples", "3"], ["calibrate", "PORT", "--baud", "0"],
     ],
-)
+)  # fmt: skip
 def test_bad_input_is_one_line_and_status_2(armdyn, refused, tmp_path, arguments, complains):
     del armdyn  # which has settings of its own
     (tmp_path / "foreign.toml").write_text("name = 3")

@@ -88,14 +88,11 @@ def test_diverging_simulation_says_so(plant, complains):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda q, v, a: (q + 5.0, v, a),
-        lambda q, v, a: (q + np.eye(7)[6] * 0.3, v, a),
-        lambda q, v, a: (q, v + 50.0, a),
-        lambda q, v, a: (q, v, a + 500.0),
-        lambda q, v, a: (q * np.nan, v, a),
+        lambda q, v, a: (q + 5.0, v, a), lambda q, v, a: (q + np.eye(7)[6] * 0.3, v, a),
+        lambda q, v, a: (q, v + 50.0, a), lambda q, v, a: (q, v, a + 500.0), lambda q, v, a: (q * np.nan, v, a),
         lambda q, v, a: (q[:-1], v, a),
     ],
-)
+)  # fmt: skip
 def test_a_command_that_a_real_arm_would_refuse_is_refused_and_the_arm_stays(plant, q_start, spoil, complains):
     robot, still = plant(), np.zeros(7)
     with complains(InputError):

@@ -40,12 +40,11 @@ class ObedientArm:
         sent = self.loopback.published(self.topics.command)
         if sent and "command" in sent[-1]:
             self.q = np.array(sent[-1]["command"])
-        if self.silent:
-            return
-        zero = [0.0] * len(self.names)
-        message = joint_states(self.names, 500.0 + self.time, self.q.tolist(), velocity=zero, effort=zero)
-        self.loopback.publish(self.topics.joint_states, message)
-        self.loopback.publish("/robot/state", self.state)
+        if not self.silent:
+            zero = [0.0] * len(self.names)
+            message = joint_states(self.names, 500.0 + self.time, self.q.tolist(), velocity=zero, effort=zero)
+            self.loopback.publish(self.topics.joint_states, message)
+            self.loopback.publish("/robot/state", self.state)
 
 
 class SteppedRobot(RosRobot):
@@ -56,11 +55,8 @@ class SteppedRobot(RosRobot):
         super().__init__(arm.loopback.uri, description, topics, clock=lambda: arm.time)
 
     def advance(self, duration):
+        """The newest state is then as old as the arm's clock says."""
         self.arm.step(duration)
-        self.settle()
-
-    def settle(self):
-        """What was published has been received: the newest state is as old as the arm's clock says."""
         end = time.monotonic() + 10.0
         while not self.arm.silent and self.bridge.failure is None and time.monotonic() < end:
             newest = self._states.latest
