@@ -147,14 +147,6 @@ def test_a_table_of_another_robot_or_whose_numbers_were_changed_or_taken_out_is_
             ik.LineTable.load(saved, baxter)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, None])
-def test_a_truncated_table_or_another_kind_of_file_is_refused(saved, baxter, share: float | None, complains) -> None:
-    content = saved.read_bytes()
-    saved.write_bytes(b"PK\x03\x04 nonsense" if share is None else content[: int(share * len(content))])
-    with complains(ik.StaleTableError):
-        ik.LineTable.load(saved, baxter)
-
-
 def test_the_default_table_is_built_once_and_again_when_damaged(baxter, table, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("ARMDYN_CACHE", str(tmp_path))
     stages: list[str] = []

@@ -39,7 +39,8 @@ GUESSED = ("import", "sweep_1.csv", "--robot", "ur5", "--guess", "--output", "ru
     ("commands", "run"),
     [
         ([("new", "pendulum", "a.toml")], "swing_1.csv"),
-        ([("compare", "pendulum.toml", "swing_1.csv", "--held-out", "swing_2.csv")], "swing_1.csv"),
+        pytest.param([("compare", "pendulum.toml", "swing_1.csv", "--held-out", "swing_2.csv")], "swing_1.csv",
+                     marks=pytest.mark.slow),
         ([("add", "pendulum.toml", "linear_drag+quadratic_drag", "swing_1.csv", "--output", "r.toml")], "swing_1.csv"),
         ([GUESSED], "runs/sweep_1.csv"),
         ([GUESSED, (*GUESSED[:4], "--map", "runs/map.toml", *GUESSED[5:])], "runs/sweep_1.csv"),

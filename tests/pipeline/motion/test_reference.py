@@ -46,18 +46,14 @@ def test_an_infeasible_reference_becomes_one_motion_nearer_to_it_than_any_online
         assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
 
 
-def test_start_and_end_are_kept():
+def test_start_and_end_are_kept_or_refused_where_the_end_cannot_be_reached_in_time(complains):
     s = np.linspace(0.0, 0.25, TIME.size)
     start, end = LineState(0.02, 0.1, 0.5), LineState(0.3)
     motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
     assert motion[0] == pytest.approx(start, abs=1e-8)
     assert motion.end == pytest.approx(end, abs=1e-8)
-
-
-def test_an_end_that_cannot_be_reached_in_time_is_refused(complains):
-    s = np.zeros(20)
     with complains(TaskFailedError):
-        smooth_reference(s, s, DT, LIMITS, end=LineState(0.5))
+        smooth_reference(np.zeros(20), np.zeros(20), DT, LIMITS, end=LineState(0.5))
 
 
 NONE = [(np.zeros(10), np.zeros(9)), (np.zeros(3), np.zeros(3)), (np.full(10, np.nan), np.zeros(10))]
