@@ -60,9 +60,8 @@ def imported_module(text, path):
 
 def test_mujocos_inverse_dynamics_is_the_models_on_200_states(bare_arm):
     model = with_effects(bare_arm, IN_MUJOCO)
-    q, v, a = states(model)
-    ours = np.array([by_formulas(model, *state) for state in zip(q, v, a, strict=True)])
-    assert np.abs(mujoco_torques(model, q, v, a) - ours).max() <= 1e-6  # 1e-13
+    given = states(model)
+    assert np.abs(mujoco_torques(model, *given) - by_formulas(model, *given)).max() <= 1e-6  # 1e-13
 
 
 def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
@@ -78,8 +77,9 @@ def test_a_urdf_holds_links_payload_mounting_and_friction(bare_arm, tmp_path):
         assert back.arm.slides[i] == model.arm.slides[i]
     rigid = inverse_dynamics_function(back)
     links_alone = model.with_only(["link_inertia", "payload", "base_tilt"])
-    for state in zip(*states(model, 50), strict=True):
-        np.testing.assert_allclose(np.array(rigid(*state))[:, 0], by_formulas(links_alone, *state), atol=1e-9)
+    given = states(model, 50)
+    found = [np.array(rigid(*state))[:, 0] for state in zip(*given, strict=True)]
+    np.testing.assert_allclose(found, by_formulas(links_alone, *given), atol=1e-9)
     assert {"armdyn_payload", "armdyn_world"} <= {link.get("name") for link in document.findall("link")}
 
 
@@ -154,7 +154,7 @@ def test_c_code_computes_what_the_model_says(in_c):
     for state in zip(*states(model, 20), strict=True):
         tau = numbers(state[0])
         assert library.armdyn_inverse_dynamics(*map(numbers, state), tau) == 0
-        np.testing.assert_allclose(list(tau), by_formulas(model, *state), atol=1e-9)
+        np.testing.assert_allclose([list(tau)], by_formulas(model, *state), atol=1e-9)
 
 
 def test_the_observer_in_c_says_what_the_watch_says(in_c):
@@ -185,12 +185,11 @@ def test_python_code_computes_what_the_model_says_for_many_states_at_once(bare_a
     text = python_text(functions, 'arm "a" \\ """')
     assert re.findall(r"^(?:import|from) .*$", text, re.MULTILINE) == ["import numpy as np"]
     module = imported_module(text, tmp_path / "arm_functions.py")
-    q, v, a = states(model, 20)
-    tau = module.inverse_dynamics(q, v, a)
-    assert tau.shape == q.shape
-    for i, state in enumerate(zip(q, v, a, strict=True)):
-        np.testing.assert_allclose(tau[i], by_formulas(model, *state), atol=1e-9)
-        np.testing.assert_allclose(module.inverse_dynamics(*state), tau[i], atol=1e-12)
+    given = states(model, 20)
+    tau = module.inverse_dynamics(*given)
+    np.testing.assert_allclose(tau, by_formulas(model, *given), atol=1e-9)
+    for state, alone in zip(zip(*given, strict=True), tau, strict=True):
+        np.testing.assert_allclose(module.inverse_dynamics(*state), alone, atol=1e-12)
 
 
 def test_a_pendulums_step_is_the_planners(tmp_path):
@@ -239,13 +238,13 @@ def test_what_a_format_cannot_hold_is_named(bare_arm):
     late = with_effects(bare_arm, ["torque_delay"])
     assert all("belongs to the torque sensor" in notes[0] for notes in (functions_of(late)[1], mujoco_text(late)[1]))
     alone = model.with_only(["joint_asymmetric_friction"])
-    q, v, a = states(alone, 5)
-    ours = np.array([by_formulas(alone, *state) for state in zip(q, v, a, strict=True)])
+    given = states(alone, 5)
     both = [
         [alone.value(f"joint_asymmetric_friction.{s}[{j}]") for j in alone.joints] for s in ("positive", "negative")
     ]
     unequal = np.abs(np.subtract(*both)) / 2
-    np.testing.assert_allclose(np.abs(mujoco_torques(alone, q, v, a) - ours), np.tile(unequal, (5, 1)), atol=1e-9)
+    off = np.abs(mujoco_torques(alone, *given) - by_formulas(alone, *given))
+    np.testing.assert_allclose(off, np.tile(unequal, (5, 1)), atol=1e-9)
 
 
 @effect("bristle", acts_on="joint", summary="A bristle.", source="Dahl 1968")
@@ -273,9 +272,8 @@ def test_a_background_is_exported_as_named_values_are(bare_arm, tmp_path):
     small, named = with_background(bare_arm, ["joint_spring"], sorted(HELD["mujoco"] - {"joint_spring", *DRIVES}))
     assert mujoco_text(small) == mujoco_text(named)
     assert urdf_text(small, tmp_path)[0] == urdf_text(named, tmp_path)[0]
-    q, v, a = states(small, 5)
     ours, theirs = (inverse_dynamics_function(model) for model in (small, named))
-    for state in zip(q, v, a, strict=True):
+    for state in zip(*states(small, 5), strict=True):
         np.testing.assert_array_equal(ours(*state), theirs(*state))
 
 
@@ -286,9 +284,9 @@ def test_what_a_format_cannot_hold_of_a_background_is_counted_in_one_sentence(ba
     counted = f"{2 * n} of the background of {3 * n} small values"
     functions, notes = functions_of(model)
     assert notes == [f"{counted} (torque_delay, bristle): a function has no place for them"]
-    q, v, a = (x[0] for x in states(model, 1))
+    state = [x[0] for x in states(model, 1)]
     rest = model.without_effect("bristle").without_effect("torque_delay")
-    np.testing.assert_allclose(functions[0].function(q, v, a).full().ravel(), by_formulas(rest, q, v, a), atol=1e-9)
+    np.testing.assert_allclose(functions[0].function(*state).full().T, by_formulas(rest, *state), atol=1e-9)
     assert sum(note.startswith(f"{3 * n} of the background of") for note in urdf_text(model, tmp_path)[1]) == 1
     answer = parameters_answer(ModelFile(model, {}))
     assert answer["effects"] == ["joint_viscous_friction"]

@@ -35,7 +35,7 @@ class Operator(io.TextIOBase):
 
     def readline(self, _size=-1):
         self._cell.hang(next(self._forces))
-        time.sleep(0.3)
+        time.sleep(0.2)
         return "\n"
 
 

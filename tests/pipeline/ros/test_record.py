@@ -59,7 +59,7 @@ def test_a_recording_is_a_run(moving, baxter, tmp_path):
 def test_every_message_is_accounted_for(loopback, baxter, speaking, tmp_path, messages, says, lacks):
     """What was not sent is missing, one bad stamp costs one sample, and what follows it is dated as before."""
     speaking(lambda k: messages(baxter, k))
-    _, said = record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 1.0)
+    _, said = record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.7)
     assert says in " ".join(said)
     run = read_run(tmp_path / "run.csv")
     assert {name.partition(".")[0] for name in run.channels} == {"q", "v", "tau"} - set(lacks)
@@ -75,11 +75,12 @@ def test_joints_that_two_nodes_publish_are_one_run(loopback, baxter, speaking, t
             yield {f: both[f][part] if f != "header" else both[f] for f in both}
 
     speaking(halves)
-    record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
+    record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.3)
     assert read_run(tmp_path / "run.csv").joints == tuple(baxter.joint_names)
 
 
-def test_a_joint_that_is_never_sent_is_named(loopback, baxter, speaking, tmp_path):
+def test_a_joint_that_is_never_sent_is_named(loopback, baxter, speaking, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.ros.record.FIRST_STATE", 0.5)
     speaking(lambda k: [state(baxter, k, name=[*baxter.joint_names[:6], "gripper"])])
     with pytest.raises(InputError, match=r"no state of right_w2 within 3 s; what came is of right_s0, .*gripper"):
         record_run(loopback.uri, baxter, TOPICS, tmp_path / "run.csv", 0.5)
@@ -88,11 +89,13 @@ def test_a_joint_that_is_never_sent_is_named(loopback, baxter, speaking, tmp_pat
 @pytest.mark.parametrize(
     ("after", "fail", "says"),
     [
-        (0.3, lambda arm: arm.stopped.set(), "nothing came for 1 s"),
+        (0.3, lambda arm: arm.stopped.set(), "nothing came for 0.5 s"),
         (0.6, lambda arm: arm.drop(), "connection to the bridge .* is lost.*"),
     ],
 )
-def test_what_came_before_the_states_stop_is_kept(moving, baxter, tmp_path, after, fail, says):
+def test_what_came_before_the_states_stop_is_kept(moving, baxter, tmp_path, monkeypatch, after, fail, says):
+    if says.startswith("nothing"):
+        monkeypatch.setattr("pipeline.ros.record.MAX_STATE_GAP_SECONDS", 0.5)
     threading.Timer(after, fail, [moving]).start()
     with pytest.raises(TaskFailedError, match=says + r"; the 0\.\d s of 30 s that came are in"):
         record_run(moving.uri, baxter, TOPICS, tmp_path / "run.csv", 30.0)
