@@ -15,7 +15,8 @@ KIT = os.environ.get("ARMDYN_ROS_KIT")
 """Folder of a ROS test kit: its start.sh starts a master and a rosbridge on loopback and says where they are."""
 PACKAGES = ("rosmaster", "rospy", "sensor_msgs", "trajectory_msgs", "autobahn", "twisted", "tornado", "bson", "PIL")
 """What the kit needs in the system's Python."""
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+TESTS = Path(__file__).parents[1]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
 
 
 def missing():
