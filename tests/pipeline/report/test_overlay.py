@@ -122,7 +122,6 @@ def test_the_first_picture_is_the_missing_force(reports, name):
     assert len(page) < 3_000_000
 
 
-@pytest.mark.slow
 def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path):
     """What stands there after the page's script has run: the line above the curves, and the chosen tab."""
     page = tmp_path / "repair.html"
