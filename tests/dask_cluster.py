@@ -14,7 +14,7 @@ def free_port():
 
 
 @contextmanager
-def dask_cluster(folder, threads=1):
+def dask_cluster(folder):
     """Address, and the processes: scheduler first."""
     address = f"tcp://127.0.0.1:{free_port()}"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -24,7 +24,7 @@ def dask_cluster(folder, threads=1):
         quiet = subprocess.DEVNULL
         return subprocess.Popen(command, stdout=quiet, stderr=quiet, cwd=folder, env=environment)
 
-    worker = ("worker", address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard", "--death-timeout", "60")
+    worker = ("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
     processes = [start("scheduler", "--port", address.rpartition(":")[2], "--no-dashboard")]
     processes += [start(*worker), start(*worker)]
     try:

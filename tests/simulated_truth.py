@@ -1,112 +1,52 @@
-"""True motion of gripper and load of the simulated robot, which no product code asks for."""
+"""True motion of gripper and load of the simulated robot, which no product code asks for: m, s, rad, N, base frame."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 
-from pipeline.robot.protocol import Vector
-from pipeline.robot.simulated import SimulatedRobot
 from pipeline.robot.truth import swing_angle
 
 
-@dataclass(frozen=True)
-class GripperTruth:
-    """The string's upper end.
-
-    Attributes:
-        time: [s].
-        position: in the base frame (3,) [m].
-        velocity: (3,) [m/s].
-        acceleration: (3,) [m/s^2].
-        s: line coordinate [m].
-        s_velocity: along the line [m/s].
-        s_acceleration: along the line [m/s^2].
-    """
-
-    time: float
-    position: Vector
-    velocity: Vector
-    acceleration: Vector
-    s: float
-    s_velocity: float
-    s_acceleration: float
-
-
-@dataclass(frozen=True)
-class LoadTruth:
-    """The load and the string.
-
-    Attributes:
-        time: [s].
-        position: of the load's centre in the base frame (3,) [m].
-        velocity: (3,) [m/s].
-        distance: pivot to centre [m].
-        swing_angle: 0 hanging, the load is at s - distance sin(angle) [rad].
-        swing_rate: [rad/s].
-        out_of_plane_angle: of the string across the line [rad].
-        tension: pull of the string [N]; 0 when slack.
-    """
-
-    time: float
-    position: Vector
-    velocity: Vector
-    distance: float
-    swing_angle: float
-    swing_rate: float
-    out_of_plane_angle: float
-    tension: float
-
-
-def evaluated(robot: SimulatedRobot) -> mujoco.MjData:
+def evaluated(robot):
     """MuJoCo at the present state in a copy, so that looking at it changes nothing."""
-    model = robot._plant.model
-    data = mujoco.MjData(model)
-    mujoco.mj_copyData(data, model, robot._data)
+    data = mujoco.MjData(robot._plant.model)
+    mujoco.mj_copyData(data, robot._plant.model, robot._data)
     data.ctrl[:] = robot._servo.driven
-    mujoco.mj_forward(model, data)
+    mujoco.mj_forward(robot._plant.model, data)
     return data
 
 
-def velocities(robot: SimulatedRobot, data: mujoco.MjData) -> tuple[Vector, Vector]:
-    """Of pivot and load (3,) each [m/s]."""
-    model, velocity = robot._plant.model, np.zeros((2, 6))
-    pivot, load = model.site("pivot").id, model.body("load").id
-    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, pivot, velocity[0], 0)
-    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, load, velocity[1], 0)
-    return velocity[0, 3:], velocity[1, 3:]
+def velocity(robot, data, kind, number):
+    found = np.zeros(6)
+    mujoco.mj_objectVelocity(robot._plant.model, data, kind, number, found, 0)
+    return found[3:]
 
 
-def gripper_truth(robot: SimulatedRobot) -> GripperTruth:
-    """Motion of the string's upper end now."""
-    plant, data, time = robot._plant, evaluated(robot), robot.time
-    site, acceleration, line = plant.model.site("pivot").id, np.zeros(6), plant.line
-    v, _ = velocities(robot, data)
-    mujoco.mj_rnePostConstraint(plant.model, data)
-    mujoco.mj_objectAcceleration(plant.model, data, mujoco.mjtObj.mjOBJ_SITE, site, acceleration, 0)
+def gripper_truth(robot):
+    """Motion now of the string's upper end, also along the line: s."""
+    model, line, data, acceleration = robot._plant.model, robot._plant.line, evaluated(robot), np.zeros(6)
+    pivot = mujoco.mjtObj.mjOBJ_SITE, model.site("pivot").id
+    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_objectAcceleration(model, data, *pivot, acceleration, 0)
     # MuJoCo accelerates the world upwards instead of pulling everything down.
-    a = acceleration[3:] + plant.model.opt.gravity
-    position = data.site_xpos[site].copy()
-    return GripperTruth(
-        time, position, v, a, line.coordinates(position)[0], float(v @ line.direction), float(a @ line.direction)
-    )
+    v, a, position = velocity(robot, data, *pivot), acceleration[3:] + model.opt.gravity, data.site("pivot").xpos.copy()
+    return SimpleNamespace(
+        position=position, acceleration=a, s=line.coordinates(position)[0],
+        s_velocity=float(v @ line.direction), s_acceleration=float(a @ line.direction),
+    )  # fmt: skip
 
 
-def load_truth(robot: SimulatedRobot) -> LoadTruth:
-    """Motion of load and string now."""
-    plant, data, time = robot._plant, evaluated(robot), robot.time
-    at_pivot, at_load = velocities(robot, data)
-    position, line = data.body("load").xpos.copy(), plant.line
-    reach, relative = position - data.site("pivot").xpos, at_load - at_pivot
-    x, z = -float(reach @ line.direction), -float(reach[2])
-    vx, vz = -float(relative @ line.direction), -float(relative[2])
-    return LoadTruth(
-        time=time,
-        position=position,
-        velocity=at_load,
-        distance=float(np.linalg.norm(reach)),
-        swing_angle=swing_angle(reach, line.direction),
-        swing_rate=(vx * z - x * vz) / (x * x + z * z),
+def load_truth(robot):
+    """Motion now of load and string: angles and their rate as of a pendulum below the pivot; tension 0 when slack."""
+    model, line, data = robot._plant.model, robot._plant.line, evaluated(robot)
+    at_load = velocity(robot, data, mujoco.mjtObj.mjOBJ_BODY, model.body("load").id)
+    relative = at_load - velocity(robot, data, mujoco.mjtObj.mjOBJ_SITE, model.site("pivot").id)
+    reach = data.body("load").xpos - data.site("pivot").xpos
+    (x, vx), (z, vz) = (-np.array([reach, relative]) @ axis for axis in (line.direction, np.eye(3)[2]))
+    return SimpleNamespace(
+        position=data.body("load").xpos.copy(), velocity=at_load, distance=float(np.linalg.norm(reach)),
+        swing_angle=swing_angle(reach, line.direction), swing_rate=(vx * z - x * vz) / (x * x + z * z),
         out_of_plane_angle=float(np.arctan2(reach @ line.axes[:, 1], np.hypot(x, z))),
         tension=robot._string.tension(data),
-    )
+    )  # fmt: skip

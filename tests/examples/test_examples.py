@@ -35,6 +35,7 @@ def test_an_example_is_short(path):
     assert len(path.read_text().splitlines()) <= (150 if path.stem in BASES else 60)
 
 
+@pytest.mark.slow  # the notebook repairs the same recordings
 def test_a_pendulum_from_a_csv(example, capsys):
     found = example("pendulum_from_csv").main()
     assert [effect.name for effect in found.model.effects] == ["quadratic_drag"]

@@ -1,4 +1,4 @@
-from collections.abc import Callable
+from functools import cache
 from xml.etree import ElementTree
 
 import mujoco
@@ -24,27 +24,24 @@ def table(baxter: urdf.Robot) -> ik.LineTable:
 
 
 @pytest.fixture(scope="session")
-def tables(table: ik.LineTable) -> Callable[[urdf.Robot], ik.LineTable]:
+def tables(table):
     """The table of a known arm's own line, built once."""
     built = {"baxter": table}
     return lambda robot: built.get(robot.name) or built.setdefault(robot.name, ik.build_line_table(robot))
 
 
 @pytest.fixture(scope="session")
-def tool_poses() -> Callable[[urdf.Robot, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+def tool_poses():
     """Rotations (k, 3, 3) and positions (k, 3) of the tool point by the unmended URDF in yourdfpy, not Pinocchio."""
-    models: dict[str, yourdfpy.URDF] = {}
+    loaded = cache(lambda path: yourdfpy.URDF.load(str(path), load_meshes=False))
 
-    def poses(robot: urdf.Robot, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if robot.name not in models:
-            models[robot.name] = yourdfpy.URDF.load(str(robot.urdf_path), load_meshes=False)
-        model, rotations, positions = models[robot.name], [], []
+    def poses(robot, postures):
+        model, found = loaded(robot.urdf_path), []
         for q in postures:
             model.update_cfg(dict(zip(robot.joint_names, q, strict=True)))
-            pose = model.get_transform(robot.tool_frame, model.base_link)
-            rotations.append(pose[:3, :3])
-            positions.append(pose[:3, 3] + pose[:3, :3] @ robot.tool_offset)
-        return np.array(rotations), np.array(positions)
+            found.append(model.get_transform(robot.tool_frame, model.base_link))
+        rotations = np.array(found)[:, :3, :3]
+        return rotations, np.array(found)[:, :3, 3] + rotations @ robot.tool_offset
 
     return poses
 

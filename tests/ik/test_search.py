@@ -1,5 +1,7 @@
 """Searching a line: what the search promises."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,24 +14,19 @@ from ik.search import Demand, search_line, upright_rotation
 def test_a_search_finds_a_fast_free_line_within_the_limits() -> None:
     robot = urdf.load("ur5")
     said: list[str] = []
-    demand = Demand(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05))
-    found = search_line(robot, demand, progress=said.append)
+    found = search_line(robot, Demand(s_min=-0.1, s_max=0.1, core=(-0.05, 0.05)), progress=said.append)
     assert any("m/s with" in sentence for sentence in said)
     assert found.core_speed >= found.line.core_speed
     assert found.line.origin[0] > 0
     assert found.clearance > 0
-    collisions = urdf.CollisionModel(robot)
     # Searching beats choosing by eye, half a metre in front of the arm, on both counts together.
-    naive = urdf.Line(
-        np.array([0.5, 0.0, 0.3]), np.array([0.0, 1.0, 0.0]), found.line.rotation, -0.1, 0.1, (-0.05, 0.05), 1.0
-    )
-    by_eye = ik.build_line_table(robot, naive)
-    table = ik.build_line_table(robot, found.line)
-    worth = [
-        t.speed_limit_at(np.linspace(-0.05, 0.05, 51)).min() * min(1.0, t.joint_margin / 0.5) for t in (table, by_eye)
-    ]
-    assert worth[0] > 1.2 * worth[1]
-    assert all(collisions.touching(q) is None for q in table.q[::20])
+    by_eye = replace(found.line, origin=np.array([0.5, 0.0, 0.3]), direction=np.array([0.0, 1.0, 0.0]), core_speed=1.0)
+    tables = [ik.build_line_table(robot, line) for line in (found.line, by_eye)]
+    core = np.linspace(-0.05, 0.05, 51)
+    ours, theirs = (t.speed_limit_at(core).min() * min(1.0, t.joint_margin / 0.5) for t in tables)
+    assert ours > 1.2 * theirs
+    collisions = urdf.CollisionModel(robot)
+    assert all(collisions.touching(q) is None for q in tables[0].q[::20])
 
 
 def test_a_line_longer_than_the_arm_is_not_found(complains) -> None:

@@ -1,7 +1,6 @@
 """The wheel, installed in an environment of its own and used from an empty folder, does what the README says."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -13,27 +12,24 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow
 
 
+def run(*command, **options):
+    """What a process printed; it must end with status 0."""
+    done = subprocess.run(command, capture_output=True, text=True, **options)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
 @pytest.fixture(scope="module")
 def python(tmp_path_factory):
     """Python of a fresh environment with the wheel; what pip cannot get is a reason to skip."""
     folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
-    shutil.copytree(
-        ROOT, source, ignore=shutil.ignore_patterns(".venv", ".git", "out", "site", "__pycache__", ".*_cache")
-    )
-    made = subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, source],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert made.returncode == 0, made.stderr[-2000:]
+    source, left_out = folder / "source", (".venv", ".git", "out", "site", "__pycache__", ".*_cache")
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(*left_out))
+    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, source)
     (wheel,) = folder.glob("armdyn-*.whl")
-    subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
+    run(sys.executable, "-m", "venv", folder / "venv")
     python = folder / "venv/bin/python"
-    installed = subprocess.run(
-        [python, "-m", "pip", "install", "--quiet", wheel, f"armdyn[batch] @ {wheel.as_uri()}"],
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert installed.returncode == 0, installed.stderr[-2000:]
+    run(python, "-m", "pip", "install", "--quiet", wheel, f"armdyn[batch] @ {wheel.as_uri()}")
     return python
 
 
@@ -41,24 +37,13 @@ def python(tmp_path_factory):
 def armdyn(python, tmp_path, monkeypatch):
     """Runs a command of the installed wheel from an empty folder; returns what it printed."""
     monkeypatch.chdir(tmp_path)
-    clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-
-    def run(*words, status=0):
-        command = [python.parent / "armdyn", *map(str, words)]
-        done = subprocess.run(command, capture_output=True, text=True, env=clean, timeout=600)
-        assert done.returncode == status, done.stderr
-        return done.stdout
-
-    return run
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    return lambda *words: run(python.parent / "armdyn", *map(str, words), timeout=600)
 
 
-def test_it_comes_from_the_wheel(python, tmp_path):
+def test_it_comes_from_the_wheel_and_a_trial_lands(armdyn, python, tmp_path):
     code = "import armdyn, ik, pipeline, urdf; print(armdyn.__file__, pipeline.__file__)"
-    shown = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path).stdout
-    assert shown.count("site-packages") == 2
-
-
-def test_a_trial_lands_and_its_report_is_there(armdyn, tmp_path):
+    assert run(python, "-c", code).count("site-packages") == 2
     assert "box" in armdyn("trial", "--no-estimation", "--length-guess", "0.368")
     assert (tmp_path / "out/trial/report.html").stat().st_size > 500_000
 
@@ -90,4 +75,5 @@ def test_a_batch_runs(armdyn, tmp_path):
 
 
 def test_what_is_not_installed_is_named(armdyn):
-    armdyn("record", "--ros", "ws://127.0.0.1:9", "--output", "r.csv", "--seconds", "1", status=2)
+    with pytest.raises(AssertionError, match=r"pip install 'armdyn\[ros\]'"):
+        armdyn("record", "--ros", "ws://127.0.0.1:9", "--output", "r.csv", "--seconds", "1")

@@ -9,40 +9,10 @@ import pytest
 
 from armdyn.discovery.result import Discovery, Finding
 from armdyn.discovery.term import Constant, Site, Term
-from armdyn.run import read_run
 from pipeline.commands.discover import _next_steps
 from pipeline.console.inputs import Inputs
 
 RECORDINGS = Path(__file__).parents[2] / "examples/pendulum"
-
-
-@pytest.mark.slow
-def test_a_magnet_is_discovered_and_its_file_repairs_the_model(armdyn):
-    first, second = (RECORDINGS / f"magnet_{k}.csv" for k in (1, 2))
-    armdyn("new", "pendulum", "m.toml", "--set", "length=0.37 m", "--set", "mass=80 g")
-    runs = (first, "--held-out", second)
-    assert armdyn("discover", "m.toml", *runs, "--output", "effect.py", "--json", "d.json")[0] == 0
-    answer = json.loads(Path("d.json").read_text())
-    assert answer["schema"] == "armdyn.discover/1"
-    (found,) = answer["found"]
-    assert (found["kind"], found["effect"], found["acts_on"]) == ("magnet", "discovered_magnet", "load")
-    assert abs(found["values"]["place"]["value"]) < 0.03
-    law = (found["effect"], *runs, "--effects", "effect.py")
-    assert armdyn("add", "m.toml", *law, "--output", "r.toml", "--json", "a.json")[0] == 0
-    steps = json.loads(Path("a.json").read_text())["steps"]
-    assert steps[-1]["held_out_rmse"]["load_force"] < 1.2 * read_run(first).noise["load_force"]
-
-
-@pytest.mark.slow
-def test_a_swing_that_an_unknown_magnet_spoils_lands_with_the_law_that_is_discovered(armdyn):
-    hidden = ("--hidden", "magnet=0.1")
-    assert armdyn("trial", *hidden, "--out", "first")[0] != 0
-    armdyn("trial", *hidden, "--length-guess", "0.35", "--out", "second")  # another guess, so another motion
-    runs = ("first/trial.csv", "--held-out", "second/trial.csv")
-    assert armdyn("discover", "first/model.toml", *runs, "--output", "law.py")[0] == 0
-    law = ("--effects", "law.py")
-    assert armdyn("add", "first/model.toml", "discovered_magnet", *runs, *law, "--output", "repaired.toml")[0] == 0
-    assert armdyn("trial", *hidden, "--model", "repaired.toml", *law, "--out", "third")[0] == 0
 
 
 OIL = """import casadi as ca
@@ -94,15 +64,8 @@ def test_where_one_motion_shows_no_law_another_one_is_asked_for():
 
 
 def test_a_law_that_an_effect_of_the_catalogue_imitates_comes_with_the_experiment_that_tells_them_apart():
-    term = Term(
-        "flexure",
-        "a spring",
-        Site("string", "N m", "{}", 1.0),
-        (),
-        {},
-        Constant("1", 0.0, 0.0),
-        name="discovered_flexure",
-    )
+    site, size = Site("string", "N m", "{}", 1.0), Constant("1", 0.0, 0.0)
+    term = Term("flexure", "a spring", site, (), {}, size, name="discovered_flexure")
     law = Finding("discovered_flexure", (), "string", "flexure", "a spring", "k * angle^3", {}, 0.9,
                   "pivot_stiffness", (), term)  # fmt: skip
     steps = _next_steps(GIVEN, replace(NOTHING, findings=(law,), judged=True), Path("law.py"))

@@ -1,6 +1,5 @@
 """`armdyn new arm` as a user meets it: from a URDF with a gripper, from an MJCF."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -32,38 +31,24 @@ def test_an_mjcf_makes_a_model_that_is_read_again_and_exported(armdyn):
         np.testing.assert_allclose(again.link_parameters()[joint], model.link_parameters()[joint], atol=1e-9)
 
 
-REPLACED = "inertia of wrist_1_link, wrist_2_link, wrist_3_link replaced by that of the collision shapes"
-
-
-def test_every_command_says_which_inertias_of_an_arm_are_not_those_of_its_file(armdyn):
-    status, _, err = armdyn("new", "arm", "m.toml", "--robot", "ur5", "--json", "a.json")
-    assert status == 0
-    assert f"CHECK: ur5: {REPLACED}" in err
-    for command in (("arm", "show", "--robot", "ur5"), ("export", "m.toml", "--output", "m.json")):
-        assert armdyn(*command, "--json", "b.json")[0] == 0
-        assert all(REPLACED in json.loads(Path(file).read_text())["warnings"][0] for file in ("a.json", "b.json"))
-
-
 @pytest.mark.parametrize("ending", ["xml", "urdf"])
-def test_an_inertia_that_no_body_has_is_named_and_never_exported(armdyn, ending):
+def test_an_inertia_that_no_body_has_is_named_and_never_exported(armdyn, refused, ending):
     parts = ("<link name='base'/>", robots.link("a", ixx=0.05), robots.joint("j", "base", "a"))
     Path("arm.urdf").write_text(robots.robot(*parts))
     status, _, err = armdyn("new", "arm", "m.toml", "--urdf", "arm.urdf")
     assert status == 0
     assert "link 'a': principal moments 0.01, 0.01, 0.05 kg m^2 belong to no body" in err
-    status, _, err = armdyn("export", "m.toml", "--output", f"out.{ending}", "--incomplete")
-    assert (status, err.count("\n")) == (2, 1)
-    assert "m.toml: link 'a': principal moments" in err
+    said = refused("export", "m.toml", "--output", f"out.{ending}", "--incomplete")
+    assert "m.toml: link 'a': principal moments" in said
     assert not Path(f"out.{ending}").exists()
 
 
-def test_an_arm_without_limits_makes_a_model_and_moves_nowhere(armdyn):
+def test_an_arm_without_limits_makes_a_model_and_moves_nowhere(armdyn, refused):
     joint = robots.joint("j", "base", "a", kind="continuous", limit="")
     Path("arm.urdf").write_text(robots.robot("<link name='base'/>", robots.link("a"), joint))
     status, out, _ = armdyn("new", "arm", "m.toml", "--urdf", "arm.urdf")
     assert status == 0
-    assert "joint 'j' has no limit of velocity and effort, which check, excite and trials need" in out
+    lacks = "joint 'j' has no limit of velocity and effort"
+    assert f"{lacks}, which check, excite and trials need" in out
     assert armdyn("arm", "show", "--urdf", "arm.urdf")[0] == 0
-    status, _, err = armdyn("excite", "--urdf", "arm.urdf", "--output", "q.csv")
-    assert (status, err.count("\n")) == (2, 1)
-    assert "joint 'j' has no limit of velocity and effort: write it into its description" in err
+    assert f"{lacks}: write it into its description" in refused("excite", "--urdf", "arm.urdf", "--output", "q.csv")

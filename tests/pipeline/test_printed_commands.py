@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,9 @@ PLACES = {"RUN...": "{run}", "M.toml": "model.toml", "ROBOT.urdf": "arm.urdf", "
 
 @pytest.fixture
 def folder(armdyn, tmp_path):
-    for place in (EXAMPLES / "pendulum", EXAMPLES / "ur5"):
-        for file in (*place.glob("*.csv"), *place.glob("*.toml")):
-            shutil.copy(file, tmp_path)
+    for place, rows in (("pendulum", 450), ("ur5", 700)):  # enough for any answer
+        for file in (*(EXAMPLES / place).glob("*.csv"), *(EXAMPLES / place).glob("*.toml")):
+            (tmp_path / file.name).write_text("".join(file.read_text().splitlines(keepends=True)[:rows]))
     assert armdyn("new", "pendulum", "pendulum.toml")[0] == 0
     assert armdyn("new", "arm", "ur5.toml", "--robot", "ur5")[0] == 0
     return tmp_path
@@ -40,7 +39,8 @@ GUESSED = ("import", "sweep_1.csv", "--robot", "ur5", "--guess", "--output", "ru
     ("commands", "run"),
     [
         ([("new", "pendulum", "a.toml")], "swing_1.csv"),
-        ([("compare", "pendulum.toml", "swing_1.csv", "--held-out", "swing_2.csv")], "swing_1.csv"),
+        pytest.param([("compare", "pendulum.toml", "swing_1.csv", "--held-out", "swing_2.csv")], "swing_1.csv",
+                     marks=pytest.mark.slow),
         ([("add", "pendulum.toml", "linear_drag+quadratic_drag", "swing_1.csv", "--output", "r.toml")], "swing_1.csv"),
         ([GUESSED], "runs/sweep_1.csv"),
         ([GUESSED, (*GUESSED[:4], "--map", "runs/map.toml", *GUESSED[5:])], "runs/sweep_1.csv"),

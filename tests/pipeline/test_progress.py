@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import Known
-from pipeline.commands.trial import _render
-from pipeline.console.screen import COUNTED, about, spinner
+from pipeline.console.screen import COUNTED, about
 
 
 @pytest.mark.parametrize(
@@ -36,30 +34,6 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)
     assert all(done < total for done, total in counts)
     assert {done for done, _ in counts} >= {0, 1}
-
-
-def test_a_pipe_gets_no_progress(capsys):
-    with spinner() as say:
-        say("2 of 5 candidates tried")
-        say("fitting [m]")
-    assert capsys.readouterr() == ("", "")
-
-
-def test_a_picture_says_which_file_is_drawn_and_how_far(monkeypatch, tmp_path):
-    monkeypatch.setattr("pipeline.robot.picture.render_swing", lambda *_, progress: progress(3, 6))
-    done = SimpleNamespace(
-        swing_history=lambda: "history",
-        experiment=SimpleNamespace(description="robot"),
-        robot=SimpleNamespace(settings="plant"),
-    )
-    said = []
-    files = _render(done, tmp_path, lambda what, share: said.append((what, share)))
-    assert files == (tmp_path / "swing.png", tmp_path / "swing.gif")
-    assert said == [
-        (f"{name}: {what}", share)
-        for name in ("swing.png", "swing.gif")
-        for what, share in (("the robot's shapes", 0.0), ("3 of 6 drawn", 0.5))
-    ]
 
 
 CODE = """

@@ -18,15 +18,9 @@ STOP = Phase.STOP.value
 
 
 class Middleman:
-    """Listens where a bridge would, and passes on; a fault begins when it is told so.
+    """Listens where a bridge would, under an address of its own, and passes on; a fault begins when it is told so.
 
-    Args:
-        uri: of the real bridge.
-        seed: of what is drawn at random.
-
-    Attributes:
-        uri: to be used in place of the bridge's.
-        stopping: when the program said that its arm is coming to rest [s]; None before.
+    `stopping` is when the program said that its arm is coming to rest [s]; None before.
     """
 
     def __init__(self, uri, seed=0):
@@ -74,29 +68,29 @@ class Middleman:
             self.stopping = self.stopping or time.monotonic()
         if self.fault is None or message.get("op") != "publish":
             return [(0.0, text)]
+        now, draw = (0.0, text), self._random
         match self.fault:
             case "delays":
-                return [(self._random.choice((0.0, 0.03, 0.12, 0.4)), text)]
+                return [(draw.choice((0.0, 0.03, 0.12, 0.4)), text)]
             case "duplicates":
-                return [(0.0, text), (0.0, text), (self._random.uniform(0.0, 0.3), text)]
+                return [now, now, (draw.uniform(0.0, 0.3), text)]
             case "exchanges":
-                held.append(text)
+                held.append(now)
                 if len(held) < 4:
                     return []
-                self._random.shuffle(held)
-                found = [(0.0, each) for each in held]
+                found = draw.sample(held, 4)
                 held.clear()
                 return found
             case "loses":
-                return [] if self._random.random() < 0.7 else [(0.0, text)]
-            case "clock":
-                return [(0.0, json.dumps(_stamped(message, 3.0)))]
-            case "clock back":
-                return [(0.0, json.dumps(_stamped(message, -3.0)))]
+                return [now] if draw.random() >= 0.7 else []
+            case "clock" | "clock back":
+                stamp = (message["msg"].get("header") or {}).get("stamp") or {}
+                stamp |= {key: int(stamp[key] + CLOCKS[self.fault]) for key in ("secs", "sec") if key in stamp}
+                return [(0.0, json.dumps(message))]
             case "stalls":
                 time.sleep(1.0)
                 self.fault = None
-                return [(0.0, text)]
+                return [now]
             case "garbage":
                 return [(0.0, text[: len(text) // 2])]
             case "huge":
@@ -109,16 +103,8 @@ class Middleman:
         raise ValueError(self.fault)
 
 
+CLOCKS = {"clock": 3.0, "clock back": -3.0}
+"""By how much a stamp is off [s]."""
 LATE = {"delays": 0.4, "duplicates": 0.3, "stalls": 1.0}
 """How late this wire still delivers what was sent before [s]; where nothing is said, at once."""
 FAULTS = ("delays", "duplicates", "exchanges", "loses", "clock", "clock back", "stalls", "garbage", "huge", "restarts")
-
-
-def _stamped(message, by):
-    """The message with another time in its header."""
-    stamp = (message["msg"].get("header") or {}).get("stamp")
-    if isinstance(stamp, dict):
-        for key in ("secs", "sec"):
-            if key in stamp:
-                stamp[key] = int(stamp[key] + by)
-    return message

@@ -15,7 +15,8 @@ KIT = os.environ.get("ARMDYN_ROS_KIT")
 """Folder of a ROS test kit: its start.sh starts a master and a rosbridge on loopback and says where they are."""
 PACKAGES = ("rosmaster", "rospy", "sensor_msgs", "trajectory_msgs", "autobahn", "twisted", "tornado", "bson", "PIL")
 """What the kit needs in the system's Python."""
-ROOT = Path(__file__).parents[2]
+TESTS = Path(__file__).parents[1]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
 
 
 def missing():
@@ -31,8 +32,7 @@ def missing():
 def real_time(pid):
     """Let all threads of a process run before ordinary programs, but after twin and trial, where that is granted.
 
-    On a robot they have a computer of their own. Here the bridge looks through its memory for 60 ms now and then, for
-    which the others must not wait.
+    Here the bridge looks through its memory for 60 ms now and then; on a robot it has a computer of its own.
     """
     for task in Path(f"/proc/{pid}/task").iterdir():
         try:
@@ -42,11 +42,7 @@ def real_time(pid):
 
 
 class Stalls:
-    """Sees how long this machine keeps even a real-time thread from running, on the processor that is worst.
-
-    Attributes:
-        worst: longest delay so far [s].
-    """
+    """Sees how long [s] this machine keeps even a real-time thread from running, on the processor that is worst."""
 
     def __init__(self):
         self.worst = 0.0
@@ -75,20 +71,26 @@ class Stalls:
             process.stdout.close()
 
 
-class Wire:
-    """A master and a bridge; use it in a ``with`` block.
+class Running:
+    """A process that is killed at the end of a ``with`` block."""
 
-    Attributes:
-        uri: of the bridge.
-        pids: by name, such as ``BRIDGE_PID``.
-    """
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        self.process.kill()
+        self.process.wait()
+
+
+class Wire(Running):
+    """A master and a bridge, its address, and numbers of processes by name, such as ``BRIDGE_PID``."""
 
     def __init__(self):
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [str(Path(KIT) / "start.sh"), "0", "0"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         said = {}
-        for line in self._process.stdout:
+        for line in self.process.stdout:
             if line.strip() == "READY":
                 break
             name, _, value = line.strip().partition("=")
@@ -98,59 +100,40 @@ class Wire:
         for pid in self.pids.values():
             real_time(pid)
 
-    def __enter__(self):
-        return self
-
     def __exit__(self, *_error):
-        self._process.stdin.close()
-        self._process.wait(20)
-        self._process.stdout.close()
+        self.process.stdin.close()
+        self.process.wait(20)
+        self.process.stdout.close()
 
 
-class TracedTwin:
-    """The twin's process.
-
-    Attributes:
-        port: of its load cell.
-        calibration: of it.
-    """
+class TracedTwin(Running):
+    """The twin's process, with the port of its load cell and the file of the cell's calibration."""
 
     def __init__(self, wire, folder, seed=0, hidden=()):
         self.calibration, self._trace = folder / "cell.toml", folder / "trace.npz"
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, str(Path(__file__).with_name("traced_twin.py")), wire.uri, str(self.calibration),
              str(self._trace), str(seed), *hidden],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment(),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT,
         )  # fmt: skip
-        self.port = next(line.split()[1] for line in self._process.stdout if line.startswith("loadcell"))
-        assert self._process.stdout.readline() == "READY\n"
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_error):
-        self._process.kill()
-        self._process.wait()
+        self.port = next(line.split()[1] for line in self.process.stdout if line.startswith("loadcell"))
+        assert self.process.stdout.readline() == "READY\n"
 
     def tell(self, word):
-        self._process.stdin.write(f"{word}\n")
-        self._process.stdin.flush()
+        self.process.stdin.write(f"{word}\n")
+        self.process.stdin.flush()
 
     def end(self):
         """End it; the trace."""
-        if self._process.poll() is None:
-            self._process.stdin.close()
-            self._process.wait(30)
-            self._process.stdout.close()
+        if self.process.poll() is None:
+            self.process.stdin.close()
+            self.process.wait(30)
+            self.process.stdout.close()
         return dict(np.load(self._trace))
 
 
-class Trial:
-    """The process of ``armdyn trial --robot ros``.
-
-    Attributes:
-        process: with standard error and output in one pipe.
-    """
+class Trial(Running):
+    """The process of ``armdyn trial --robot ros``, with standard error and output in one pipe."""
 
     def __init__(self, wire, twin, folder, *options):
         self._answer, self.out = folder / "trial.json", folder / "out"
@@ -158,15 +141,8 @@ class Trial:
             [sys.executable, "-m", "pipeline.cli", "trial", "--robot", "ros", "--ros", wire.uri, "--loadcell",
              twin.port, "--calibration", str(twin.calibration), "--yes", "--landed", "yes", "--out", str(self.out),
              "--json", str(self._answer), *options],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(), cwd=folder,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT, cwd=folder,
         )  # fmt: skip
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_error):
-        self.process.kill()
-        self.process.wait()
 
     @property
     def runs(self):
@@ -177,10 +153,6 @@ class Trial:
         said, _ = self.process.communicate(timeout=240)
         answer = json.loads(self._answer.read_text()) if self._answer.is_file() else None
         return self.process.returncode, said, answer
-
-
-def environment():
-    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 def suspend(pid, seconds):

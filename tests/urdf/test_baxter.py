@@ -16,18 +16,13 @@ def original(baxter) -> ElementTree.Element:
     return ElementTree.fromstring(baxter.urdf_path.read_text())
 
 
-def test_limits_are_those_of_the_urdf(baxter, original) -> None:
+def test_limits_are_those_of_the_urdf_and_the_settings(baxter, original) -> None:
+    limits = baxter.limits
     for index, name in enumerate(baxter.joint_names):
-        limit = original.find(f"joint[@name='{name}']/limit").attrib
-        assert baxter.limits.lower[index] == float(limit["lower"])
-        assert baxter.limits.upper[index] == float(limit["upper"])
-        assert baxter.limits.velocity[index] == float(limit["velocity"])
-        assert baxter.limits.effort[index] == float(limit["effort"])
-
-
-def test_acceleration_and_jerk_limits_are_those_of_the_settings(baxter) -> None:
-    assert baxter.limits.acceleration.tolist() == [20.0] * 4 + [40.0] * 3
-    assert baxter.limits.jerk.min() >= 200.0
+        given = {key: float(value) for key, value in original.find(f"joint[@name='{name}']/limit").attrib.items()}
+        assert {key: getattr(limits, key)[index] for key in given} == given
+    assert limits.acceleration.tolist() == [20.0] * 4 + [40.0] * 3
+    assert limits.jerk.min() >= 200.0
 
 
 def test_the_string_is_attached_at_the_tool_point(baxter) -> None:
@@ -91,24 +86,9 @@ def test_the_springs_carry_most_of_the_arm_where_it_works(baxter) -> None:
     assert abs(load + spring.torque(baxter.home[1])) < 0.4 * abs(load)
 
 
-def test_the_line_points_to_the_robots_left_with_the_tool_down(baxter) -> None:
+def test_the_line_points_to_the_robots_left_with_the_tool_down(baxter, complains) -> None:
     assert baxter.line.direction.tolist() == [0.0, 1.0, 0.0]
     assert (baxter.line.rotation @ [0.0, 0.0, 1.0]).tolist() == [0.0, 0.0, -1.0]
     assert baxter.line.position(0.45).tolist() == pytest.approx([0.55, 0.14, -0.18])
-
-
-def test_a_robot_without_a_line_says_how_to_find_one(baxter, complains) -> None:
     with complains(urdf.UrdfError):
         _ = replace(baxter, given_line=None).line
-
-
-def test_loading_twice_gives_the_same_fingerprint(baxter) -> None:
-    assert urdf.load("baxter").fingerprint == baxter.fingerprint
-
-
-def test_an_arm_folded_into_the_torso_touches_it(baxter) -> None:
-    collisions = urdf.CollisionModel(baxter)
-    folded = np.array([1.7, 0.6, 0.0, 2.6, 0.0, 0.0, 0.0])
-    assert collisions.touching(folded) is not None
-    assert collisions.clearance(folded).distance <= 0.0
-    assert collisions.clearance(baxter.home).distance > 0.1

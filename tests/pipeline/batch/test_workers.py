@@ -2,7 +2,6 @@
 
 import collections
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,7 +10,6 @@ import time
 import weakref
 
 import pytest
-from dask_cluster import dask_cluster, free_port
 
 from armdyn.run import read_run
 from pipeline.batch.run import JOURNAL, run_batch
@@ -36,20 +34,6 @@ def check_done_once(folder, done):
     assert not [row.outcome.problem for row in done.rows if row.outcome.problem]
     assert set(lines(folder).values()) == {1}
     assert len(lines(folder)) == FEW
-
-
-def test_a_killed_process_costs_nothing_but_time(lab):
-    (lab / "out").mkdir()
-    killed = []
-
-    def kill_one(what):
-        if f"2 of {FEW} recordings done" in what and not killed:
-            killed.append(multiprocessing.active_children()[0])
-            killed[0].kill()
-
-    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=2, say=kill_one)
-    assert killed
-    check_done_once(lab, done)
 
 
 def dies(job):
@@ -97,42 +81,6 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(lab):
     done = run_batch(read_spec(lab / "spec.toml"), lab / "out", workers=1)
     assert done.worked == FEW - kept
     check_done_once(lab, done)
-
-
-@pytest.fixture
-def cluster(tmp_path):
-    pytest.importorskip("distributed")
-    with dask_cluster(tmp_path, threads=2) as started:
-        yield started
-
-
-@pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_does_everything_once(cluster, lab):
-    from distributed import Client
-
-    address, (_, first, second) = cluster
-    with Client(address, timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(2, timeout=60)
-    (lab / "out").mkdir()
-
-    def kill_one(what):
-        if f"2 of {FEW} recordings done" in what and first.poll() is None:
-            first.kill()
-
-    done = run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=address, say=kill_one)
-    assert first.wait() != 0
-    assert second.poll() is None
-    check_done_once(lab, done)
-
-
-def test_a_scheduler_that_does_not_answer_is_bad_input(lab, monkeypatch, complains):
-    from armdyn.errors import InputError
-
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("ik.workers.CONNECT_TIMEOUT_SECONDS", 0.5)
-    (lab / "out").mkdir()
-    with complains(InputError):
-        run_batch(read_spec(lab / "spec.toml"), lab / "out", scheduler=f"tcp://127.0.0.1:{free_port()}")
 
 
 def test_a_worker_keeps_nothing_of_a_recording_that_is_done(lab, monkeypatch):

@@ -34,31 +34,31 @@ def states(model, count=200, seed=1):
     return q, v, rng.normal(0.0, 2.0, (count, n))
 
 
-def by_formulas(model, q, v, a):
-    """(n,) torques by Pinocchio with the model's links and gravity, and the formulas of the effects in numpy."""
+def by_formulas(model, *states):
+    """(m, n) torques by Pinocchio with the model's links and gravity, and the formulas of the effects in numpy."""
     bodies = model.arm.model.copy()
     for i, link in enumerate(model.link_parameters().values()):
         bodies.inertias[i + 1] = pin.Inertia.FromDynamicParameters(link)
     bodies.gravity = pin.Motion(np.concatenate([model.gravity(), np.zeros(3)]))
-    load = pin.rnea(bodies, bodies.createData(), q, v, a)
-    tau = load.copy()
-    for i, joint in enumerate(model.joints):
+    own, (q, v, a) = bodies.createData(), (np.atleast_2d(x) for x in states)
+    load = np.array([pin.rnea(bodies, own, *state) for state in zip(q, v, a, strict=True)])
 
-        def of(name, joint=joint):
-            parameter = model.parameters.get(f"{name}[{joint}]")
-            return parameter.value if parameter is not None else 0.0
+    def of(name):
+        """(n,) a parameter by joint; 0 where the model has none."""
+        found = (model.parameters.get(f"{name}[{joint}]") for joint in model.joints)
+        return np.array([0.0 if parameter is None else parameter.value for parameter in found])
 
-        sign = np.sign(v[i])
-        tau[i] += of("joint_viscous_friction.coefficient") * v[i] + of("joint_coulomb_friction.torque") * sign
-        tau[i] += of("joint_asymmetric_friction.positive" if sign > 0 else "joint_asymmetric_friction.negative") * sign
-        if of("joint_stribeck_friction.torque"):
-            fading = np.exp(-((v[i] / of("joint_stribeck_friction.speed")) ** 2))
-            tau[i] += of("joint_stribeck_friction.torque") * sign * fading
-        tau[i] += of("joint_load_friction.coefficient") * abs(load[i]) * sign + of("rotor_inertia.inertia") * a[i]
-        tau[i] += of("gravity_spring.sine") * np.sin(q[i]) + of("gravity_spring.cosine") * np.cos(q[i])
-        tau[i] += of("joint_spring.stiffness") * (q[i] - of("joint_spring.rest"))
-        viscous, inertia = of("joint_coupling.viscous"), of("joint_coupling.inertia")
-        if i:
-            tau[i] += viscous * v[i - 1] + inertia * a[i - 1]
-            tau[i - 1] += viscous * v[i] + inertia * a[i]
+    sign, way = (
+        np.sign(v),
+        np.where(v > 0, of("joint_asymmetric_friction.positive"), of("joint_asymmetric_friction.negative")),
+    )
+    tau = load + of("joint_viscous_friction.coefficient") * v + (of("joint_coulomb_friction.torque") + way) * sign
+    falls, speed = (of(f"joint_stribeck_friction.{name}") for name in ("torque", "speed"))
+    tau += falls * sign * np.exp(-((v / np.where(falls, speed, 1.0)) ** 2))
+    tau += of("joint_load_friction.coefficient") * np.abs(load) * sign + of("rotor_inertia.inertia") * a
+    tau += of("gravity_spring.sine") * np.sin(q) + of("gravity_spring.cosine") * np.cos(q)
+    tau += of("joint_spring.stiffness") * (q - of("joint_spring.rest"))
+    viscous, inertia = of("joint_coupling.viscous")[1:], of("joint_coupling.inertia")[1:]
+    tau[:, 1:] += viscous * v[:, :-1] + inertia * a[:, :-1]
+    tau[:, :-1] += viscous * v[:, 1:] + inertia * a[:, 1:]
     return tau

@@ -5,7 +5,7 @@ whose number counts from 0; ``{1}`` counts from 1. ``None`` marks what must not 
 """
 
 # ruff: noqa: E501 - a layout is a line
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,9 +21,7 @@ EFFORTS = (150.0, 150.0, 90.0, 28.0, 28.0, 28.0, 12.0)
 PER = {"q": "", "v": "/s", "a": "/s^2"}
 
 
-def robot(
-    names: Sequence[str], others: Sequence[str] = (), grippers: Sequence[str] = (), slides: bool = False
-) -> Joints:
+def robot(names, others=(), grippers=(), slides=False):
     ranges = {name: Range(slides, 0.5 if slides else 6.3, EFFORTS[min(i, 6)]) for i, name in enumerate(names)}
     return Joints(tuple(names), tuple(others), tuple(grippers), ranges)
 
@@ -53,7 +51,7 @@ _PHASE, _SIZE, _PACE = _RNG.uniform(0, 6, 8), _RNG.uniform(0.6, 1.6, 8), _RNG.un
 _MEAN = _RNG.uniform(-1.2, 1.2, 8)
 
 
-def signal(kind: str, joint: int) -> np.ndarray:
+def signal(kind, joint):
     """What a joint does, in SI units: positions with their slopes, torques of a third of what the motors can."""
     phase = _PACE[joint] * TIME + _PHASE[joint]
     noise = 1e-4 * np.random.default_rng(joint).standard_normal(len(TIME))
@@ -89,104 +87,78 @@ class Layout:
 
     name: str
     joints: Joints
-    columns: Callable[[tuple[str, ...]], list[Made]]
+    columns: Callable[[tuple[str, ...]], Iterable[Made]]
     time: str = "timestamp"
     unit: str = "s"
     start: float = 0.0
     separator: str = ","
     texts: dict[str, str] = field(default_factory=dict)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.joints.arm
+    def made(self):
+        return list(self.columns(self.joints.arm))
 
-    def made(self) -> list[Made]:
-        return self.columns(self.names)
-
-    def text(self) -> str:
+    def text(self):
         """The file."""
-        steps = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[self.unit]
-        made = self.made()
-        rows = [self.separator.join([self.time, *self.texts, *(c.header for c in made)])]
-        for i, t in enumerate(TIME):
-            cells = [
-                f"{self.start + steps * t:.9g}" if not self.start else f"{self.start + steps * t:.0f}",
-                *self.texts.values(),
-            ]
-            rows.append(self.separator.join([*cells, *(f"{c.value[i]:.9g}" for c in made)]))
-        return "\n".join(rows) + "\n"
+        step, made = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[self.unit], self.made()
+        rows = [[self.time, *self.texts, *(c.header for c in made)]]
+        for i, t in enumerate(self.start + step * TIME):
+            rows.append([f"{t:.0f}" if self.start else f"{t:.9g}", *self.texts.values()])
+            rows[-1] += [f"{c.value[i]:.9g}" for c in made]
+        return "".join(self.separator.join(row) + "\n" for row in rows)
 
 
-def many(pattern: str, kind: str | None, unit: str = "", *, count: int = 0, order: Sequence[int] = (), first: int = 0):
+def many(pattern, kind, unit="", *, count=0, order=(), first=0):
     """A column per joint; ``{n}`` in the pattern is the joint's own name."""
 
-    def columns(names: tuple[str, ...]) -> list[Made]:
-        places = list(order) or list(range(first, first + (count or len(names))))
-        found = []
-        for k, joint in enumerate(places):
+    def columns(names):
+        for k, joint in enumerate(order or range(first, first + (count or len(names)))):
             name = names[joint] if joint < len(names) else f"joint_{joint}"
             number = k if order else joint
             header = pattern.replace("{0}", str(number)).replace("{1}", str(number + 1)).replace("{n}", name)
-            found.append(column(header, kind, joint, name, unit))
-        return found
+            yield column(header, kind, joint, name, unit)
 
     return columns
 
 
-def column(header: str, kind: str | None, joint: int, name: str, unit: str = "") -> Made:
+def column(header, kind, joint, name, unit=""):
     if kind is None:
         return Made(header, signal("a", joint % 8) + 3.0)
-    slides = unit in ("m", "mm", "N")
     base = unit or {"tau": "N m", "current": "A"}.get(kind, "rad")
-    quantity = "tau" if kind == "current" else kind
-    value = signal(kind.removesuffix("_cmd"), joint) * (0.2 if slides and kind == "q" else 1.0) * FACTORS[base]
-    return Made(header, value, f"{quantity}.{name}", base + PER.get(kind.removesuffix("_cmd"), ""))
+    quantity, told = "tau" if kind == "current" else kind, kind.removesuffix("_cmd")
+    value = signal(told, joint) * (0.2 if base in ("m", "mm", "N") and kind == "q" else 1.0) * FACTORS[base]
+    return Made(header, value, f"{quantity}.{name}", base + PER.get(told, ""))
 
 
-def named(headers: str, kind: str | None, unit: str = "", joints: Sequence[int] | None = None):
+def named(headers, kind, unit="", joints=range(10)):
     """Columns with headers of their own, for the joints in their order, or for some."""
-    listed = [header.strip() for header in headers.split("|")]
-
-    def columns(names: tuple[str, ...]) -> list[Made]:
-        places = joints if joints is not None else range(len(listed))
-        return [
-            column(header, kind, j, names[j] if j < len(names) else "", unit)
-            for header, j in zip(listed, places, strict=True)
-        ]
-
-    return columns
+    places = list(zip((header.strip() for header in headers.split("|")), joints, strict=False))
+    return lambda names: [column(header, kind, j, (*names, *[""] * 10)[j], unit) for header, j in places]
 
 
-def beside(*headers: str):
+def beside(*headers):
     """Columns that are none of a joint."""
     return lambda _: [Made(header, signal("a", i % 8) + 2.0) for i, header in enumerate(headers)]
 
 
-def all_of(*parts) -> Callable[[tuple[str, ...]], list[Made]]:
+def all_of(*parts):
     return lambda names: [made for part in parts for made in part(names)]
 
 
-def pendulum(**columns: tuple[str, str]):
+def pendulum(**columns):
     """By channel: header and unit."""
-
-    def made(_: tuple[str, ...]) -> list[Made]:
-        x, phi = 0.08 * np.sin(4 * TIME), 0.3 * np.cos(5 * TIME)
-        values = {
-            "gripper_x": x, "gripper_v": 0.32 * np.cos(4 * TIME), "swing_angle": phi,
-            "swing_rate": -1.5 * np.sin(5 * TIME), "load_force": 0.8 + 0.1 * np.cos(10 * TIME),
-        }  # fmt: skip
-        found = []
-        for channel, (header, unit) in columns.items():
-            base, _, per = unit.partition("/")
-            found.append(Made(header, values[channel] * FACTORS[base], channel, base + (f"/{per}" if per else "")))
-        return found
-
-    return made
+    values = {
+        "gripper_x": 0.08 * np.sin(4 * TIME), "gripper_v": 0.32 * np.cos(4 * TIME), "swing_angle": 0.3 * np.cos(5 * TIME),
+        "swing_rate": -1.5 * np.sin(5 * TIME), "load_force": 0.8 + 0.1 * np.cos(10 * TIME),
+    }  # fmt: skip
+    return lambda _: [
+        Made(header, values[channel] * FACTORS[unit.partition("/")[0]], channel, unit)
+        for channel, (header, unit) in columns.items()
+    ]
 
 
-def turned(header: str, unit: str = "rad"):
+def turned(header):
     """A swing that is counted from the upright."""
-    return lambda _: [Made(header, (np.pi + 0.3 * np.cos(5 * TIME)) * FACTORS[unit], "swing_angle", unit)]
+    return lambda _: [Made(header, np.pi + 0.3 * np.cos(5 * TIME), "swing_angle", "rad")]
 
 
 RTDE = all_of(

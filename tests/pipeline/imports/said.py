@@ -108,8 +108,14 @@ RIGHT, ASK = "right", "asks"
 
 
 def run_of(tmp_path, messages):
+    """What is read of messages; those that came are those that were written, each used or left out for a reason."""
     (foreign,) = read_foreign(written(tmp_path / "a.mcap", messages))
-    return imported(foreign, known_columns(foreign))
+    found = imported(foreign, known_columns(foreign))
+    for account in found.accounts:
+        assert account.came == sum(m.topic == account.source for m in messages)
+        assert account.came == account.kept + sum(account.left_out.values())
+        assert str(account.came) in account.sentence
+    return found
 
 
 def check_against_truth(run, dated=1e-4):
@@ -122,12 +128,3 @@ def check_against_truth(run, dated=1e-4):
             if (channel := run.channels.get(f"{kind}.{name}")) is not None:
                 expected = truth(channel.time + shift)[of][:, j]
                 np.testing.assert_allclose(channel.value, expected, atol=20 * dated)
-
-
-def check_accounted(found, messages):
-    """Messages that came are those that were written, and each is used or left out for a reason."""
-    topics = {account.source: account for account in found.accounts}
-    for source, account in topics.items():
-        assert account.came == sum(m.topic == source for m in messages)
-        assert account.came == account.kept + sum(account.left_out.values())
-        assert str(account.came) in account.sentence

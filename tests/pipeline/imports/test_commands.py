@@ -38,16 +38,11 @@ def commands() -> np.ndarray:
 def test_the_actions_of_a_lerobot_data_set_are_what_the_joints_were_told(names, tmp_path):
     q, told = motion()[0], commands()
     about = {"dtype": "float32", "shape": [2], **({"names": [names.format(j) for j in JOINTS]} if names else {})}
-    (tmp_path / "meta").mkdir()
-    features = {"observation.state": about, "action": about}
-    (tmp_path / "meta/info.json").write_text(json.dumps({"fps": 100, "features": features}))
-    rows = {
-        "observation.state": [list(row) for row in np.rad2deg(q)],
-        "action": [list(row) for row in np.rad2deg(told)],
-        "timestamp": TIME.astype(np.float32),
-        "episode_index": np.zeros(len(TIME), int),
-    }
-    (tmp_path / "data").mkdir()
+    rows = {name: [list(row) for row in np.rad2deg(x)] for name, x in (("observation.state", q), ("action", told))}
+    for folder in ("meta", "data"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "meta/info.json").write_text(json.dumps({"fps": 100, "features": dict.fromkeys(rows, about)}))
+    rows |= {"timestamp": TIME.astype(np.float32), "episode_index": np.zeros(len(TIME), int)}
     parquet.write_table(pyarrow.table(rows), tmp_path / "data/episode_000000.parquet")
     recordings = read_foreign(tmp_path)
     found = guess_map(recordings)

@@ -80,16 +80,14 @@ def test_every_channel_is_what_its_line_says_whatever_the_order_of_lines_and_col
     assert account.left_out == {why: count for why, count in lost.items() if count}
 
 
-@pytest.mark.parametrize(
-    ("stamp", "recorded"),
-    [
-        (1.7e9, datetime(2023, 11, 14, 22, 13, 20)),
-        (946684800.0, datetime(2000, 1, 1)),
-        (946684799.0, None),
-        (4102444800.0, None),  # 2100
-        (12.0, None),
-    ],
-)
+DATES = [
+    (1.7e9, datetime(2023, 11, 14, 22, 13, 20)), (946684800.0, datetime(2000, 1, 1)), (946684799.0, None),
+    (4102444800.0, None), (12.0, None),
+]  # fmt: skip
+"""s since 1970; the last but one is 2100."""
+
+
+@pytest.mark.parametrize(("stamp", "recorded"), DATES)
 def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
     time = stamp + 0.01 * np.arange(20)
     columns = {"t": ForeignColumn(time, "s"), "swing_angle": ForeignColumn(np.sin(time), "rad")}
@@ -98,17 +96,15 @@ def test_stamps_since_1970_are_the_date_of_the_recording(stamp, recorded):
     assert run.channels["swing_angle"].time[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("entry", "count"),
-    [
-        (Entry("load_force", "N", gear_ratio=2.0), 20),
-        (Entry("q.a", "A", torque_constant="1 N m/A"), 20),
-        (Entry("load_force", "N"), 9),
-    ],
-)
+IMPOSSIBLE = [
+    (Entry("load_force", "N", gear_ratio=2.0), 20), (Entry("q.a", "A", torque_constant="1 N m/A"), 20),
+    (Entry("load_force", "N"), 9),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("entry", "count"), IMPOSSIBLE)
 def test_a_line_that_cannot_be_is_told(entry, count, complains):
-    value = np.where(np.arange(20) < count, 1.0, np.nan)
+    value = ForeignColumn(np.where(np.arange(20) < count, 1.0, np.nan))
+    foreign = Foreign("a", {"t": ForeignColumn(np.arange(20.0)), "x": value})
     with complains(InputError):
-        imported(
-            Foreign("a", {"t": ForeignColumn(np.arange(20.0)), "x": ForeignColumn(value)}), ColumnMap({"x": entry}, "t")
-        )
+        imported(foreign, ColumnMap({"x": entry}, "t"))

@@ -22,16 +22,12 @@ def table(tmp_path, joints):
     return path
 
 
-def test_nothing_is_written_over_without_force(armdyn, refused, table, complains):
+def test_nothing_is_written_over_without_force_and_the_recording_never(armdyn, refused, table, complains):
     for arguments in (("--guess",), ("--map", "runs/map.toml")):
         command = ("import", table, "--output", "runs", *arguments)
         assert armdyn(*command)[0] == 0
         complains.line(refused(*command))
         assert armdyn(*command, "--force")[0] == 0
-
-
-def test_the_recording_itself_is_never_replaced(armdyn, refused, table, complains):
-    armdyn("import", table, "--output", "runs", "--guess")
     before = table.read_bytes()
     complains.line(refused("import", table, "--output", ".", "--map", "runs/map.toml", "--force"))
     assert table.read_bytes() == before

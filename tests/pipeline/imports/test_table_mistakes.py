@@ -5,6 +5,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
@@ -96,12 +97,6 @@ def test_a_header_that_stands_there_again_is_no_other_joint(tmp_path):
         assert any("stands in the header again" in note for note in foreign.notes)
 
 
-def matlab(path, **content):
-    from scipy.io import savemat
-
-    savemat(path, content)
-
-
 MATLAB = {
     "vectors and matrices": ({"t": TRUE, "q": Q, "tau": TAU, "name": "x", "gain": 3.0}, ""),
     "columns": ({"t": TRUE[:, None], "q": Q, "tau": TAU}, ""),
@@ -116,21 +111,21 @@ MATLAB = {
 @pytest.mark.parametrize("kind", MATLAB)
 def test_matlabs_arrays_are_columns(kind, tmp_path):
     content, rate = MATLAB[kind]
-    matlab(tmp_path / "a.mat", **content)
+    savemat(tmp_path / "a.mat", content)
     (foreign,) = read_foreign(tmp_path / "a.mat")
     found = imported(foreign, guess_map([foreign], ALONE, rate))
     assert set(found.run.channels) == {f"{kind}.{name}" for kind in ("q", "tau") for name in NAMES}
     check_against_truth(found.run)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400),
-        b"not MATLAB's" * 50,
-        b"",
-    ],
-)
+NO_MATLAB = [
+    b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(400),
+    b"not MATLAB's" * 50,
+    b"",
+]
+
+
+@pytest.mark.parametrize("content", NO_MATLAB)
 def test_what_is_no_matlab_file_is_one_line(content, tmp_path, complains):
     (tmp_path / "a.mat").write_bytes(content)
     with complains(InputError):

@@ -9,10 +9,7 @@ from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.loadcell.cell import count_limits
 from pipeline.loadcell.emulator import swinging_load
 from pipeline.loadcell.faults import Fault, FaultDetector, FaultEvent, FaultLimits, implausible_repeats
-from pipeline.robot.devices import SimulatedCell
-from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.protocol import ForceSample
-from pipeline.robot.settings import CellSettings
 
 from .cells import calibration
 
@@ -74,48 +71,15 @@ def test_the_gravest_fault_comes_first():
     assert detector.check(5.0) is Fault.SILENT
 
 
-def test_every_fault_says_what_to_do_in_one_line():
-    assert all(": " in fault.value and "\n" not in fault.value for fault in Fault)
-
-
-@pytest.mark.parametrize("ratio", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("ratio", [0.3, 1.0])
 def test_working_cells_repeat_themselves_as_rarely_as_stated(ratio):
     """Noise of `ratio` steps of the converter around the middle of a step, where repeats are likeliest."""
     allowed = 1e-4
     repeats = implausible_repeats(ratio, 1.0, allowed)
-    values = np.round(np.random.default_rng(1).normal(0.0, ratio, 3_000_000))
+    values = np.round(np.random.default_rng(1).normal(0.0, ratio, 1_000_000))
     same = np.concatenate([[False], values[1:] == values[:-1]])
     run = np.convolve(same, np.ones(repeats - 1), "valid") > repeats - 1.5
     assert 0 < run.mean() < 1.2 * allowed
-
-
-@pytest.mark.parametrize(
-    ("spoil", "expected", "within"),
-    [
-        (lambda _sample, _last: [], Fault.SILENT, 0.25),
-        (lambda sample, last: [ForceSample(sample.time, last)], Fault.FROZEN, 0.15),
-        (lambda sample, _last: [ForceSample(sample.time, 9.80665)], Fault.SATURATED, 0.05),
-    ],
-)
-def test_the_same_detector_finds_the_faults_of_the_simulated_cell(spoil, expected, within):
-    settings, rng = CellSettings(), np.random.default_rng(2)
-    cell = SimulatedCell(settings, dict.fromkeys(HIDDEN_EFFECTS, 0.0), 0.01, 0.013, rng)
-    limits = FaultLimits.of(settings.noise, settings.resolution, -settings.full_scale, settings.full_scale)
-    detector, found, last = FaultDetector(limits), None, 0.0
-    for step in range(3000):
-        cell.feel(step, 0.785 + 0.05 * math.sin(0.01 * step), 0.0)
-        samples = cell.received(step * 0.001)
-        if step >= 2000:
-            samples = [each for sample in samples for each in spoil(sample, last)]
-        elif samples:
-            last = samples[-1].force
-        fault = detector.update(step * 0.001, samples)
-        if fault is not None:
-            found = (fault, step * 0.001)
-            break
-    assert found is not None
-    assert found[0] is expected
-    assert 2.0 <= found[1] < 2.0 + 0.013 + within
 
 
 # A cell that still sends numbers, but not the force: what a person who looks at the numbers would notice.
@@ -158,8 +122,7 @@ def test_a_healthy_cell_is_reliable_for_two_minutes(force, scale):
     assert judged(*counts_of(force, 120.0, scale=scale), scale).take_events() == []
 
 
-@pytest.mark.parametrize("force", [SWING, lambda _t: REST])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("force", "seed"), [(SWING, 0), (lambda _t: REST, 1)])
 def test_spikes_in_one_of_twenty_samples_are_noticed(force, seed):
     time, counts = counts_of(force, 5.0, seed)
     spikes = np.random.default_rng(seed).random(time.size) < 0.05
@@ -201,16 +164,3 @@ def test_a_force_that_is_no_pull_a_drift_and_a_spike_are_told_from_where_they_be
     ):  # fmt: skip
         wiggled = counts + 3.0 * (np.arange(len(counts)) % 2)  # a cell that stands still is frozen
         assert judged(stamps, np.round(wiggled), scale).active == ((fault,) if fault and beyond else ())
-
-
-@pytest.mark.parametrize("scale", [SCALE, -SCALE])
-def test_a_bridge_without_supply_reads_zero_volts_which_is_no_pull(scale):
-    time = np.arange(0.0, 3.0, 1.0 / RATE)
-    zero = np.random.default_rng(0).normal(0.0, NOISE, time.size)
-    assert Fault.NEGATIVE in judged(time, zero if scale > 0 else 2 * OFFSET - zero, scale).active
-
-
-@pytest.mark.parametrize("speed", [1.0, -1.0, 0.2])
-@pytest.mark.parametrize("force", [SWING, lambda _t: REST])
-def test_a_drift_is_noticed_while_it_lasts(force, speed):
-    assert Fault.DRIFTING in judged(*counts_of(lambda t: force(t) + 5.0 + speed * t, 4.0)).active

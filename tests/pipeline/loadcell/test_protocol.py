@@ -1,6 +1,5 @@
 """The serial line: what a line is, and how a stream of them is taken apart, whatever happens to it."""
 
-import random
 import re
 import shutil
 import subprocess
@@ -136,16 +135,6 @@ def test_what_is_a_sample_is_taken_and_what_is_not_is_counted(stream, numbers, f
     found, counted = decode_all(stream)
     assert [reading.sequence for reading in found] == numbers
     assert counted == faults
-
-
-def test_samples_come_again_after_any_noise():
-    source = random.Random(4)
-    for _ in range(200):
-        noise = source.randbytes(source.randrange(2000))
-        found, faults = decode_all([*lines(0), noise, b"\n", *lines(1, 2, 3)])
-        assert [reading.sequence for reading in found] == [0, 1, 2, 3]
-        assert faults[MALFORMED] >= (1 if noise.strip(b"\r\n") else 0)
-        assert set(faults) <= {MALFORMED}
 
 
 def test_endless_noise_without_a_line_feed_is_one_fault_and_does_not_pile_up():

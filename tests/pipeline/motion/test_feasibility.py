@@ -67,12 +67,16 @@ def test_leaving_the_line_is_a_violation_of_the_line(robot, table):
     assert (violation.value, violation.bound) == (pytest.approx(0.6, abs=1e-3), pytest.approx(0.55))
 
 
+def moved(q, v, a, joint_names):
+    return JointTrajectory(DT * np.arange(len(q)), q, v, a, joint_names)
+
+
 @pytest.mark.parametrize(("column", "limit"), [(0, "position"), (1, "velocity"), (2, "acceleration")])
 def test_one_sample_beyond_a_limit_is_found_at_its_time(robot, column, limit):
     still = np.repeat(robot.home[None], 50, axis=0)
     q, v, a = still.copy(), 0 * still, 0 * still
     (q, v, a)[column][20, 3] = {"position": 2.7, "velocity": 1.6, "acceleration": -21.0}[limit]
-    report = check_joints(robot, JointTrajectory(DT * np.arange(50), q, v, a, robot.joint_names), PLAIN)
+    report = check_joints(robot, moved(q, v, a, robot.joint_names), PLAIN)
     violation = next(found for found in report.violations if found.limit == limit and found.joint == "right_e1")
     assert violation.time == pytest.approx(0.2, abs=DT)
 
@@ -80,12 +84,12 @@ def test_one_sample_beyond_a_limit_is_found_at_its_time(robot, column, limit):
 def test_a_jump_is_found_though_the_speed_columns_deny_it(robot):
     q = np.repeat(robot.home[None], 50, axis=0)
     q[25:, 0] += 0.1
-    report = check_joints(robot, JointTrajectory(DT * np.arange(50), q, 0 * q, 0 * q, robot.joint_names), PLAIN)
+    report = check_joints(robot, moved(q, 0 * q, 0 * q, robot.joint_names), PLAIN)
     violation = next(v for v in report.violations if v.limit == "velocity")
     assert (violation.joint, violation.value) == ("right_s0", pytest.approx(10.0))
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot, data):
     amplitude = np.array(data.draw(st.lists(st.floats(0.01, 0.4), min_size=7, max_size=7)))
@@ -94,24 +98,19 @@ def test_the_check_agrees_with_brute_force_at_ten_times_the_sampling(robot, data
     fine = joint_sines(robot, amplitude, frequency, DT / 10)
     limits, model, data_ = robot.limits, robot.model, robot.model.createData()
     tau = np.array([pin.rnea(model, data_, *row) for row in zip(fine.q, fine.v, fine.a, strict=True)])
-    tau += model.damping * fine.v
-    brute = {
-        "position": np.min(np.minimum(fine.q - limits.lower, limits.upper - fine.q), axis=0),
-        "velocity": limits.velocity - np.max(np.abs(fine.v), axis=0),
-        "acceleration": limits.acceleration - np.max(np.abs(fine.a), axis=0),
-        "jerk": limits.jerk - np.max(np.abs(np.gradient(fine.a, DT / 10, axis=0)), axis=0),
-        "torque": limits.effort - np.max(np.abs(tau), axis=0),
-    }
-    scale = {
-        "position": limits.upper - limits.lower, "velocity": limits.velocity, "acceleration": limits.acceleration,
-        "jerk": limits.jerk, "torque": limits.effort,
-    }  # fmt: skip
-    for name, expected in brute.items():
+    jerk = np.gradient(fine.a, DT / 10, axis=0)
+    largest = {"velocity": fine.v, "acceleration": fine.a, "jerk": jerk, "effort": tau + model.damping * fine.v}
+    brute = {name: (getattr(limits, name), np.max(np.abs(x), axis=0)) for name, x in largest.items()}
+    brute["torque"] = brute.pop("effort")
+    width = limits.upper - limits.lower
+    brute["position"] = width, width - np.min(np.minimum(fine.q - limits.lower, limits.upper - fine.q), axis=0)
+    for name, (scale, reached) in brute.items():
+        expected = scale - reached
         margins = np.array([m.margin for m in report.margins if m.limit == name])
         # At 2.5 Hz a peak between two samples at 100 Hz is at most 0.3 % above them; a difference lags by as much.
-        reached = np.abs(scale[name] - expected)
-        assert np.all(np.abs(margins - expected) <= 1e-3 * scale[name] + 0.006 * reached)
-        clear = np.abs(expected) > 1e-3 * scale[name] + 0.006 * reached
+        slack = 1e-3 * scale + 0.006 * np.abs(reached)
+        assert np.all(np.abs(margins - expected) <= slack)
+        clear = np.abs(expected) > slack
         wrong = {m for limit, m in broken(report) if limit == name}
         assert {robot.joint_names[k] for k in np.flatnonzero(clear & (expected < 0))} <= wrong
         assert wrong <= {robot.joint_names[k] for k in np.flatnonzero(~clear | (expected < 0))}
@@ -136,7 +135,7 @@ def test_a_start_where_the_arm_is_not_is_refused(robot, table, complains):
 def test_a_joint_motion_off_the_line_is_seen_only_where_the_line_is_asked_for(robot, table):
     q = np.repeat(table.posture(0.1).q[None], 30, axis=0)
     q[:, 3] += 0.01 * np.sin(np.linspace(0.0, np.pi, 30)) ** 2
-    motion = JointTrajectory(DT * np.arange(30), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
+    motion = moved(q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
     assert check_joints(robot, motion, PLAIN).feasible
     report = check_joints(robot, motion, PLAIN, line=robot.line)
     assert {limit for limit, _ in broken(report)} == {"distance_off_line", "tilt"}
@@ -183,15 +182,6 @@ def test_what_is_no_mass_is_refused(robot, mass, complains):
         JointTorque(robot, load_mass=mass)
 
 
-def test_torques_along_the_line_are_those_of_the_joints(robot, table):
-    nodes = slice(0, None, 100)
-    line = JointTorque(robot).along(table.q[nodes], table.dq_ds[nodes], table.d2q_ds2[nodes])
-    rng = np.random.default_rng(1)
-    v, a = rng.normal(0.0, [[0.5], [5.0]], (2, len(line.gravity)))
-    expected = JointTorque(robot, springs=False)(*table.joint_motion(table.s[nodes], v, a))
-    assert line.torque(v, a) == pytest.approx(expected, abs=1e-9)
-
-
 def test_a_heavy_load_breaks_the_torque_and_the_spring_mends_it(robot, table):
     motion = line_sine(0.05, 0.2, centre=0.45)
     heavy = replace(PLAIN, load_mass=2.5)
@@ -218,10 +208,8 @@ def test_the_box_of_the_task_is_not_in_the_way(robot, table, box, hit):
 
 
 def test_an_arm_turned_into_its_own_body_collides(robot):
-    inside = np.array([1.6, 0.9, 0.0, 2.4, 0.0, 1.5, 0.0])
-    q = np.linspace(robot.home, inside, 400)
-    motion = JointTrajectory(DT * np.arange(400), q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names)
-    report = check_joints(robot, motion, CheckSettings())
+    q = np.linspace(robot.home, [1.6, 0.9, 0.0, 2.4, 0.0, 1.5, 0.0], 400)
+    report = check_joints(robot, moved(q, np.gradient(q, DT, axis=0), 0 * q, robot.joint_names), CheckSettings())
     assert any(v.limit == "self_collision" for v in report.violations)
 
 
@@ -242,12 +230,3 @@ def test_a_slack_string_and_a_load_over_the_hand_are_named(robot, table, angle, 
     assert {limit for limit, _ in broken(report)} == expected, report.sentence
     if slack:
         assert report.violations[0].time == pytest.approx(1.2)
-
-
-def test_json_is_that_of_the_contract(robot, table):
-    content = check_line(table, robot, line_sine(0.25, 0.8), PLAIN).to_json()
-    assert content["schema"] == "armdyn.check/1"
-    assert content["feasible"] is False
-    assert set(content["violations"][0]) == {"limit", "joint", "time", "value", "bound", "unit"}
-    assert set(content["margins"]["velocity"]) == set(robot.joint_names)
-    assert min(content["margins"]["velocity"].values()) < 0.0

@@ -11,14 +11,9 @@ from .lines import DT, baxter_limits, is_one_motion, worst_excess
 LIMITS = baxter_limits()
 
 
-def test_finish_ends_at_rest_over_the_box():
+def test_finish_ends_at_rest_over_the_box_and_uses_its_share_of_the_limits_and_no_more():
     move = finish_over_box(LineState(0.13, 0.26, 0.5), 0.46, LIMITS, DT)
-    assert move[0] == (0.13, 0.26, 0.5)
-    assert move.end == (0.46, 0.0, 0.0)
-
-
-def test_finish_uses_its_share_of_the_speed_and_its_acceleration_and_no_more():
-    move = finish_over_box(LineState(0.13, 0.26, 0.5), 0.46, LIMITS, DT)
+    assert (move[0], move.end) == ((0.13, 0.26, 0.5), (0.46, 0.0, 0.0))
     share = np.abs(move.v) / np.interp(move.s, LIMITS.s, LIMITS.speed)
     assert 0.68 < share.max() <= 0.70
     assert 7.5 < np.abs(move.a).max() <= 8.0
@@ -38,12 +33,9 @@ def test_finish_from_faster_than_its_share_comes_down_within_the_whole_limit():
     assert worst_excess(LIMITS, move) < 1e-9
 
 
-def test_a_finish_out_of_reach_is_refused(complains):
+def test_a_finish_out_of_reach_and_a_start_that_cannot_be_stopped_are_refused(complains):
     with complains(InputError):
         finish_over_box(LineState(0.1), 0.7, LIMITS, DT)
-
-
-def test_a_start_that_cannot_be_stopped_has_no_finish(complains):
     with complains(TaskFailedError):
         finish_over_box(LineState(0.54, 0.4, 5.0), 0.46, LIMITS, DT)
 

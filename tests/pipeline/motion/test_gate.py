@@ -67,19 +67,15 @@ def test_a_limit_that_is_no_number_lets_nothing_through(line_gate, name):
     assert replace(line_gate, limits=unknown).check(LineState(0.0), LineState(0.0)) is not None
 
 
-def test_joint_limits_are_watched_besides_those_of_the_line(robot, table):
+def test_joint_limits_and_where_the_arm_is_are_watched_besides_the_line(robot, table):
     generous = LineLimits(np.array([-0.3, 0.55]), np.full(2, 50.0), np.full(2, 500.0))
     gate = LineGate(generous, table, Gate(robot.joint_names, robot.limits))
     assert why(gate.check(LineState(0.0, 2.0))) is RefusalReason.VELOCITY
     assert why(gate.check(LineState(0.0, 0.0, 100.0))) is RefusalReason.ACCELERATION
-
-
-@pytest.mark.parametrize(
-    ("off", "reason"), [(0.0, None), (0.3, RefusalReason.TRACKING), (math.nan, RefusalReason.TRACKING)]
-)
-def test_an_arm_that_is_elsewhere_is_noticed(line_gate, table, off, reason):
-    measured = table.posture(0.1).q + off * np.eye(7)[3] if off == off else np.full(7, off)
-    assert why(line_gate.check(LineState(0.1), measured=measured)) is reason
+    here = table.posture(0.1).q
+    for measured in (here + 0.3 * np.eye(7)[3], np.full(7, math.nan)):
+        assert why(gate.check(LineState(0.1), measured=measured)) is RefusalReason.TRACKING
+    assert gate.check(LineState(0.1), measured=here) is None
 
 
 # The gate that remembers its stream, as every command to a real arm passes it.
@@ -124,27 +120,21 @@ def test_a_smooth_motion_passes_and_begins_anew_after_a_pause_at_rest_where_the_
     assert judge(gate, q, state=at(q + 0.1, 9.0), now=9.0) is RefusalReason.ELSEWHERE
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("place", range(3))
-def test_what_is_not_finite_never_leaves(gate, bad, place):
-    vectors = [np.zeros(2) for _ in range(3)]
-    vectors[place][1] = bad
-    assert judge(gate, *vectors, state=at(REST)) is RefusalReason.NOT_A_NUMBER
+BEGINNINGS = [
+    ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, RefusalReason.WRONG_NUMBER),
+    ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS + 0.001}, RefusalReason.STALE),
+    ((REST,), {"state": at(REST, math.nan)}, RefusalReason.STALE),
+    ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS - 0.001}, None),
+    (([MAX_STREAM_START_OFFSET + 0.001, 0.0],), {"state": at(REST)}, RefusalReason.ELSEWHERE),
+    (([MAX_STREAM_START_OFFSET / 2, 0.0],), {"state": at(REST)}, None),
+    ((REST, [0.1, 0.0]), {}, RefusalReason.ELSEWHERE),
+    (([1.0 + 1e-6, 0.0],), {}, RefusalReason.POSITION),
+    (([0.0, math.nan],), {"state": at(REST)}, RefusalReason.NOT_A_NUMBER),
+    ((REST, REST, [0.0, math.inf]), {}, RefusalReason.NOT_A_NUMBER),
+]
 
 
-@pytest.mark.parametrize(
-    ("command", "options", "reason"),
-    [
-        ((np.zeros(3), np.zeros(3), np.zeros(3)), {"state": at(REST)}, RefusalReason.WRONG_NUMBER),
-        ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS + 0.001}, RefusalReason.STALE),
-        ((REST,), {"state": at(REST, math.nan)}, RefusalReason.STALE),
-        ((REST,), {"state": at(REST, 0.0), "now": MAX_STATE_AGE_SECONDS - 0.001}, None),
-        (([MAX_STREAM_START_OFFSET + 0.001, 0.0],), {"state": at(REST)}, RefusalReason.ELSEWHERE),
-        (([MAX_STREAM_START_OFFSET / 2, 0.0],), {"state": at(REST)}, None),
-        ((REST, [0.1, 0.0]), {}, RefusalReason.ELSEWHERE),
-        (([1.0 + 1e-6, 0.0],), {}, RefusalReason.POSITION),
-    ],
-)
+@pytest.mark.parametrize(("command", "options", "reason"), BEGINNINGS)
 def test_a_stream_begins_at_rest_where_the_arm_is_known_to_be(gate, command, options, reason):
     assert judge(gate, *command, **options) is reason
     assert why(gate.judge(REST, REST, REST, None, 0.0)) is RefusalReason.NO_STATE
@@ -164,7 +154,7 @@ def test_the_arm_must_be_near_its_command_and_a_refused_one_does_not_count_as_se
     q, v, a = smooth(40)
     assert judge(moving, q, v, a, state=at(q + np.array([0.0, 0.21]), 0.4), now=0.4) is RefusalReason.TRACKING
     assert judge(moving, [0.9, 0.0], state=at(smooth(39)[0], 0.4), now=0.4) is RefusalReason.TRACKING
-    assert judge(moving, q, v, a, now=0.4) is None
+    assert judge(moving, q, v, a, now=0.42) is None  # 20 ms late: judged as if it had come on time
 
 
 @pytest.mark.parametrize(
@@ -189,12 +179,3 @@ def test_a_motion_that_is_sent_ten_times_as_fast_is_refused_with_the_time_betwee
     said = [gate.judge(*smooth(k), at(smooth(k)[0], k * PERIOD / 10), k * PERIOD / 10) for k in range(40)]
     first = next(refusal for refusal in said if refusal is not None)
     assert "1 ms after the command before" in first.sentence
-
-
-def test_a_command_that_comes_late_is_judged_as_if_it_had_come_on_time(moving):
-    assert judge(moving, *smooth(40), now=39 * PERIOD + 0.03) is None
-
-
-def test_a_refusal_names_joint_and_values(gate):
-    judge(gate, REST)
-    assert "a: 2 of 1.5 rad/s" in gate.judge(np.array([0.02, 0.0]), REST, REST, at(REST, 0.01), 0.01).sentence

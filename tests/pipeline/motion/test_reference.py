@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError, TaskFailedError
-from pipeline.motion import LineLimits, LineSmoother, LineState
-from pipeline.motion.feasibility import CheckSettings, check_line
+from pipeline.motion import LineSmoother, LineState
 from pipeline.motion.reference import smooth_reference
 
 from .lines import DT, baxter_limits, is_one_motion, sine, worst_excess
@@ -35,53 +34,32 @@ def test_a_feasible_reference_stays_as_it_is():
 
 
 @pytest.mark.parametrize("name", INFEASIBLE)
-def test_an_infeasible_reference_becomes_one_motion_within_the_limits(name):
+def test_an_infeasible_reference_becomes_one_motion_nearer_to_it_than_any_online_scheme(name):
     s = INFEASIBLE[name]
     motion = smooth_reference(s, speeds(s), DT, LIMITS)
     assert worst_excess(LIMITS, motion) < 1e-9
     assert is_one_motion(list(motion), LIMITS.jerk, DT)
+    if name != "noise":
+        targets = [LineState(*map(float, row)) for row in zip(s, speeds(s), 0 * s, strict=True)]
+        smoother = LineSmoother(LIMITS, DT, motion[0])
+        online = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
+        assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
 
 
-@pytest.mark.parametrize("name", ["too fast", "steps", "beyond the ends"])
-def test_no_online_scheme_comes_nearer_to_an_infeasible_reference(name):
-    s = INFEASIBLE[name]
-    motion = smooth_reference(s, speeds(s), DT, LIMITS)
-    targets = [LineState(*map(float, row)) for row in zip(s, speeds(s), 0 * s, strict=True)]
-    smoother = LineSmoother(LIMITS, DT, motion[0])
-    online = [smoother.state, *(smoother.update(targets[k : k + 50]) for k in range(1, len(targets)))]
-    assert rms(motion.s - s) < rms(np.array(online)[:, 0] - s)
-
-
-def test_start_and_end_are_kept():
+def test_start_and_end_are_kept_or_refused_where_the_end_cannot_be_reached_in_time(complains):
     s = np.linspace(0.0, 0.25, TIME.size)
     start, end = LineState(0.02, 0.1, 0.5), LineState(0.3)
     motion = smooth_reference(s, speeds(s), DT, LIMITS, start=start, end=end)
     assert motion[0] == pytest.approx(start, abs=1e-8)
     assert motion.end == pytest.approx(end, abs=1e-8)
-
-
-def test_an_end_that_cannot_be_reached_in_time_is_refused(complains):
-    s = np.zeros(20)
     with complains(TaskFailedError):
-        smooth_reference(s, s, DT, LIMITS, end=LineState(0.5))
+        smooth_reference(np.zeros(20), np.zeros(20), DT, LIMITS, end=LineState(0.5))
 
 
-@pytest.mark.parametrize(
-    ("s", "v"),
-    [
-        (np.zeros(10), np.zeros(9)),
-        (np.zeros(3), np.zeros(3)),
-        (np.full(10, np.nan), np.zeros(10)),
-        (np.zeros((5, 2)), np.zeros((5, 2))),
-    ],
-)
+NONE = [(np.zeros(10), np.zeros(9)), (np.zeros(3), np.zeros(3)), (np.full(10, np.nan), np.zeros(10))]
+
+
+@pytest.mark.parametrize(("s", "v"), [*NONE, (np.zeros((5, 2)), np.zeros((5, 2)))])
 def test_what_is_no_reference_is_refused(s, v, complains):
     with complains(InputError):
         smooth_reference(s, v, DT, LIMITS)
-
-
-def test_the_smoothed_reference_passes_the_feasibility_check(robot, table):
-    s = INFEASIBLE["too fast"]
-    motion = smooth_reference(s, speeds(s), DT, LineLimits.from_table(table))
-    report = check_line(table, robot, motion, CheckSettings(collision=False))
-    assert {violation.limit for violation in report.violations} <= {"torque"}

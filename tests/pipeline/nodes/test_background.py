@@ -62,36 +62,21 @@ def test_another_process_works_and_remembers(process, collected):
     assert not process.busy("double")
 
 
-def raised(error):
+@pytest.mark.parametrize("error", [InputError("a sentence of ours"), SystemExit(0), None])
+def test_what_the_work_raises_is_raised_in_the_loop_and_a_process_that_was_killed_is_a_sentence(
+    process, collected, error, complains
+):
     def work(_argument):
-        raise error
+        if error is not None:
+            raise error
+        os.kill(os.getpid(), signal.SIGKILL)
 
-    return work
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        InputError("a sentence of ours"),
-        np.linalg.LinAlgError("singular"),
-        SystemExit(0),
-    ],
-)
-def test_what_the_work_raises_is_raised_in_the_loop(process, collected, error, complains):
-    process.provide("odd", raised(error))
+    process.provide("odd", work)
     process.start()
     process.ask("odd", None, lambda _result: None)
     with complains(TaskFailedError):
         collected(process, [])
-    assert not process.busy("odd")
-
-
-def test_a_process_that_was_killed_is_a_sentence(process, collected, complains):
-    process.provide("dies", lambda _argument: os.kill(os.getpid(), signal.SIGKILL))
-    process.start()
-    process.ask("dies", None, lambda _result: None)
-    with complains(TaskFailedError):
-        collected(process, [])
+    assert error is None or not process.busy("odd")
 
 
 def test_ctrl_c_in_the_terminal_is_left_to_the_loop(process, collected):

@@ -2,14 +2,13 @@ import base64
 import gzip
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from browser import Browser
 from plotly.offline import get_plotlyjs
 from scipy.stats import binomtest
 
@@ -18,8 +17,8 @@ from armdyn.errors import InputError
 from pipeline.report.feasibility import joint_sections, margin_section
 from pipeline.report.page import packed, page_html, table_html, write_page
 from pipeline.report.table import success_interval, table_report
-from pipeline.report.theme import number, percent
-from pipeline.report.trial import STRING_SNAPSHOTS, SwingTrace, swing_section
+from pipeline.report.theme import number
+from pipeline.report.trial import STRING_SNAPSHOTS
 
 from .conftest import JOINTS
 
@@ -28,23 +27,20 @@ VOID = {"meta", "br", "input"}
 
 
 class Page(HTMLParser):
-    """Checks that every element is closed in order, and collects what a reader sees."""
+    """Checks that every element is closed in order, and collects what a reader sees; without the library's code."""
 
-    def __init__(self, html):
+    def __init__(self, report):
         super().__init__()
-        self.open, self.ids, self.links, self.texts, self.elements = [], [], [], [], []
-        self.feed(html)
+        self.open, self.texts, self.elements = [], [], []
+        self.html, library = page_html(report), packed(get_plotlyjs())
+        assert self.html.count(library) == 1
+        self.html = self.html.replace(library, "")
+        self.feed(self.html)
         self.close()
         assert self.open == []
 
     def handle_starttag(self, tag, attributes):
-        attributes = dict(attributes)
-        self.elements.append((tag, attributes))
-        if "id" in attributes:
-            self.ids.append(attributes["id"])
-        if "href" in attributes:
-            self.links.append(attributes["href"])
-        assert "src" not in attributes
+        self.elements.append((tag, dict(attributes)))
         if tag not in VOID:
             self.open.append(tag)
 
@@ -55,22 +51,12 @@ class Page(HTMLParser):
         if self.open and self.open[-1] not in ("script", "style"):
             self.texts.append(data)
 
+    def all(self, attribute):
+        return [of[attribute] for _, of in self.elements if attribute in of]
+
     @property
     def text(self):
         return " ".join(self.texts)
-
-
-def own_part(html):
-    """The page without the library."""
-    library = packed(get_plotlyjs())
-    assert html.count(library) == 1
-    return html.replace(library, "")
-
-
-def drawn(html):
-    """The data that the page's script draws from."""
-    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)[1]
-    return json.loads(gzip.decompress(base64.b64decode(data)))
 
 
 def figures(report):
@@ -93,15 +79,15 @@ def report(request):
 
 
 def test_page_is_one_offline_file_whose_links_lead_to_its_sections(report):
-    own = own_part(page_html(report))
-    assert "http:" not in own
-    assert "https:" not in own
-    assert "default-src 'none'" in own
-    page = Page(own)
-    assert set(page.links) == {"#top", *(f"#{section.anchor}" for section in report.sections)}
-    assert len(page.ids) == len(set(page.ids))
-    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
-    assert sum(i.startswith("chart-") for i in page.ids) == len(figures(report))
+    page = Page(report)
+    assert not re.search("https?:", page.html)
+    assert page.all("src") == []
+    assert "default-src 'none'" in page.html
+    links, ids = page.all("href"), page.all("id")
+    assert set(links) == {"#top", *(f"#{section.anchor}" for section in report.sections)}
+    assert len(ids) == len(set(ids))
+    assert {link.removeprefix("#") for link in links} <= set(ids)
+    assert sum(i.startswith("chart-") for i in ids) == len(figures(report))
 
 
 def test_every_axis_has_a_name_and_a_unit(report):
@@ -117,17 +103,17 @@ def test_every_axis_has_a_name_and_a_unit(report):
 def test_text_of_users_cannot_become_markup():
     report = Document(NASTY, NASTY, [NASTY_SECTION], Level.BAD, NASTY, [KeyFigure(NASTY, NASTY, NASTY)], [NASTY],
                       [NextStep(NASTY, NASTY)], NASTY)  # fmt: skip
-    own = own_part(page_html(report))
-    page = Page(own)
+    page = Page(report)
     assert page.text.count(NASTY) >= 16
-    assert "<script>alert" not in own
+    assert "<script>alert" not in page.html
     assert sum(tag == "script" for tag, _ in page.elements) == 5
-    assert drawn(own)["figures"][0]["data"][0]["name"] == NASTY
+    data = re.search(r'id="data">(.*?)</script>', page.html, re.DOTALL)[1]
+    assert json.loads(gzip.decompress(base64.b64decode(data)))["figures"][0]["data"][0]["name"] == NASTY
 
 
 @pytest.mark.parametrize("level", Level)
 def test_banner_says_the_verdict_in_words_and_colour(level):
-    page = Page(own_part(page_html(Document("A", "what happened", [], level))))
+    page = Page(Document("A", "what happened", [], level))
     classes = [attributes["class"] for _, attributes in page.elements if attributes.get("role") == "status"]
     assert classes == [f"verdict {level.name.lower()}"]
     assert level.value in page.text
@@ -135,14 +121,17 @@ def test_banner_says_the_verdict_in_words_and_colour(level):
 
 
 def test_trial_report_tells_its_numbers(trial, trial_report):
-    text = Page(own_part(page_html(trial_report))).text
-    assert f"{1e3 * np.sqrt(np.mean((trial.measured - trial.force) ** 2)):.2f} mN rms" in text
     error = np.abs(trial.actual - trial.reference)
-    assert f"the largest error is {1e3 * error.max():.1f} mm at {trial.time[error.argmax()]:.2f} s" in text
-    assert f"The length was learnt as {trial.estimates[-1].value:.4f} m" in text
-    assert "tightest is the velocity of right_s1, of which 94 % was used" in text
-    assert "SAC 2 of 120 times" in text
-    assert "load_force: 3 samples were left out" in text
+    text = Page(trial_report).text
+    for said in (
+        f"{1e3 * np.sqrt(np.mean((trial.measured - trial.force) ** 2)):.2f} mN rms",
+        f"the largest error is {1e3 * error.max():.1f} mm at {trial.time[error.argmax()]:.2f} s",
+        f"The length was learnt as {trial.estimates[-1].value:.4f} m",
+        "tightest is the velocity of right_s1, of which 94 % was used",
+        "SAC 2 of 120 times",
+        "load_force: 3 samples were left out",
+    ):
+        assert said in text
 
 
 def test_broken_limits_are_said_and_marked(trial):
@@ -152,15 +141,6 @@ def test_broken_limits_are_said_and_marked(trial):
     assert "class='share over'" in table_html(limits.tables[0])
     _, speeds = joint_sections(JOINTS, trial.time, trial.q, 10 * trial.v, trial.limits)
     assert "goes beyond its limit" in speeds.sentence
-
-
-@pytest.mark.parametrize(
-    ("end", "sentence"),
-    [(0, "planned and not executed"), (100, "stopped after 0.99 s"), (None, "from its planned place")],
-)
-def test_it_is_said_how_far_a_swing_came(trial, end, sentence):
-    executed = SwingTrace(*(path[:end] for path in trial.executed)) if end != 0 else None
-    assert sentence in swing_section(trial.planned, executed, None, 0.014).sentence
 
 
 def test_swing_is_drawn_to_scale_with_the_string_at_its_length(trial_report):
@@ -185,13 +165,14 @@ def test_joint_panels_show_curve_and_both_limits(trial, trial_report):
 
 
 def test_table_report_says_that_the_box_was_chosen(table):
-    text = Page(own_part(page_html(table_report(table)))).text
+    text = Page(table_report(table)).text
     assert "The paper gives no box. This one was chosen so that the simulation reproduces" in text
     assert "With estimation 9 of 9 guesses succeed" in text
-    assert table_report(table).level is Level.GOOD
 
 
-@pytest.mark.parametrize(("estimation", "succeeding", "level"), [(True, 4, Level.BAD), (False, 18, Level.CAUTION)])
+@pytest.mark.parametrize(
+    ("estimation", "succeeding", "level"), [(True, 20, Level.GOOD), (True, 4, Level.BAD), (False, 18, Level.CAUTION)]
+)
 def test_table_report_is_no_success_when_a_guess_fails_with_estimation(table, estimation, succeeding, level):
     succeeded = table.succeeded.copy()
     succeeded[0, int(estimation)] = np.arange(20) < succeeding
@@ -205,25 +186,15 @@ def test_interval_of_a_share_is_wilsons(successes, trials):
     assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (0.000312, "m", "0.312 mm"),
-        (-0.000312, "m", "−0.312 mm"),
-        (0.368, "m", "0.368 m"),
-        (0.0, "m", "0 m"),
-        (1234.5, "N", "1234 N"),
-        (2.0e-5, "s", "0.0200 ms"),
-        (1.5, "", "1.50"),
-        (float("nan"), "m", "–"),
-    ],
-)
+NUMBERS = [
+    (0.000312, "m", "0.312 mm"), (-0.000312, "m", "−0.312 mm"), (0.368, "m", "0.368 m"), (0.0, "m", "0 m"),
+    (1234.5, "N", "1234 N"), (2.0e-5, "s", "0.0200 ms"), (1.5, "", "1.50"), (float("nan"), "m", "–"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("value", "unit", "text"), NUMBERS)
 def test_numbers_read_naturally(value, unit, text):
     assert number(value, unit) == text
-
-
-def test_shares_are_percent():
-    assert percent(0.953) == "95 %"
 
 
 def test_report_is_written_in_one_step(tmp_path, table, complains):
@@ -236,12 +207,10 @@ def test_report_is_written_in_one_step(tmp_path, table, complains):
         write_page(table_report(table), tmp_path / "absent" / "report.html")
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine to open the page with")
+@pytest.mark.slow
 def test_a_browser_draws_every_figure_without_an_error(tmp_path, trial_report):
-    html = page_html(trial_report).replace("<script>", "<script>onerror = () => { document.title = 'broken'; };", 1)
-    (tmp_path / "report.html").write_text(html, encoding="utf-8")
-    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
-    done = subprocess.run([*command, tmp_path / "report.html"], capture_output=True, text=True, timeout=60, check=True)
-    assert "<title>broken" not in done.stdout
-    drawn = re.findall(r'id="chart-\d+" class="chart|class="chart js-plotly-plot"', done.stdout)
-    assert len(drawn) == len(figures(trial_report))
+    (tmp_path / "report.html").write_text(page_html(trial_report), encoding="utf-8")
+    with Browser() as tab:
+        tab.go((tmp_path / "report.html").as_uri())
+        tab.wait(f"document.querySelectorAll('.chart.js-plotly-plot').length == {len(figures(trial_report))}")
+        assert tab.errors == []

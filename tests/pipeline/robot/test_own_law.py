@@ -82,16 +82,8 @@ def test_dry_friction_of_ones_own_is_that_of_the_plant(still_pendulum, watch, fi
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["heavy", "play", "bent"],
+    ("name", "value"), [("heavy", None), ("play", None), ("bent", None), ("leef", None), ("leaf", 3.0)]
 )
-def test_what_the_plant_cannot_have_is_said(plant, file, name, complains):
+def test_what_the_plant_cannot_have_is_said(plant, file, name, value, complains):
     with complains(InputError):
-        plant({f"{file}:{name}": None})
-
-
-def test_a_name_that_a_file_does_not_have_is_said_with_those_that_it_has(plant, file, complains):
-    with complains(InputError):
-        plant({f"{file}:leef": None})
-    with complains(InputError):
-        plant({f"{file}:leaf": 3.0})
+        plant({f"{file}:{name}": value})

@@ -55,31 +55,21 @@ def test_dry_friction_at_the_pivot_takes_the_same_angle_from_every_swing(still_p
     np.testing.assert_allclose(lost[:8], 4.0 * torque / (MASS * G * LENGTH), rtol=0.05)
 
 
-def test_dry_friction_at_the_pivot_brings_the_load_to_rest(still_pendulum, watch):
-    swing = watch(still_pendulum(0.1, {"pivot_coulomb_friction": 5e-3}), 6.0)
-    assert np.ptp(swing.angle[-100:]) < 1e-3
-    assert np.abs(swing.angle[-1]) < 5e-3 / (MASS * G * LENGTH) + 1e-3
-
-
-def test_wind_holds_the_string_at_an_angle(still_pendulum, watch):
-    plant = still_pendulum(0.0, {"wind": 0.05})
-    swing = watch(plant, 1.0)
-    # Blowing towards + moves the load to +, which is a negative angle.
-    np.testing.assert_allclose(swing.angle, -np.arctan(0.05 / (MASS * G)), atol=1e-6)
-    assert load_truth(plant).tension == pytest.approx(np.hypot(0.05, MASS * G), abs=1e-6)
-
-
-def test_path_tilt_turns_gravity_about_the_line(still_pendulum, watch):
-    plant = still_pendulum(0.0, {"path_tilt": 0.05})
-    swing = watch(plant, 1.0)
-    np.testing.assert_allclose(swing.angle, -0.05, atol=1e-6)
-    assert load_truth(plant).tension == pytest.approx(MASS * G, abs=1e-6)
+@pytest.mark.parametrize(
+    ("hidden", "angle", "pull"),
+    [("wind", -np.arctan(0.05 / (MASS * G)), np.hypot(0.05, MASS * G)), ("path_tilt", -0.05, MASS * G)],
+)
+def test_a_steady_force_across_holds_the_string_at_an_angle(still_pendulum, watch, hidden, angle, pull):
+    """Wind towards + moves the load to +, which is a negative angle; a tilt turns gravity about the line."""
+    plant = still_pendulum(0.0, {hidden: 0.05})
+    np.testing.assert_allclose(watch(plant, 1.0).angle, angle, atol=1e-6)
+    assert load_truth(plant).tension == pytest.approx(pull, abs=1e-6)
 
 
 def test_load_with_inertia_pulls_as_its_slower_swing_demands(still_pendulum):
     plant = still_pendulum(0.5, {"load_inertia": 1e-3})
-    for _ in range(100):
-        plant.advance(0.01)
+    for _ in range(50):
+        plant.advance(0.02)
         load = load_truth(plant)
         expected = MASS * (G * np.cos(load.swing_angle) + LENGTH * load.swing_rate**2)
         assert load.tension == pytest.approx(expected, abs=1e-3)
@@ -107,12 +97,6 @@ def test_elastic_string_swings_as_a_mass_on_a_spring(still_pendulum, watch):
     assert np.ptp(swing.distance) > 5e-3
     np.testing.assert_allclose(swing.distance, np.hypot(x, z), atol=3e-4)
     np.testing.assert_allclose(swing.angle, np.arctan2(-x, -z), atol=3e-3)
-
-
-def test_elastic_string_hangs_at_the_given_length(still_pendulum):
-    load = load_truth(still_pendulum(0.0, {"string_elasticity": 5e-3}))
-    assert load.distance == pytest.approx(LENGTH, abs=1e-9)
-    assert load.tension == pytest.approx(MASS * G, abs=1e-6)
 
 
 def test_load_displaced_across_the_line_swings_across_it(still_pendulum, watch):
@@ -155,12 +139,11 @@ def wandering(time):
 
 def test_tension_equals_the_pendulum_formula_while_the_arm_moves(plant, follow):
     robot = plant(settings=PlantSettings(), seed=5)
-    rows = follow(robot, wandering, 6.0)
-    angle = np.array([load.swing_angle for *_, load in rows])
-    rate = np.array([load.swing_rate for *_, load in rows])
-    along = np.array([gripper.s_acceleration for _, _, gripper, _ in rows])
-    up = np.array([gripper.acceleration[2] for _, _, gripper, _ in rows])
-    tension = np.array([load.tension for *_, load in rows])
+    rows = [
+        (load.swing_angle, load.swing_rate, load.tension, gripper.s_acceleration, gripper.acceleration[2])
+        for _, _, gripper, load in follow(robot, wandering, 5.0)
+    ]
+    angle, rate, tension, along, up = np.array(rows).T
     expected = robot.truth.mass * ((9.81 + up) * np.cos(angle) + 0.368 * rate**2 + along * np.sin(angle))
     assert np.abs(angle).max() > 0.2
     assert np.std(tension - expected) < 1.5e-3
@@ -168,36 +151,23 @@ def test_tension_equals_the_pendulum_formula_while_the_arm_moves(plant, follow):
 
 def test_at_rest_the_load_hangs_at_the_given_length_and_the_tension_equals_its_weight(plant, baxter):
     robot = plant(settings=PlantSettings(length=0.4), seed=2)
-    before = load_truth(robot)
-    robot.advance(1.0)
-    after = load_truth(robot)
-    assert before.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
-    assert after.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
-    np.testing.assert_allclose(before.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
-    np.testing.assert_allclose(after.position, before.position, atol=1e-9)
-
-
-def test_string_loses_less_than_a_hundredth_of_the_swing_energy_in_15_seconds(still_pendulum, watch):
-    swing = watch(still_pendulum(0.4), 15.0)
-    height = swing.distance * -np.cos(swing.angle)
-    first, last = height[:200].max(), height[-200:].max()
-    assert 0.0 <= (first - last) / (first + 0.368) < 0.01
+    for _ in range(2):
+        load = load_truth(robot)
+        assert load.tension == pytest.approx(9.81 * robot.truth.mass, abs=1e-9)
+        np.testing.assert_allclose(load.position, baxter.line.position(0.0) - [0, 0, 0.4], atol=1e-9)
+        robot.advance(1.0)
 
 
 def test_string_goes_slack_and_never_pushes(still_pendulum, watch):
-    plant = still_pendulum(1.5)
-    swing = watch(plant, 3.0)
-    assert swing.tension.min() >= 0.0
+    assert watch(still_pendulum(1.5), 3.0).tension.min() >= 0.0
     falling = still_pendulum(0.0)
     # Thrown up inside the string's reach the load falls freely until the string is taut again.
-    data = falling._data
-    data.qvel[9] = 1.5
+    falling._data.qvel[9] = 1.5
     swing = watch(falling, 0.25)
     free = slice(2, None)
     assert (swing.tension[free] == 0.0).all()
-    height = -swing.distance
     expected = -0.368 + 1.5 * swing.time - 0.5 * 9.81 * swing.time**2
-    np.testing.assert_allclose(height[free], expected[free], atol=2e-3)
+    np.testing.assert_allclose(-swing.distance[free], expected[free], atol=2e-3)
 
 
 def test_same_seed_gives_the_same_motion_and_readings_also_where_the_truth_is_looked_at(plant, table, follow):
@@ -219,10 +189,10 @@ def test_same_seed_gives_the_same_motion_and_readings_also_where_the_truth_is_lo
 
 
 def test_what_is_drawn_stays_within_its_spread_and_what_is_given_is_not_drawn(plant):
-    truths = [plant(settings=PlantSettings(), seed=s).truth for s in range(40)]
-    latency = np.array([t.latency for t in truths])
-    assert 0.0 <= latency.min() < 0.005
-    assert 0.015 < latency.max() <= 0.02
+    truths = [plant(settings=PlantSettings(), seed=s).truth for s in range(20)]
+    latency = [t.latency for t in truths]
+    assert 0.0 <= min(latency) < 0.005
+    assert 0.015 < max(latency) <= 0.02
     assert np.abs(np.array([t.link_scale for t in truths]) - 1.0).max() <= 0.1
     assert 0.004 < np.std([t.mass / 0.08 for t in truths]) < 0.02
     truth = plant(settings=PlantSettings(), cell=CellSettings(latency=0.007, bias=-0.02), seed=9).truth

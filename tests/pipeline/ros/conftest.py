@@ -18,9 +18,7 @@ from pipeline.ros.bridge import Bridge
 class LoopbackBridge:
     """Passes every published message on to all subscribers of its topic, the publisher included, as rosbridge does.
 
-    Attributes:
-        requests: everything that clients sent, as received.
-        answers: what services give, by name.
+    `requests` are all that clients sent, `answers` what services give, by name.
     """
 
     def __init__(self):
@@ -33,8 +31,7 @@ class LoopbackBridge:
         self._listening.set()
         self._server = serve(self._serve, "127.0.0.1", 0, compression=None, max_size=None, close_timeout=0.5)
         self.uri = f"ws://127.0.0.1:{self._server.socket.getsockname()[1]}"
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def published(self, topic):
         with self._changed:  # whoever waits for something may look at it
@@ -47,10 +44,9 @@ class LoopbackBridge:
     def wait_subscribed(self, topic):
         self.wait_for(lambda: any(r["op"] == "subscribe" and r["topic"] == topic for r in self.requests))
 
-    def say(self, message):
-        """Send this to every client as it is: an object, or text."""
-        text = message if isinstance(message, str) else json.dumps(message)
-        for client in tuple(self._clients):
+    def say(self, text, clients=None):
+        """Send this as it is to every client, or to some."""
+        for client in tuple(self._clients if clients is None else clients):
             with contextlib.suppress(ConnectionClosed):
                 client.send(text)
 
@@ -60,9 +56,6 @@ class LoopbackBridge:
 
     def stall(self):
         self._listening.clear()
-
-    def resume(self):
-        self._listening.set()
 
     def drop(self):
         """End every connection without a word."""
@@ -109,9 +102,7 @@ class LoopbackBridge:
 
     def _pass_on(self, request):
         text = json.dumps({name: request[name] for name in ("op", "topic", "msg")})
-        for subscriber in tuple(self._subscribers[request["topic"]]):
-            with contextlib.suppress(ConnectionClosed):
-                subscriber.send(text)
+        self.say(text, self._subscribers[request["topic"]])
 
 
 @pytest.fixture

@@ -41,32 +41,8 @@ LATE_WAY = 0.1
 """How far a joint may move [rad] by the commands that a stalled bridge still held: 50 ms at 1.5 rad/s, and the lag."""
 
 
-def press(_wire, twin, _trial):
-    twin.tell("press")
-
-
-def unplug(_wire, twin, _trial):
-    twin.tell("unplug")
-
-
-def interrupt(_wire, _twin, trial):
-    trial.process.send_signal(signal.SIGINT)
-
-
-def kill_trial(_wire, _twin, trial):
-    trial.process.kill()
-
-
-def kill_bridge(wire, _twin, _trial):
-    os.kill(wire.pids["BRIDGE_PID"], signal.SIGKILL)
-
-
-def kill_master(wire, _twin, _trial):
-    os.kill(wire.pids["MASTER_PID"], signal.SIGKILL)
-
-
-def stall_bridge(wire, _twin, _trial):
-    suspend(wire.pids["BRIDGE_PID"], AWAKE)
+def kill(name):
+    return lambda wire, _twin, _trial: os.kill(wire.pids[name], signal.SIGKILL)
 
 
 def intrude(wire, _twin, _trial):
@@ -85,14 +61,14 @@ def intrude(wire, _twin, _trial):
 
 
 FAULTS = {
-    "ctrl-c": (interrupt, "interrupted by the user"),
-    "program-killed": (kill_trial, None),
-    "bridge-killed": (kill_bridge, "connection to the bridge .* is lost|too old"),
-    "bridge-stalled": (stall_bridge, "too old|stood still"),
-    "master-killed": (kill_master, "ROS master is gone"),
-    "emergency-stop": (press, "stopped by the red button"),
+    "ctrl-c": (lambda _w, _t, trial: trial.process.send_signal(signal.SIGINT), "interrupted by the user"),
+    "program-killed": (lambda _w, _t, trial: trial.process.kill(), None),
+    "bridge-killed": (kill("BRIDGE_PID"), "connection to the bridge .* is lost|too old"),
+    "bridge-stalled": (lambda wire, *_: suspend(wire.pids["BRIDGE_PID"], AWAKE), "too old|stood still"),
+    "master-killed": (kill("MASTER_PID"), "ROS master is gone"),
+    "emergency-stop": (lambda _w, twin, _t: twin.tell("press"), "stopped by the red button"),
     "second-commander": (intrude, "another program sends commands"),
-    "load-cell-dies": (unplug, "load cell"),
+    "load-cell-dies": (lambda _w, twin, _t: twin.tell("unplug"), "load cell"),
 }
 
 
@@ -131,6 +107,12 @@ def moving_commands_after(trace, instant):
     later = np.flatnonzero(trace["received"][1:] > instant) + 1
     steps = np.max(np.abs(trace["positions"][later] - trace["positions"][later - 1]), axis=1, initial=0.0)
     return int(np.sum(steps > STILL * PERIOD))
+
+
+def recorded(trial, recover=False):
+    """A recording is whole, but for that of a program that was killed, which can be recovered."""
+    (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
+    assert len(read_run(recording, recover=recover).channels["gripper_x"]) > 50
 
 
 def way_after(trace, instant):
@@ -181,9 +163,7 @@ def test_the_arm_stands(name, repetition, tmp_path):
     if says is not None:
         assert status in (1, 130)
         assert re.search(says, " ".join(said.split())), said
-    (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
-    # A recording is whole, but for that of a program that was killed.
-    assert len(read_run(recording, recover=name == "program-killed").channels["gripper_x"]) > 50
+    recorded(trial, recover=name == "program-killed")
 
 
 @pytest.mark.parametrize("fault", BAD_WIRES)
@@ -221,5 +201,4 @@ def test_over_a_bad_wire_the_arm_stands_or_does_its_task(fault, phase, repetitio
     assert took <= STANDS + BAD_WIRE_IS_LATE.get(fault, 0.0)
     assert late == 0
     assert standing_after(trace, told) == 0.0
-    (recording,) = [*trial.out.glob("trial.mcap"), *trial.out.glob("unfinished-*/trial.mcap")]
-    assert len(read_run(recording).channels["gripper_x"]) > 50
+    recorded(trial)

@@ -40,12 +40,11 @@ class ObedientArm:
         sent = self.loopback.published(self.topics.command)
         if sent and "command" in sent[-1]:
             self.q = np.array(sent[-1]["command"])
-        if self.silent:
-            return
-        zero = [0.0] * len(self.names)
-        message = joint_states(self.names, 500.0 + self.time, self.q.tolist(), velocity=zero, effort=zero)
-        self.loopback.publish(self.topics.joint_states, message)
-        self.loopback.publish("/robot/state", self.state)
+        if not self.silent:
+            zero = [0.0] * len(self.names)
+            message = joint_states(self.names, 500.0 + self.time, self.q.tolist(), velocity=zero, effort=zero)
+            self.loopback.publish(self.topics.joint_states, message)
+            self.loopback.publish("/robot/state", self.state)
 
 
 class SteppedRobot(RosRobot):
@@ -56,11 +55,8 @@ class SteppedRobot(RosRobot):
         super().__init__(arm.loopback.uri, description, topics, clock=lambda: arm.time)
 
     def advance(self, duration):
+        """The newest state is then as old as the arm's clock says."""
         self.arm.step(duration)
-        self.settle()
-
-    def settle(self):
-        """What was published has been received: the newest state is as old as the arm's clock says."""
         end = time.monotonic() + 10.0
         while not self.arm.silent and self.bridge.failure is None and time.monotonic() < end:
             newest = self._states.latest
@@ -246,27 +242,34 @@ def test_a_bridge_without_that_service_is_no_dead_master(robot, until):
     assert robot.fault is None
 
 
-def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot, until):
-    """The arm sags by 0.01 rad: the first command is where it is, and after half a second what was asked for."""
-    sagged = POSTURE - 0.01
-    robot.arm.q = sagged.copy()
+def sag(robot, by):
+    """The arm is not quite where it was told to be [rad]."""
+    robot.arm.q = POSTURE - by
     robot.advance(PERIOD)
+
+
+def test_a_stream_begins_where_the_arm_is_and_goes_over_to_the_command_without_a_step(robot, until):
+    """The first command is where it is, and after half a second what was asked for."""
+    sag(robot, 0.01)
     stream(robot, 60)
     path = sent(robot)
     until(lambda: len(robot.statistics.echoes) == 60)  # each is timed, and nobody else's
     assert robot.fault is None
-    assert path[0] == pytest.approx(sagged[0], abs=1e-9)
+    assert path[0] == pytest.approx(POSTURE[0] - 0.01, abs=1e-9)
     assert path[-1] == POSTURE[0]
     assert np.max(np.abs(np.diff(path))) / PERIOD < 0.04
     assert np.max(np.abs(np.diff(path, n=3))) / PERIOD**3 < 6.0
 
 
-def test_a_stream_that_would_begin_elsewhere_is_refused(robot, complains):
-    robot.arm.q = POSTURE - 0.03
-    robot.advance(PERIOD)
+def test_a_stream_that_would_begin_elsewhere_and_a_pressed_button_are_refused(robot, until, complains):
+    sag(robot, 0.03)
     with complains(TaskFailedError):
         stream(robot, 1)
     assert robot.statistics.commands == 0
+    press(robot)
+    until(lambda: robot.fault)
+    with complains(InputError):
+        robot.prepare()
 
 
 def test_another_commander_at_the_start_is_refused(arm, baxter, complains):
@@ -287,10 +290,7 @@ def test_without_joint_states_the_topic_is_named(loopback, baxter, monkeypatch, 
         RosRobot(loopback.uri, baxter, TOPICS)
 
 
-def test_enabling_resets_first_and_waits(robot):
-    arm = robot.arm
-    arm.state |= {"enabled": False, "stopped": True, "estop_source": 2, "estop_button": 2}
-
+def test_enabling_resets_first_and_waits_and_closing_restores_the_robots_own_settings(arm, baxter):
     def obey():
         arm.loopback.wait_for(lambda: arm.loopback.published("/robot/set_super_reset"))
         arm.state |= {"stopped": False, "estop_source": 0, "estop_button": 0}
@@ -299,31 +299,20 @@ def test_enabling_resets_first_and_waits(robot):
         arm.state |= {"enabled": True}
         arm.say()
 
-    arm.say()
-    thread = threading.Thread(target=obey)
-    thread.start()
-    while robot.fault is None:
-        time.sleep(0.001)
-    robot.prepare()
-    thread.join()
-    assert robot.fault is None
+    with SteppedRobot(arm, baxter) as robot:
+        robot.advance(PERIOD)
+        arm.state |= {"enabled": False, "stopped": True, "estop_source": 2, "estop_button": 2}
+        arm.say()
+        thread = threading.Thread(target=obey)
+        thread.start()
+        while robot.fault is None:
+            time.sleep(0.001)
+        robot.prepare()
+        thread.join()
+        assert robot.fault is None
     asked = [r["topic"] for r in arm.loopback.requests if r["op"] == "publish" and "set_super" in r["topic"]]
     assert asked[0] == "/robot/set_super_reset"
     assert arm.loopback.published("/robot/set_super_enable")[0] == {"data": True}
-    arm.loopback.wait_for(lambda: arm.loopback.published(TOPICS.speed_ratio))
-    assert arm.loopback.published(TOPICS.timeout) == [{"data": 0.1}]
-
-
-def test_a_pressed_button_is_told(robot, until, complains):
-    press(robot)
-    until(lambda: robot.fault)
-    with complains(InputError):
-        robot.prepare()
-
-
-def test_closing_restores_the_robots_own_settings(arm, baxter):
-    with SteppedRobot(arm, baxter) as robot:
-        robot.prepare()
     arm.loopback.wait_for(lambda: len(arm.loopback.published(TOPICS.speed_ratio)) == 2)
     assert [m["data"] for m in arm.loopback.published(TOPICS.timeout)] == [0.1, 0.2]
     assert [m["data"] for m in arm.loopback.published(TOPICS.speed_ratio)] == [1.0, 0.3]

@@ -87,23 +87,13 @@ def test_a_stop_needs_release_and_reset(twin):
     assert arm.state.enabled
 
 
-@pytest.mark.parametrize("bad", [[math.nan] * 7, [math.inf] * 7, [0.0] * 6, "posture", None])
-def test_what_is_no_posture_is_ignored(twin, bad):
-    twin.send(bad)
+@pytest.mark.parametrize(
+    "bad", [{"q": q} for q in ([math.nan] * 7, [math.inf] * 7, [0.0] * 6, "posture", None)]
+    + [{"q": [0.0] * 7, "mode": TORQUE}, {"q": [0.0] * 7, "names": [f"left_{k}" for k in range(7)]}]
+)  # fmt: skip
+def test_what_is_no_posture_another_mode_and_other_joints_are_ignored(twin, bad):
+    twin.send(**bad)
     assert (len(twin.controller.log.received), twin.controller.log.ignored) == (0, 1)
-
-
-def test_other_modes_and_other_joints_are_ignored(twin):
-    twin.send([0.0] * 7, mode=TORQUE)
-    twin.send([0.0] * 7, names=[f"left_{k}" for k in range(7)])
-    assert twin.controller.log.ignored == 2
-
-
-def test_what_is_beyond_a_range_is_clipped_and_counted(twin, baxter):
-    command = {"mode": RAW, "names": list(twin.robot.joint_names), "command": [9.0] * 7}
-    twin.controller.take_command(command, twin.now)
-    assert twin.controller.log.clipped == 1
-    assert np.all(twin.controller.target <= baxter.limits.upper)
 
 
 def test_position_mode_keeps_the_speed_ratio(twin):
@@ -135,8 +125,12 @@ def test_the_load_cell_speaks_the_serial_protocol(twin):
     assert len(set(counts)) > 0.95 * len(counts)  # as fine as its calibration says, or it would pass for a frozen one
 
 
-def test_its_summary_tells_what_only_it_knows(twin):
-    twin.send((twin.posture + 0.01).tolist(), cycles=2)
+def test_its_summary_tells_what_only_it_knows_also_what_was_clipped(twin, baxter):
+    twin.send((twin.posture + 0.01).tolist())
+    command = {"mode": RAW, "names": list(twin.robot.joint_names), "command": [9.0] * 7}
+    twin.controller.take_command(command, twin.now)
     summary = twin.summary()
     assert (summary["length"], summary["load_in_box"], summary["commands"]) == (0.368, False, 2)
     assert set(summary["largest_step"]) == set(twin.robot.joint_names)
+    assert twin.controller.log.clipped == 1
+    assert np.all(twin.controller.target <= baxter.limits.upper)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.trial import SimulatedTrial
+from pipeline.trial import SimulatedTrial, TrialSettings, simulate
 
 
 @pytest.fixture(scope="session")
@@ -27,3 +27,9 @@ def off_target() -> Callable[[SimulatedTrial], float]:
         return float(np.linalg.norm([offset @ line.direction, offset[2]] - target))
 
     return distance
+
+
+@pytest.fixture(scope="session")
+def learnt(tmp_path_factory):
+    """A trial that begins with a wrong guess, and its folder."""
+    return simulate(TrialSettings(length_guess=0.448, seed=3, out=tmp_path_factory.mktemp("trial")))
