@@ -12,50 +12,29 @@ from pipeline.robot.truth import swing_angle
 
 @dataclass(frozen=True)
 class GripperTruth:
-    """The string's upper end.
+    """The string's upper end."""
 
-    Attributes:
-        time: [s].
-        position: in the base frame (3,) [m].
-        velocity: (3,) [m/s].
-        acceleration: (3,) [m/s^2].
-        s: line coordinate [m].
-        s_velocity: along the line [m/s].
-        s_acceleration: along the line [m/s^2].
-    """
-
-    time: float
-    position: Vector
-    velocity: Vector
-    acceleration: Vector
-    s: float
-    s_velocity: float
-    s_acceleration: float
+    time: float  # [s]
+    position: Vector  # in the base frame (3,) [m]
+    velocity: Vector  # (3,) [m/s]
+    acceleration: Vector  # (3,) [m/s^2]
+    s: float  # line coordinate [m]
+    s_velocity: float  # along the line [m/s]
+    s_acceleration: float  # along the line [m/s^2]
 
 
 @dataclass(frozen=True)
 class LoadTruth:
-    """The load and the string.
+    """The load and the string."""
 
-    Attributes:
-        time: [s].
-        position: of the load's centre in the base frame (3,) [m].
-        velocity: (3,) [m/s].
-        distance: pivot to centre [m].
-        swing_angle: 0 hanging, the load is at s - distance sin(angle) [rad].
-        swing_rate: [rad/s].
-        out_of_plane_angle: of the string across the line [rad].
-        tension: pull of the string [N]; 0 when slack.
-    """
-
-    time: float
-    position: Vector
-    velocity: Vector
-    distance: float
-    swing_angle: float
-    swing_rate: float
-    out_of_plane_angle: float
-    tension: float
+    time: float  # [s]
+    position: Vector  # of the load's centre in the base frame (3,) [m]
+    velocity: Vector  # (3,) [m/s]
+    distance: float  # pivot to centre [m]
+    swing_angle: float  # 0 hanging, the load is at s - distance sin(angle) [rad]
+    swing_rate: float  # [rad/s]
+    out_of_plane_angle: float  # of the string across the line [rad]
+    tension: float  # pull of the string [N]; 0 when slack
 
 
 def evaluated(robot: SimulatedRobot) -> mujoco.MjData:

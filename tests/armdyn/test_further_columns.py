@@ -12,8 +12,6 @@ from armdyn.run import Channel, Run, read_run, write_run_csv
 from pipeline.record import Recorder
 
 TIME = np.arange(50) / 100
-
-
 ANGLE = 0.3 * np.sin(5.0 * TIME)
 
 
@@ -133,8 +131,6 @@ def test_a_slow_sensor_beside_a_fast_one_does_no_harm(armdyn, tmp_path):
 
 
 ROWS = np.arange(20) * 0.01
-
-
 ANGLES = np.outer(np.linspace(-90.0, 90.0, 20), [1.0, 0.5])
 
 

@@ -126,8 +126,6 @@ BAD = {
     "not utf-8": GOOD.encode() + b"\xe9,1\n",
     "renamed mcap": b"\x89MCAP0\r\n123",
 }
-
-
 BAD_SIDECARS = {
     "not toml": "mass = ",
     "number without unit": "[known]\nmass = 0.08",

@@ -25,10 +25,7 @@ CORNERS = ("--low", "0.7,-0.4,-0.2", "--high", "0.9,-0.2,-0.1", "--counts", "30,
 VOLUME = ("ik", "volume", *CORNERS, "--out", "v.zarr", "--processes", "1")
 BUILD = ("ik", "build", "--out", "t.npz")
 TABLE = ("table", "--seeds", "1", "--out", "table", "--json", "j.json")
-
-
-KILLS = 12
-"""Of each program, at instants that are drawn."""
+KILLS = 12  # of each program, at instants that are drawn
 
 
 @pytest.fixture

@@ -56,8 +56,7 @@ REALISTIC: Mapping[str, Mapping[str, float]] = {
 }
 """Parameters by effect at a realistic size, by ``"<quantity>[<joint>]"``, those of the base by ``"<quantity>"``; places
 and speeds are the constants above."""
-OUTSIDE = ("cogging", "backlash_spring", "warming_up")
-"""Physics that armdyn's catalogue lacks."""
+OUTSIDE = ("cogging", "backlash_spring", "warming_up")  # physics that armdyn's catalogue lacks
 
 
 def motion(seed: int, recording: int = 0) -> Fourier:

@@ -14,17 +14,11 @@ LINK_ERROR = (0.03, 0.08)
 
 @dataclass(frozen=True)
 class Attachment:
-    """A body that is fixed to the link that a joint moves; of no size until its mass is set.
+    """A body that is fixed to the link that a joint moves; of no size until its mass is set."""
 
-    Attributes:
-        name: of the body.
-        joint: whose child link carries it.
-        place: (3,) of its frame in that link's frame, m.
-    """
-
-    name: str
-    joint: str
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str  # of the body
+    joint: str  # whose child link carries it
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) of its frame in that link's frame, m
 
 
 class Links(NamedTuple):

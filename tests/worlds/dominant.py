@@ -10,26 +10,16 @@ from .plant import World
 
 RATIO = (2.4, 4.0)
 """Root mean square of a dominant torque over that of all other errors, over all joints and runs; 2.4 makes 85 %."""
-GAIN = (0.2, 0.4)
-"""Share by which a torque is read too large or too small."""
-HEAVIER = (0.5, 1.0)
-"""Mass that a link has too much, of its own."""
-ELSEWHERE = (0.05, 0.12)
-"""How far from the link's centre that is, m."""
-GYRATION = 0.03
-"""Of such a mass, m."""
-STEEP = 0.8
-"""How far the middle of a joint's motion is at most from where its spring changes fastest, rad."""
-COARSE = 20
-"""Samples of which one is enough to measure the size of an effect."""
-THIN = 40
-"""Samples of which one shows what a single effect explains."""
-ARM = 0.1
-"""m from a link's frame to the point masses that span what its inertia may be."""
-TINY = 1e-9
-"""Of the largest singular value; smaller ones are those of numbers that cannot be seen."""
-Atom = tuple[str, str]
-"""Effect and joint."""
+GAIN = (0.2, 0.4)  # share by which a torque is read too large or too small
+HEAVIER = (0.5, 1.0)  # mass that a link has too much, of its own
+ELSEWHERE = (0.05, 0.12)  # how far from the link's centre that is, m
+GYRATION = 0.03  # of such a mass, m
+STEEP = 0.8  # how far the middle of a joint's motion is at most from where its spring changes fastest, rad
+COARSE = 20  # samples of which one is enough to measure the size of an effect
+THIN = 40  # samples of which one shows what a single effect explains
+ARM = 0.1  # m from a link's frame to the point masses that span what its inertia may be
+TINY = 1e-9  # of the largest singular value; smaller ones are those of numbers that cannot be seen
+Atom = tuple[str, str]  # effect and joint
 
 
 @dataclass(frozen=True)

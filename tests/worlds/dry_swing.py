@@ -31,24 +31,17 @@ FORCES = (
     "quadratic_drag", "string_creep",
 )  # fmt: skip
 DRY = ("pivot_coulomb_friction", "pivot_load_friction")
-AT_THE_GRIPPER = ("gripper_scale", "gripper_lag")
-"""Effects by where they act; what acts on readings is in `reading`."""
+AT_THE_GRIPPER = ("gripper_scale", "gripper_lag")  # effects by where they act; what acts on readings is in `reading`
 Motion = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Pendulum:
-    """What swings.
+    """What swings."""
 
-    Attributes:
-        length: pivot to centre of the load, m.
-        mass: kg.
-        effects: size by name, SI units.
-    """
-
-    length: float
-    mass: float
-    effects: Mapping[str, float]
+    length: float  # pivot to centre of the load, m
+    mass: float  # kg
+    effects: Mapping[str, float]  # size by name, SI units
 
     @property
     def period(self) -> float:
@@ -58,16 +51,12 @@ class Pendulum:
 
 @dataclass(frozen=True)
 class Push:
-    """What acts on a pendulum from outside.
+    """What acts on a pendulum from outside."""
 
-    Attributes:
-        gripper: measured x, v, a of the pivot (3, n) at times (n,), before `AT_THE_GRIPPER`; None where it stands.
-        shake: x, v, a of a motion of the pivot that nobody measures; None where it is firm.
-        hand: acceleration, rad/s^2, and seconds, of the hand that lets go: half a sine from the first instant on.
-    """
-
+    # measured x, v, a of the pivot (3, n) at times (n,), before `AT_THE_GRIPPER`; None where it stands
     gripper: Motion | None = None
-    shake: Motion | None = None
+    shake: Motion | None = None  # x, v, a of a motion of the pivot that nobody measures; None where it is firm
+    # acceleration, rad/s^2, and seconds, of the hand that lets go: half a sine from the first instant on
     hand: tuple[float, float] = (0.0, 0.1)
 
 

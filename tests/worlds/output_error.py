@@ -17,33 +17,21 @@ SIGNED = (
     "pivot_stiffness",
 )  # fmt: skip
 """Effects whose size may be negative."""
-MOST_SAMPLES = 3000
-"""Of one channel that a fit looks at; error is told of them too."""
+MOST_SAMPLES = 3000  # of one channel that a fit looks at; error is told of them too
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One channel of one run with its truth.
+    """One channel of one run with its truth."""
 
-    Attributes:
-        name: of the run.
-        channel: of the contract.
-        time: (n,) s.
-        value: (n,) as recorded, SI; nan where it was lost.
-        clean: (n,) as it would be without noise, hand and shake.
-        start: true angle and rate at `time[0]`.
-        push: what moves the pivot, as far as it is measured.
-        noise: std of what was recorded.
-    """
-
-    name: str
-    channel: str
-    time: np.ndarray
-    value: np.ndarray
-    clean: np.ndarray
-    start: tuple[float, float]
-    push: Push
-    noise: float
+    name: str  # of the run
+    channel: str  # of the contract
+    time: np.ndarray  # (n,) s
+    value: np.ndarray  # (n,) as recorded, SI; nan where it was lost
+    clean: np.ndarray  # (n,) as it would be without noise, hand and shake
+    start: tuple[float, float]  # true angle and rate at `time[0]`
+    push: Push  # what moves the pivot, as far as it is measured
+    noise: float  # std of what was recorded
 
     @property
     def thinned(self) -> np.ndarray:
@@ -54,19 +42,12 @@ class Record:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Attributes:
-        pendulum: with the sizes found.
-        starts: of the records.
-        rmse: of each record, in its unit.
-        samples: of each record.
-    """
-
-    pendulum: Pendulum
-    starts: tuple[tuple[float, float], ...]
-    rmse: tuple[float, ...]
-    samples: tuple[int, ...]
+    pendulum: Pendulum  # with the sizes found
+    starts: tuple[tuple[float, float], ...]  # of the records
+    rmse: tuple[float, ...]  # of each record, in its unit
+    samples: tuple[int, ...]  # of each record
 
 
 def accelerating(pendulum: Pendulum, effect: str) -> float:

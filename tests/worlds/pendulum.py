@@ -36,33 +36,20 @@ OUTSIDE = ("one_sided_rub", "hum", "magnet", "sensor_play", "sensor_clipping")
 
 @dataclass(frozen=True)
 class Setup:
-    """One experiment.
+    """One experiment."""
 
-    Attributes:
-        length: pivot to centre of the load, m.
-        mass: kg.
-        hidden: effect to size.
-        duration: s.
-        force_noise: N.
-        encoder_noise: m.
-        correlation: of the force noise from sample to sample.
-        start: angle and rate at the start, rad and rad/s.
-        angle_noise: rad; None where there is no angle sensor.
-        torque: further torque about the pivot, N m, from the angle, rad, and its rate, rad/s.
-        reading: what the load cell makes of the tension, N.
-    """
-
-    length: float = 0.368
-    mass: float = 0.08
-    hidden: Mapping[str, float] = field(default_factory=dict)
-    duration: float = 15.0
-    force_noise: float = 3e-3
-    encoder_noise: float = 0.0
-    correlation: float = 0.0
-    start: tuple[float, float] = (0.01, 0.02)
-    angle_noise: float | None = None
+    length: float = 0.368  # pivot to centre of the load, m
+    mass: float = 0.08  # kg
+    hidden: Mapping[str, float] = field(default_factory=dict)  # effect to size
+    duration: float = 15.0  # s
+    force_noise: float = 3e-3  # N
+    encoder_noise: float = 0.0  # m
+    correlation: float = 0.0  # of the force noise from sample to sample
+    start: tuple[float, float] = (0.01, 0.02)  # angle and rate at the start, rad and rad/s
+    angle_noise: float | None = None  # rad; None where there is no angle sensor
+    # further torque about the pivot, N m, from the angle, rad, and its rate, rad/s
     torque: Callable[[float, float], float] | None = None
-    reading: Callable[[np.ndarray], np.ndarray] | None = None
+    reading: Callable[[np.ndarray], np.ndarray] | None = None  # what the load cell makes of the tension, N
 
 
 def gripper_motion(rng: np.random.Generator) -> Callable[[np.ndarray], np.ndarray]:

@@ -18,18 +18,15 @@ from .bodies import Links
 from .drive import Hidden, Imperfections, JointMotion, Lump
 from .motions import KINDS, Derivatives, Motion, Room
 
-FARTHEST = 1.4
-"""From the robot's home, rad."""
-MARGIN = 0.05
-"""To position limits, rad."""
+FARTHEST = 1.4  # from the robot's home, rad
+MARGIN = 0.05  # to position limits, rad
 REGIONS, SWING = (0.3, 0.5, 0.7), 0.28
 """Centres of three regions, and how far motions go from them, in widths of a joint's range."""
 SLOWED, FASTEST, BRISKEST = 0.6, 2.0, 12.0
 """Share of the velocity limits that is used, and no more than so many rad/s and rad/s^2."""
 EDGE = 0.5
 """s at either end that errors are not measured on, where splines and filters have neighbours on one side only."""
-LEAST_TYPICAL = 0.02
-"""Of the effort limit: typical torque of a joint that has hardly any load."""
+LEAST_TYPICAL = 0.02  # of the effort limit: typical torque of a joint that has hardly any load
 
 
 def source(robot: str) -> str:
@@ -120,22 +117,14 @@ class Plant:
 
 @dataclass(frozen=True)
 class World:
-    """One run of one robot.
+    """One run of one robot."""
 
-    Attributes:
-        plant: the robot.
-        links: its true ones.
-        drive: of its joints, in this run.
-        motion: of its links.
-        stamps: (n,) s.
-        further: (n, nj) N m that its drives give besides, at its motors' motion.
-    """
-
-    plant: Plant
-    links: Links
-    drive: Imperfections
-    motion: Motion
-    stamps: np.ndarray
+    plant: Plant  # the robot
+    links: Links  # its true ones
+    drive: Imperfections  # of its joints, in this run
+    motion: Motion  # of its links
+    stamps: np.ndarray  # (n,) s
+    # (n, nj) N m that its drives give besides, at its motors' motion
     further: Callable[[Derivatives], np.ndarray] | None = None
 
     @property

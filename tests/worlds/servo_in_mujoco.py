@@ -12,8 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import Window, closed, windows
 from armdyn.run import Run
 
-LENGTH = 0.5
-"""s of the windows of drives that are told no position."""
+LENGTH = 0.5  # s of the windows of drives that are told no position
 
 
 def stretches(model: ArmModel, run: Run) -> Sequence[Window]:

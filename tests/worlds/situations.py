@@ -19,68 +19,44 @@ from armdyn.run import Channel, Run
 from . import pendulum
 
 Motion = Callable[[np.ndarray | float], np.ndarray]
-RAMP = 0.5
-"""s in which a gripper that rested gets under way."""
+RAMP = 0.5  # s in which a gripper that rested gets under way
 USUAL_LENGTH, USUAL_MASS = 0.368, 0.08
 """m and kg of the load for which `pendulum.REALISTIC` says how large an effect is."""
-
-
 IN_THE_ANGLE = {
     "pivot_viscous_friction", "pivot_coulomb_friction", "linear_drag", "quadratic_drag", "wind",
     "sensor_bias", "sensor_gain", "sensor_drift", "sensor_lag", "sensor_delay", "vertical_sensing_axis",
     "cross_axis_sensitivity", "sensor_nonlinearity", "angle_offset",
 }  # fmt: skip
 """Effects that `swing` and `pendulum.sensor` have between them."""
-STEP = 0.004
-"""s, of the Runge-Kutta method in `swing`."""
+STEP = 0.004  # s, of the Runge-Kutta method in `swing`
 
 
 @dataclass(frozen=True)
 class Situation:
-    """How a recording comes about.
+    """How a recording comes about."""
 
-    Attributes:
-        gripper: ``"moves"`` from the first sample on; ``"rests"`` throughout, and has no channel; ``"late"`` after 3 s;
-            ``"moving"`` is already under way at the first sample.
-        amplitude: range of the angle at which the load is released, or swings where it is caught in mid-swing, rad.
-        mid_swing: whether the first sample falls into any phase of the swing.
-        duration: s.
-        rate: of the samples, Hz.
-        length: range, m.
-        mass: range, kg.
-        force_noise: of one sample, as a share of 3 mN per 0.1 kg.
-        correlation: of the force noise from sample to sample.
-        angle_noise: rad; None where there is no angle sensor.
-        force: whether there is a load cell.
-        jitter: of the stamps, as a share of their interval.
-        gap: s that are lost in the middle.
-        spikes: single samples per run that are wrong by 0.2 to 1 times the weight.
-        clipped: reading at which the load cell's electronics end, in weights; None where they do not.
-        bits: of the converter, over four times the weight; None where it is fine enough.
-        stated: whether the noise stands beside the recording.
-        weighed: whether mass and length do.
-        masses: factors on the mass, one per run; each is weighed.
-    """
-
+    # ``"moves"`` from the first sample on; ``"rests"`` throughout, and has no channel; ``"late"`` after 3 s;
+    # ``"moving"`` is already under way at the first sample
     gripper: str = "moves"
+    # range of the angle at which the load is released, or swings where it is caught in mid-swing, rad
     amplitude: tuple[float, float] = (0.0, 0.02)
-    mid_swing: bool = False
-    duration: float = 15.0
-    rate: float = 100.0
-    length: tuple[float, float] = (0.30, 0.45)
-    mass: tuple[float, float] = (0.06, 0.12)
-    force_noise: float = 1.0
-    correlation: float = 0.0
-    angle_noise: float | None = None
-    force: bool = True
-    jitter: float = 0.0
-    gap: float = 0.0
-    spikes: int = 0
-    clipped: float | None = None
-    bits: int | None = None
-    stated: bool = True
-    weighed: bool = True
-    masses: tuple[float, ...] = (1.0, 1.0)
+    mid_swing: bool = False  # whether the first sample falls into any phase of the swing
+    duration: float = 15.0  # s
+    rate: float = 100.0  # of the samples, Hz
+    length: tuple[float, float] = (0.30, 0.45)  # range, m
+    mass: tuple[float, float] = (0.06, 0.12)  # range, kg
+    force_noise: float = 1.0  # of one sample, as a share of 3 mN per 0.1 kg
+    correlation: float = 0.0  # of the force noise from sample to sample
+    angle_noise: float | None = None  # rad; None where there is no angle sensor
+    force: bool = True  # whether there is a load cell
+    jitter: float = 0.0  # of the stamps, as a share of their interval
+    gap: float = 0.0  # s that are lost in the middle
+    spikes: int = 0  # single samples per run that are wrong by 0.2 to 1 times the weight
+    clipped: float | None = None  # reading at which the load cell's electronics end, in weights; None where they do not
+    bits: int | None = None  # of the converter, over four times the weight; None where it is fine enough
+    stated: bool = True  # whether the noise stands beside the recording
+    weighed: bool = True  # whether mass and length do
+    masses: tuple[float, ...] = (1.0, 1.0)  # factors on the mass, one per run; each is weighed
 
 
 SITUATIONS: Mapping[str, Situation] = {
@@ -108,20 +84,13 @@ SITUATIONS: Mapping[str, Situation] = {
 
 @dataclass(frozen=True)
 class Recorded:
-    """Runs with the truth behind them.
+    """Runs with the truth behind them."""
 
-    Attributes:
-        runs: as a user has them.
-        length: m.
-        masses: of each run, kg.
-        starts: angle and rate at the start of each run, rad and rad/s.
-        noise: standard deviation of each run's force and angle, quantisation included.
-    """
-
-    runs: tuple[Run, ...]
-    length: float
-    masses: tuple[float, ...]
-    starts: tuple[tuple[float, float], ...]
+    runs: tuple[Run, ...]  # as a user has them
+    length: float  # m
+    masses: tuple[float, ...]  # of each run, kg
+    starts: tuple[tuple[float, float], ...]  # angle and rate at the start of each run, rad and rad/s
+    # standard deviation of each run's force and angle, quantisation included
     noise: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -20,27 +20,19 @@ from .plant import LEAST_TYPICAL, Plant, World
 
 ROBOTS = ("baxter", "panda", "ur5", "talos_arm")
 POSITION_NOISE = {"baxter": 4e-4, "panda": 1e-4, "ur5": 5e-5, "talos_arm": 1e-4}
-PAYLOAD = {"baxter": 2.0, "panda": 2.5, "ur5": 4.0, "talos_arm": 1.5}
-"""kg."""
+PAYLOAD = {"baxter": 2.0, "panda": 2.5, "ur5": 4.0, "talos_arm": 1.5}  # kg
 SOUND = ("as described", "payload", "spring", "gain", "tilt", "friction", "offset")
 Gravity = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """A recording as it should be.
+    """A recording as it should be."""
 
-    Attributes:
-        name: robot or pendulum, what is real in it, seed.
-        model: robot, or ``"pendulum"``.
-        run: as recorded.
-        told: by channel, its root mean square over what its joint is made for.
-    """
-
-    name: str
-    model: str
-    run: Run
-    told: Mapping[str, float]
+    name: str  # robot or pendulum, what is real in it, seed
+    model: str  # robot, or ``"pendulum"``
+    run: Run  # as recorded
+    told: Mapping[str, float]  # by channel, its root mean square over what its joint is made for
 
 
 def arm(

@@ -19,8 +19,7 @@ from armdyn.run import Run
 from worlds import baxter as arm
 from worlds import pendulum
 
-EDGE = 0.01
-"""Width over which a rub sets in, rad: the files say so as well."""
+EDGE = 0.01  # width over which a rub sets in, rad: the files say so as well
 HEAD = "import casadi as ca\nfrom armdyn import effect, quantity\n"
 PENDULUM = (
     HEAD
@@ -85,21 +84,13 @@ OF_ARM: Mapping[str, tuple[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A pendulum or an arm with a hidden threshold; ``""`` hides none.
+    """A pendulum or an arm with a hidden threshold; ``""`` hides none."""
 
-    Attributes:
-        robot: ``"pendulum"`` or ``"arm"``.
-        hidden: name of the effect.
-        seed: of everything that is drawn.
-        true: the effect's values by parameter.
-        runs: two recordings to fit, and one that takes part in choosing.
-    """
-
-    robot: str
-    hidden: str
-    seed: int
-    true: Mapping[str, float]
-    runs: tuple[Run, ...]
+    robot: str  # ``"pendulum"`` or ``"arm"``
+    hidden: str  # name of the effect
+    seed: int  # of everything that is drawn
+    true: Mapping[str, float]  # the effect's values by parameter
+    runs: tuple[Run, ...]  # two recordings to fit, and one that takes part in choosing
 
     @property
     def labels(self) -> list[str]:

@@ -26,8 +26,7 @@ from .test_drives import JOINTS, commanded
 mujoco = pytest.importorskip("mujoco")
 GAIN, DELAY, STEP, FINE, EFFORT = 25.0, 0.02, 0.02, 5e-4, 6.0
 DRIVE = [effect.name for effect in CATALOGUE.values() if effect.acts_on == "drive"]
-Law = Callable[..., np.ndarray]
-"""``(R, v, v_cmd, total, share of voltage, on) -> tau``, (2,) each."""
+Law = Callable[..., np.ndarray]  # ``(R, v, v_cmd, total, share of voltage, on) -> tau``, (2,) each
 LAWS: dict[str, tuple[dict[str, float], Law]] = {
     "servo_gain": ({"error": 0.2}, lambda R, **_: R / 1.2),
     "servo_damping": ({"coefficient": 0.8}, lambda R, v, v_cmd, **_: R + 0.8 * (v_cmd - v)),

@@ -14,8 +14,6 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 
 JOINT = "panda_joint4"
-
-
 VALUES = {
     "joint_viscous_friction": {"coefficient": 2.0},
     "joint_coulomb_friction": {"torque": 2.0},

@@ -40,8 +40,7 @@ def test_an_effect_at_null_changes_nothing_to_the_last_digit(name):
     assert np.array_equal(model.predict(RUN, model.theta()).values, BASE.predict(RUN, BASE.theta()).values)
 
 
-ROUNDING = 1e-14
-"""Relative error of a prediction that some hundred steps leave."""
+ROUNDING = 1e-14  # relative error of a prediction that some hundred steps leave
 
 
 @pytest.mark.parametrize("name", PENDULUM)

@@ -19,8 +19,6 @@ from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
 
 HIDDEN = {"quadratic_drag": 0.02}
-
-
 DRAG = CATALOGUE["quadratic_drag"]
 
 

@@ -15,8 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 
 FRICTION, JOINT, SEED = 1.2, "right_e1", 5
-OUTSIDE = 3.5
-"""Standard errors that none of a few hundred points should reach by chance alone."""
+OUTSIDE = 3.5  # standard errors that none of a few hundred points should reach by chance alone
 
 
 def with_dry_friction(recording):

@@ -13,8 +13,7 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
 
 LENGTH, MASS, G, DT = 0.368, 0.08, 9.81, 0.01
-INERTIA, WEIGHT = MASS * LENGTH**2, MASS * G * LENGTH
-"""kg m^2, and N m per radian."""
+INERTIA, WEIGHT = MASS * LENGTH**2, MASS * G * LENGTH  # kg m^2, and N m per radian
 AMPLITUDE, OMEGA = 0.02, 3.0
 """m and rad/s of a gripper below which the load sticks and slips, with a friction of 0.3 rad/s^2."""
 

@@ -4,8 +4,7 @@ import mujoco
 import numpy as np
 
 STEP = 5e-4
-EVERY = 20
-"""Steps between samples: 100 Hz."""
+EVERY = 20  # steps between samples: 100 Hz
 DOUBLE = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -9.81" integrator="RK4"/>
