@@ -7,17 +7,10 @@ import pytest
 from worlds import dry_swing
 from worlds import pendulum as in_space
 from worlds.dry_swing import G, Pendulum, Push, swing
-from worlds.imperfect_pendulum import KINDS, VISIBLE, world
+from worlds.imperfect_pendulum import VISIBLE, world
 from worlds.output_error import fitted, predicted
 
 STILL = Push()
-
-
-def test_energy_stays_without_friction() -> None:
-    bare = Pendulum(0.5, 0.1, {})
-    motion = swing(bare, (2.5, 0.0), STILL, np.arange(0.0, 40.0, 0.01))
-    energy = 0.5 * 0.5 * motion.rate**2 - G * np.cos(motion.angle)
-    assert np.ptp(energy) < 1e-7 * G
 
 
 def test_a_finer_step_moves_the_angle_by_less_than_any_sensor_sees(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,12 +22,6 @@ def test_a_finer_step_moves_the_angle_by_less_than_any_sensor_sees(monkeypatch: 
             finer.setattr(dry_swing, "STEPS", 1000)
             finer.setattr(dry_swing, "STEEP_STEPS", 2000)
             assert swing(dry, (start, 0.0), STILL, time).angle == pytest.approx(angle, abs=3e-6)
-
-
-def test_small_swings_have_the_period_of_their_length() -> None:
-    bare, time = Pendulum(0.5, 0.1, {}), np.arange(0.0, 30.0, 0.002)
-    angle = swing(bare, (1e-3, 0.0), STILL, time).angle
-    assert angle == pytest.approx(1e-3 * np.cos(np.sqrt(G / 0.5) * time), abs=3e-8)
 
 
 def test_coulomb_friction_takes_the_same_angle_from_every_period_and_then_holds() -> None:
@@ -65,7 +52,7 @@ def test_a_load_at_rest_is_not_moved_by_a_gripper_that_pulls_less_than_friction(
 @pytest.mark.parametrize(
     ("hidden", "error"),
     [
-        ({"pivot_viscous_friction": 2e-3, "quadratic_drag": 1e-2}, 1e-6),
+        ({"pivot_viscous_friction": 2e-3, "quadratic_drag": 1e-2, "wind": 0.01}, 1e-6),
         ({"gripper_lag": 0.03, "gripper_scale": 0.05}, 1e-4),
     ],
 )
@@ -85,14 +72,6 @@ def test_a_world_is_the_same_for_one_seed() -> None:
     for a, b in zip((*one.runs, *one.held_out, *one.exam), (*two.runs, *two.held_out, *two.exam), strict=True):
         for name, channel in a.channels.items():
             assert np.array_equal(channel.value, b.channels[name].value)
-
-
-@pytest.mark.parametrize("seed", range(len(KINDS)))
-def test_what_a_world_hides_is_visible(seed: int) -> None:
-    one = world(seed)
-    assert set(one.visible) == set(one.hidden) != set()
-    assert min(one.visible.values()) >= VISIBLE
-    assert set(one.first) <= set(one.hidden)
 
 
 def test_the_truth_reaches_the_noise_and_half_the_truth_does_not() -> None:

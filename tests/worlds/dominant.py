@@ -24,17 +24,11 @@ Atom = tuple[str, str]  # effect and joint
 
 @dataclass(frozen=True)
 class Joints:
-    """What the size of an effect depends on.
+    """What the size of an effect depends on."""
 
-    Args:
-        worlds: runs of one robot.
-        typical: (nj,) torques of its joints, N m.
-        background: root mean square of all other errors over all joints together, N m.
-    """
-
-    worlds: Sequence[World]
-    typical: np.ndarray
-    background: float
+    worlds: Sequence[World]  # runs of one robot
+    typical: np.ndarray  # (nj,) torques of its joints, N m
+    background: float  # root mean square of all other errors over all joints together, N m
 
     def drawn(self, rng: np.random.Generator, effects: Sequence[str], growth: float = 1.0) -> tuple[Hidden, ...]:
         """These effects, each on a joint of its own and `growth` times `RATIO` as large as all other errors.
@@ -118,10 +112,8 @@ class Joints:
 class SingleEffects:
     """How much of a torque error each single effect on one joint explains, by plain least squares without noise.
 
-    It tells which cases have a clear answer: nothing of armdyn takes part.
-
-    Args:
-        worlds: training runs, the held-out run and the exam.
+    It tells which cases have a clear answer: nothing of armdyn takes part. Worlds are two training runs, the held-out
+    run and the exam.
     """
 
     def __init__(self, worlds: Sequence[World]) -> None:
@@ -129,11 +121,7 @@ class SingleEffects:
         self._terms: dict[Atom, list[np.ndarray]] = {atom: [term[atom] for term in terms] for atom in terms[0]}
 
     def left(self, misfits: Sequence[np.ndarray]) -> Mapping[Atom, np.ndarray]:
-        """By effect and joint: (r,) share of each run's squared error that is left when it is fitted to the training.
-
-        Args:
-            misfits: (k, nj) by run, see `World.misfit`; the first two are for training.
-        """
+        """By effect and joint: (r,) share of each run's squared (k, nj) misfit that a fit to the training leaves."""
         errors = [misfit[::THIN].ravel() for misfit in misfits]
         found = {}
         for atom, terms in self._terms.items():

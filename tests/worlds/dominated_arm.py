@@ -52,15 +52,7 @@ class Case:
 
 
 def generate(robot: str, kind: str, seed: int, *, duration: float = 20.0, rate: float = 100.0) -> Case:
-    """One case.
-
-    Args:
-        robot: of `imperfect_arm.ROBOTS`.
-        kind: of `KINDS`.
-        seed: of everything that is random.
-        duration: of every run, s.
-        rate: samples per second.
-    """
+    """One case of a robot of `imperfect_arm.ROBOTS` and a kind of `KINDS`; every run lasts `duration` s."""
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), KINDS.index(kind)])
     order = rng.permutation(list(MOTIONS))

@@ -86,12 +86,9 @@ class Robot:
 
 
 def generate(seed: int, *, effects: Collection[str] = EFFECTS, story: bool = False) -> Robot:
-    """One robot.
+    """One robot, in which some of `effects` are hidden; kinds of robots and rates follow the seed in turn.
 
-    Args:
-        seed: kinds of robots and rates follow it in turn.
-        effects: that may be hidden.
-        story: whether it makes one motion as long as any, at the lowest rate, whose beginning shows what is hidden.
+    In a `story` it makes one motion as long as any, at the lowest rate, whose beginning shows what is hidden.
     """
     rng = np.random.default_rng([seed, 0])
     robot, rate = ROBOTS[seed % len(ROBOTS)], RATES[0 if story else seed // len(ROBOTS) % len(RATES)]

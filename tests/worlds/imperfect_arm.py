@@ -106,12 +106,7 @@ class Case:
         return tuple(hidden.joint for hidden in self.truth)
 
     def dominance(self, joints: Sequence[str] | None = None, recordings: slice = slice(None)) -> float:
-        """Share of the squared torque error of the model as described that goes with the dominant effects.
-
-        Args:
-            joints: on which; on all, in N m, by default.
-            recordings: in which.
-        """
+        """Share of the squared torque error of the model as described, N m, that goes with the dominant effects."""
         which = [self.joints.index(joint) for joint in joints or self.joints]
         chosen = self.recordings[recordings]
         left, given = (
@@ -143,15 +138,7 @@ class Case:
 
 
 def generate(robot: str, name: str, seed: int, *, duration: float = 20.0, rate: float = 100.0) -> Case:
-    """One case.
-
-    Args:
-        robot: of `ROBOTS`.
-        name: of `CASES`.
-        seed: of everything that is random.
-        duration: of every run, s.
-        rate: samples per second.
-    """
+    """One case of a robot of `ROBOTS` and a name of `CASES`; every run lasts `duration` s."""
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), list(CASES).index(name)])
     order = ORDERS[seed % len(ORDERS)]

@@ -78,15 +78,9 @@ class World:
 
 
 def world(seed: int, what: str = "names", hidden: Sequence[str] | None = None) -> World:
-    """One world.
+    """One world of ``"names"``, ``"clean"`` or ``"fits"``; the seed also goes through the kinds.
 
-    Args:
-        seed: of everything that is random; it also goes through the kinds.
-        what: ``"names"``, ``"clean"`` or ``"fits"``.
-        hidden: names of effects to hide; drawn where not given.
-
-    Raises:
-        RuntimeError: none of `ATTEMPTS` draws is fair.
+    Effects to hide are drawn where they are not given.
     """
     rng = np.random.default_rng([seed, zlib.crc32(what.encode())])
     kinds = FITTED if what == "fits" else tuple(KINDS)

@@ -61,13 +61,7 @@ def accelerating(pendulum: Pendulum, effect: str) -> float:
 
 
 class Derivatives:
-    """Derivatives of all readings of records, over their noise, at the truth.
-
-    Args:
-        pendulum: the truth.
-        records: with the true starts.
-        most: samples of a record that are looked at.
-    """
+    """Derivatives of all readings of records, over their noise, at the truth; at most `most` samples of a record."""
 
     def __init__(self, pendulum: Pendulum, records: Sequence[Record], most: int) -> None:
         self.pendulum, self.records = pendulum, records
@@ -108,14 +102,7 @@ class Derivatives:
 
 
 def fitted(pendulum: Pendulum, free: Sequence[str], records: Sequence[Record], steps: int = 25) -> Fitted:
-    """Length, sizes of the effects `free` and starts that describe records best, from those of `pendulum`.
-
-    Args:
-        pendulum: where to start; effects that are not `free` keep their size.
-        free: names of effects.
-        records: whose starts are where to start.
-        steps: at most.
-    """
+    """Length, sizes of the effects `free` and starts that describe records best, from those given."""
     heavy = any(record.channel == "load_force" for record in records)
     shared = np.array([1.0, 1.0, *(pendulum.effects.get(e, 0.0) / accelerating(pendulum, e) for e in free)])
     adapts = np.array([True, heavy, *(True for _ in free)])

@@ -2,21 +2,18 @@
 
 Each situation says how the gripper moves, how the load starts, what the sensors do to the samples, and what the user
 wrote beside the recording. Nothing here comes from armdyn's models. Where only friction, drag or wind act on the load,
-its equations are integrated in the angle, a hundred times faster than in space; a test holds one against the other.
+its equations are those of `dry_swing`, which are integrated a hundred times faster than in space.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import cos, sin, sqrt, tanh
-from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
 
-from . import pendulum
+from . import dry_swing, pendulum
 
 Motion = Callable[[np.ndarray | float], np.ndarray]
 RAMP = 0.5  # s in which a gripper that rested gets under way
@@ -28,7 +25,6 @@ IN_THE_ANGLE = {
     "cross_axis_sensitivity", "sensor_nonlinearity", "angle_offset",
 }  # fmt: skip
 """Effects that `swing` and `pendulum.sensor` have between them."""
-STEP = 0.004  # s, of the Runge-Kutta method in `swing`
 
 
 @dataclass(frozen=True)
@@ -126,42 +122,11 @@ def realistic(effect: str, situation: Situation) -> dict[str, float]:
     return {effect: pendulum.REALISTIC[effect] * grows.get(effect, 1.0) if effect != "angle_offset" else 0.02}
 
 
-def swing(setup: Any, motion: Motion, time: np.ndarray) -> dict[str, np.ndarray]:
-    """True tension and angle at `time`, from the moments about the pivot; see `pendulum.simulate`."""
-    h, m, length = setup.hidden, setup.mass, setup.length
-    viscous, coulomb = h.get("pivot_viscous_friction", 0.0), h.get("pivot_coulomb_friction", 0.0)
-    linear, quadratic, wind = (h.get(name, 0.0) for name in ("linear_drag", "quadratic_drag", "wind"))
-
-    def force(angle: float, rate: float, v: float) -> tuple[float, float]:
-        """Across the string, towards growing angle, and along it, away from the gripper; no weight, no string."""
-        vx, vz = v - length * rate * cos(angle), length * rate * sin(angle)
-        drag = linear + quadratic * sqrt(vx**2 + vz**2)
-        fx, fz = wind - drag * vx, -drag * vz
-        return fz * sin(angle) - fx * cos(angle), -fx * sin(angle) - fz * cos(angle)
-
-    def turned(angle: float, rate: float, v: float, a: float) -> float:
-        across = force(angle, rate, v)[0] + m * (a * cos(angle) - pendulum.G * sin(angle))
-        return (across - (viscous * rate + coulomb * tanh(rate / 0.01)) / length) / (m * length)
-
-    count = int(np.ceil(time[-1] / STEP)) + 1
-    _, speed, push = motion(np.arange(2 * count + 1) * STEP / 2)
-    states, (angle, rate) = np.empty((count, 3)), setup.start
-    for k in range(count):
-        (v0, v1, v2), (a0, a1, a2) = speed[2 * k : 2 * k + 3].tolist(), push[2 * k : 2 * k + 3].tolist()
-        k1 = turned(angle, rate, v0, a0)
-        states[k] = angle, rate, k1
-        k2 = turned(angle + STEP / 2 * rate, rate + STEP / 2 * k1, v1, a1)
-        k3 = turned(angle + STEP / 2 * rate + STEP**2 / 4 * k1, rate + STEP / 2 * k2, v1, a1)
-        k4 = turned(angle + STEP * rate + STEP**2 / 2 * k2, rate + STEP * k3, v2, a2)
-        angle += STEP * rate + STEP**2 / 6 * (k1 + k2 + k3)
-        rate += STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    grid = STEP * np.arange(count)
-    angles = CubicHermiteSpline(grid, states[:, 0], states[:, 1])(time)
-    rates = CubicHermiteSpline(grid, states[:, 1], states[:, 2])(time)
-    _, v, a = motion(time)
-    along = np.array([force(*state)[1] for state in zip(angles.tolist(), rates.tolist(), v.tolist(), strict=True)])
-    tension = m * (pendulum.G * np.cos(angles) + length * rates**2 + a * np.sin(angles)) + along
-    return {"tension": tension, "angle": angles, "side": np.sin(angles)}
+def swing(setup: pendulum.Setup, motion: Motion, time: np.ndarray) -> dict[str, np.ndarray]:
+    """True tension and angle at `time`; see `pendulum.simulate`."""
+    load = dry_swing.Pendulum(setup.length, setup.mass, setup.hidden)
+    moved = dry_swing.swing(load, setup.start, dry_swing.Push(motion), time)
+    return {"tension": moved.tension, "angle": moved.angle, "side": np.sin(moved.angle)}
 
 
 def _run(
