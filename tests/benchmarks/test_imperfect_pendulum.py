@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import dry_swing
-from worlds import pendulum as in_space
+from worlds import dry_swing, pendulum
 from worlds.dry_swing import G, Pendulum, Push, swing
 from worlds.imperfect_pendulum import VISIBLE, world
 from worlds.output_error import fitted, predicted
@@ -57,9 +56,9 @@ def test_a_load_at_rest_is_not_moved_by_a_gripper_that_pulls_less_than_friction(
     ],
 )
 def test_a_driven_swing_is_that_of_the_particle_in_space(hidden: dict[str, float], error: float) -> None:
-    motion = in_space.gripper_motion(np.random.default_rng(3))
+    motion = pendulum.gripper_motion(np.random.default_rng(3))
     time = np.arange(0.0, 8.0, 0.01)
-    truth = in_space.simulate(in_space.Setup(hidden=hidden, duration=8.0, start=(0.2, 0.1)), motion, time)
+    truth = pendulum.in_space(pendulum.Setup(hidden=hidden, duration=8.0, start=(0.2, 0.1)), motion, time)
     found = swing(Pendulum(0.368, 0.08, hidden), (0.2, 0.1), Push(motion), time)
     assert found.angle == pytest.approx(truth["angle"], abs=error)
     if "gripper_lag" not in hidden:

@@ -1,8 +1,7 @@
 """What users record: the situations in which a fit gets lost, on top of the equations in `pendulum`.
 
 Each situation says how the gripper moves, how the load starts, what the sensors do to the samples, and what the user
-wrote beside the recording. Nothing here comes from armdyn's models. Where only friction, drag or wind act on the load,
-its equations are those of `dry_swing`, which are integrated a hundred times faster than in space.
+wrote beside the recording. Nothing here comes from armdyn's models.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,18 +12,12 @@ import numpy as np
 from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
 
-from . import dry_swing, pendulum
+from . import pendulum
 
 Motion = Callable[[np.ndarray | float], np.ndarray]
 RAMP = 0.5  # s in which a gripper that rested gets under way
 USUAL_LENGTH, USUAL_MASS = 0.368, 0.08
 """m and kg of the load for which `pendulum.REALISTIC` says how large an effect is."""
-IN_THE_ANGLE = {
-    "pivot_viscous_friction", "pivot_coulomb_friction", "linear_drag", "quadratic_drag", "wind",
-    "sensor_bias", "sensor_gain", "sensor_drift", "sensor_lag", "sensor_delay", "vertical_sensing_axis",
-    "cross_axis_sensitivity", "sensor_nonlinearity", "angle_offset",
-}  # fmt: skip
-"""Effects that `swing` and `pendulum.sensor` have between them."""
 
 
 @dataclass(frozen=True)
@@ -122,13 +115,6 @@ def realistic(effect: str, situation: Situation) -> dict[str, float]:
     return {effect: pendulum.REALISTIC[effect] * grows.get(effect, 1.0) if effect != "angle_offset" else 0.02}
 
 
-def swing(setup: pendulum.Setup, motion: Motion, time: np.ndarray) -> dict[str, np.ndarray]:
-    """True tension and angle at `time`; see `pendulum.simulate`."""
-    load = dry_swing.Pendulum(setup.length, setup.mass, setup.hidden)
-    moved = dry_swing.swing(load, setup.start, dry_swing.Push(motion), time)
-    return {"tension": moved.tension, "angle": moved.angle, "side": np.sin(moved.angle)}
-
-
 def _run(
     name: str,
     situation: Situation,
@@ -141,7 +127,7 @@ def _run(
     motion, start = _motion(situation, rng), _start(situation, length, rng)
     setup = pendulum.Setup(length=length, mass=mass, hidden=hidden, duration=situation.duration, start=start)
     time = _stamps(situation, rng)
-    truth = (swing if hidden.keys() <= IN_THE_ANGLE else pendulum.simulate)(setup, motion, time)
+    truth = pendulum.simulate(setup, motion, time)
     channels, stated, noise = {}, {}, {}
     if situation.gripper != "rests":
         channels["gripper_x"] = Channel(time, motion(time)[0], "m")

@@ -1,5 +1,7 @@
 """A drive that smooths the torque which it stores is recognised in recordings that come from MuJoCo and scipy."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import butter, filtfilt
@@ -11,9 +13,11 @@ from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.readout import LowPassed
 from armdyn.recording.preparation import of_all_runs, sentence
 
+robot_of = cache(generate)
+
 
 def drives_of(seed, cut=None):
-    robot = generate(seed)
+    robot = robot_of(seed)
     runs = robot.runs()[:1] if cut is None else robot.cut(robot.rate, *cut).runs()
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
     arm = model.arm
@@ -21,7 +25,7 @@ def drives_of(seed, cut=None):
     return robot, model, runs, found
 
 
-@pytest.mark.parametrize("seed", [16, 17, 26])
+@pytest.mark.parametrize("seed", [16, 26])
 def test_the_cut_off_and_the_noise_below_it_are_found(seed):
     robot, _, _, found = drives_of(seed)
     drive = robot.worlds[0].drive
@@ -46,7 +50,7 @@ def test_a_joint_that_turns_round_too_often_to_tell_has_the_low_pass_of_the_othe
     assert creeping.noise / drive.noise[1] == pytest.approx(1.0, rel=0.5)
 
 
-@pytest.mark.parametrize("seed", [1, 9, 12])
+@pytest.mark.parametrize("seed", [1, 9])
 def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
     robot, _, _, found = drives_of(seed)
     assert not any(np.isfinite(one.cutoff) for one in found.values())

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lombscargle
-from worlds.pendulum import recordings
+from worlds import pendulum
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
@@ -25,6 +25,10 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.noise import white_noise_std
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
+
+
+def recordings(**settings):
+    return pendulum.recordings(duration=8.0, **settings)
 
 
 def study_of(runs, held_out=(), effects=EFFECTS):
@@ -64,15 +68,15 @@ def test_repair_lets_both_errors_fall_to_the_noise():
 
 def test_reordering_and_renaming_runs_changes_nothing():
     runs = recordings(hidden={"sensor_bias": 0.02})
-    one = study_of(runs).first()
-    other = study_of([replace(run, name=f"x{i}.csv") for i, run in enumerate(reversed(runs))]).first()
+    one = study_of(runs, effects=()).first()
+    other = study_of([replace(run, name=f"x{i}.csv") for i, run in enumerate(reversed(runs))], effects=()).first()
     assert one.cost == pytest.approx(other.cost, rel=1e-6)
 
 
 def test_adding_an_effect_never_raises_the_training_error():
-    study = study_of(recordings(hidden={"sensor_drift": 1e-3}))
+    study = study_of(recordings(hidden={"sensor_drift": 1e-3}), effects=EFFECTS[:4])
     first = study.first()
-    for candidate in study.candidates[:4]:
+    for candidate in study.candidates:
         assert study.fit_with((candidate,), first).cost <= first.cost * (1 + 1e-9)
 
 

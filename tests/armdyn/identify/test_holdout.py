@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from worlds import pendulum
 from worlds.baxter import generate, true_parameters
-from worlds.pendulum import recordings
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
@@ -20,6 +20,10 @@ from armdyn.pendulum.model import pendulum_model
 
 HIDDEN = {"quadratic_drag": 0.02}
 DRAG = CATALOGUE["quadratic_drag"]
+
+
+def recordings(seed=7, **settings):
+    return pendulum.recordings(seed, duration=8.0, **settings)
 
 
 def study_of(runs, held_out=(), exam=()):
