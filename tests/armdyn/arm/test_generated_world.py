@@ -14,7 +14,6 @@ from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 
 JOINT = "panda_joint4"
-HIDDEN["payload"] = on_link("payload", "panda_joint7", Lump(1.5, (0.02, -0.03, 0.1)))
 
 
 def test_what_others_do_as_well_does_not_show() -> None:
