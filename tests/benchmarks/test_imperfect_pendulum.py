@@ -65,14 +65,6 @@ def test_a_driven_swing_is_that_of_the_particle_in_space(hidden: dict[str, float
         assert found.tension == pytest.approx(truth["tension"], abs=1e-5)
 
 
-def test_a_world_is_the_same_for_one_seed() -> None:
-    one, two = world(0), world(0)
-    assert one.name == two.name
-    for a, b in zip((*one.runs, *one.held_out, *one.exam), (*two.runs, *two.held_out, *two.exam), strict=True):
-        for name, channel in a.channels.items():
-            assert np.array_equal(channel.value, b.channels[name].value)
-
-
 def test_the_truth_reaches_the_noise_and_half_the_truth_does_not() -> None:
     clear = world(2, "fits")
     records, (noise,) = clear.records["run"], clear.noise.values()

@@ -82,12 +82,8 @@ def raised(error):
 
 
 NODES = {
-    "measurement": MeasurementNode,
-    "estimator": EstimatorNode,
-    "sac": SacNode,
-    "task": TaskNode,
-    "drive": DriveNode,
-}
+    "measurement": MeasurementNode, "estimator": EstimatorNode, "sac": SacNode, "task": TaskNode, "drive": DriveNode,
+}  # fmt: skip
 CASES = [
     *(case for name, (robot, says) in {**SENSORS, **DEAD_CELLS}.items() for case in lasting(name, says, robot)),
     *(case for name, (robot, _says) in SENSORS.items() for case in single(name, robot)),

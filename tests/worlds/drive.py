@@ -120,18 +120,13 @@ LAWS: Mapping[str, Callable[[Mapping[str, float], JointMotion], np.ndarray]] = {
 }
 """(n,) N m that an effect adds to the drive of its joint."""
 SMALL: Mapping[str, Mapping[str, float]] = {
-    "joint_viscous_friction": {"coefficient": 1e-6},
-    "joint_coulomb_friction": {"torque": 1e-6},
+    "joint_viscous_friction": {"coefficient": 1e-6}, "joint_coulomb_friction": {"torque": 1e-6},
     "joint_asymmetric_friction": {"positive": 1e-6, "negative": 1e-6},
-    "joint_stribeck_friction": {"torque": 1e-6, "speed": 0.1},
-    "joint_load_friction": {"coefficient": 1e-6},
-    "rotor_inertia": {"inertia": 1e-6},
-    "torque_offset": {"torque": 1e-6},
-    "torque_gain": {"error": 0.0},
-    "torque_delay": {"time": 1e-6},
-    "gravity_spring": {"sine": 1e-6, "cosine": 1e-6},
+    "joint_stribeck_friction": {"torque": 1e-6, "speed": 0.1}, "joint_load_friction": {"coefficient": 1e-6},
+    "rotor_inertia": {"inertia": 1e-6}, "torque_offset": {"torque": 1e-6}, "torque_gain": {"error": 0.0},
+    "torque_delay": {"time": 1e-6}, "gravity_spring": {"sine": 1e-6, "cosine": 1e-6},
     "joint_spring": {"stiffness": 1.0, "rest": 1e-6},
-}
+}  # fmt: skip
 """Values that do next to nothing, by effect on one joint."""
 COUNT = {effect: len(values) for effect, values in SMALL.items()} | {"payload": 4, "link_inertia": 10}
 """Numbers that describe an effect on one joint."""

@@ -26,18 +26,12 @@ POSITION_NOISE: Mapping[str, float] = {"baxter": 4e-4, "ur5": 5e-5, "panda": 1e-
 ROBOTS = tuple(POSITION_NOISE)
 NOTHING = "nothing"
 CASES: Mapping[str, tuple[str, ...]] = {
-    "gravity_spring": ("gravity_spring",),
-    "coulomb": ("joint_coulomb_friction",),
-    "viscous": ("joint_viscous_friction",),
-    "payload": ("payload",),
-    "offset": ("torque_offset",),
-    "rotor": ("rotor_inertia",),
-    "link": ("link_inertia",),
-    "gain": ("torque_gain",),
+    "gravity_spring": ("gravity_spring",), "coulomb": ("joint_coulomb_friction",),
+    "viscous": ("joint_viscous_friction",), "payload": ("payload",), "offset": ("torque_offset",),
+    "rotor": ("rotor_inertia",), "link": ("link_inertia",), "gain": ("torque_gain",),
     "spring_coulomb": ("gravity_spring", "joint_coulomb_friction"),
-    "payload_viscous": ("payload", "joint_viscous_friction"),
-    NOTHING: (),
-}
+    "payload_viscous": ("payload", "joint_viscous_friction"), NOTHING: (),
+}  # fmt: skip
 """Dominant effects by case, under the catalogue's names."""
 ORDERS = (*tuple(permutations(KINDS))[::2], *tuple(permutations(KINDS))[1::2])
 """Kinds of training, held-out and exam by seed; each kind trains in every third seed."""

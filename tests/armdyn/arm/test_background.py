@@ -78,13 +78,6 @@ def test_an_effect_that_gets_a_name_leaves_the_background(arm):
     assert model.with_only(["torque_offset"]).background.names == ("torque_offset.torque[across]",)
 
 
-def test_candidates_leave_the_background_as_it_is(arm):
-    model = with_small(arm, {f"{FRICTION}[across]": 1.5}).with_candidates([find("joint_viscous_friction")])
-    assert model.background.names == (f"{FRICTION}[across]",)
-    assert model.value(f"{FRICTION}[across]") == 1.5
-    assert model.value(f"{FRICTION}[along]") == 0.0
-
-
 def test_a_new_background_replaces_the_old_one(arm):
     model = with_small(with_small(arm), {"torque_offset.torque[along]": 0.1}, 2.0)
     assert (model.background.width, model.background.names) == (2.0, ("torque_offset.torque[along]",))

@@ -11,7 +11,6 @@ from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.readout import LowPassed
-from armdyn.recording.preparation import of_all_runs, sentence
 
 robot_of = cache(generate)
 
@@ -56,14 +55,6 @@ def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
     assert not any(np.isfinite(one.cutoff) for one in found.values())
     noise = np.array([one.noise for one in found.values()])
     assert noise / robot.worlds[0].drive.noise[: len(noise)] == pytest.approx(np.ones(len(noise)), rel=0.2)
-
-
-def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
-    robot, model, (run,), _ = drives_of(16)
-    prepared = model.prepared(run)
-    done = of_all_runs([prepared.done])
-    assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())
-    assert "The drives smoothed their torques below" in sentence(done)
 
 
 def test_what_steps_is_predicted_as_the_drive_smoothed_it():

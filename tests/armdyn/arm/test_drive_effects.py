@@ -56,7 +56,7 @@ def driven(model: ArmModel, **entries: str) -> ArmModel:
     return model.with_drives({"servo": table})
 
 
-def moved(arm: ArmModel, law: Law, seed: int, late: float = DELAY, seconds: float = 12.0, rate: float = np.inf) -> Run:
+def moved(arm: ArmModel, law: Law, seed: int, late: float = DELAY, seconds: float = 16.0, rate: float = np.inf) -> Run:
     """What an arm of MuJoCo records whose motors give what a law makes of their errors.
 
     With a finite rate, rad/s, at which they follow what they are told, they are told steps.

@@ -176,13 +176,9 @@ def test_a_command_holds_until_the_next_stamp():
 @pytest.mark.parametrize(
     "entries",
     [
-        {"joints": ["nose"]},
-        {"law": "wishes"},
-        {"gain": "8.9 N"},
-        {"gain": "-1 N m/rad"},
-        {"limit": "0 N m"},
+        {"joints": ["nose"]}, {"law": "wishes"}, {"gain": "8.9 N"}, {"gain": "-1 N m/rad"}, {"limit": "0 N m"},
     ],
-)
+)  # fmt: skip
 def test_a_drive_that_cannot_be_is_refused_by_its_table_and_entry(arm, entries, complains):
     with complains(InputError):
         arm.with_drives(joined(**entries))

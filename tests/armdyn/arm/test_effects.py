@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
-from worlds.baxter import REALISTIC, generate, true_parameters
+from worlds.baxter import generate, true_parameters
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.rigid import is_physical
@@ -120,10 +120,6 @@ def test_a_hidden_effect_is_recovered_from_noisy_runs(baxter, name):
     for parameter, true in true_parameters(name, 1.0).items():
         allowed = 5 * estimate.std(parameter) + 0.03 * abs(true)
         assert abs(model.value(parameter) - true) < allowed, parameter
-
-
-def test_the_generator_covers_the_catalogue():
-    assert set(REALISTIC) == set(JOINT_EFFECTS)
 
 
 def test_friction_is_never_negative(baxter):

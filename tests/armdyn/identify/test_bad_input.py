@@ -83,27 +83,20 @@ def test_a_bad_model_file_is_refused(nothing_written, place, model, complains):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"),
-        ("diagnose", "m.toml", "."),
-        ("diagnose", "m.toml", "absent.csv"),
-        ("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"),
+        ("diagnose", "m.toml", "good.csv", "--held-out", "good.csv"), ("diagnose", "m.toml", "."),
+        ("diagnose", "m.toml", "absent.csv"), ("repair", "m.toml", "good.csv", "--output", "nowhere/n.toml"),
         ("repair", "m.toml", "good.csv", "--output", "good.csv"),
         ("compare", "m.toml", "good.csv", "--report", "m.toml"),
         ("compare", "m.toml", "good.csv", "--report", "r", "--json", "r"),
-        ("compare", "m.toml", "good.csv", "copy.csv"),
-        ("compare", "m.toml", "good.csv", "--held-out", "copy.csv"),
+        ("compare", "m.toml", "good.csv", "copy.csv"), ("compare", "m.toml", "good.csv", "--held-out", "copy.csv"),
         ("repair", "m.toml", "good.csv", "--exam", "copy.csv"),
         ("diagnose", "m.toml", "good.csv", "--exam", "good.csv"),
-        ("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"),
-        ("trial", "--out", "good.csv"),
-        ("trial", "--json", "nowhere/x.json"),
-        ("new", "pendulum", "good.csv"),
-        ("new", "pendulum", "n.toml", "--set", "mass=80"),
-        ("new", "pendulum", "n.toml", "--set", "masss=80 g"),
-        ("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"),
-        ("effects", "--effects", "absent.py"),
+        ("add", "m.toml", "slip", "good.csv", "--effects", "broken.py"), ("trial", "--out", "good.csv"),
+        ("trial", "--json", "nowhere/x.json"), ("new", "pendulum", "good.csv"),
+        ("new", "pendulum", "n.toml", "--set", "mass=80"), ("new", "pendulum", "n.toml", "--set", "masss=80 g"),
+        ("new", "arm", "n.toml", "--robot", "baxter", "--joints", "right_s7"), ("effects", "--effects", "absent.py"),
     ],
-)
+)  # fmt: skip
 def test_bad_arguments_are_refused(nothing_written, arguments, complains):
     complains.line(nothing_written(*arguments))
 

@@ -64,7 +64,7 @@ def test_what_is_far_from_small_is_named(name, hidden, seed):
 
 def test_a_load_that_was_pulled_and_released_tells_its_start_and_length():
     truth = recorded("pull_and_release")
-    found = compare(Study.of(model_for("pull_and_release"), truth.runs, [], EFFECTS))
+    found = compare(Study.of(model_for("pull_and_release"), truth.runs, [], []))
     assert found.explained
     assert found.undetermined == ()
     assert abs(found.parameters["length"].value - truth.length) < 4 * found.parameters["length"].std
@@ -121,7 +121,7 @@ def test_a_gripper_that_rests_in_a_gap_cuts_nothing():
 
 def test_what_was_left_out_is_said():
     runs = recorded("spikes").runs
-    found = compare(Study.of(model_for("spikes"), runs, [], EFFECTS))
+    found = compare(Study.of(model_for("spikes"), runs, [], []))
     assert found.explained
     assert found.left_out[0].startswith("r0.csv: load_force: 5 of 1500 samples far from its neighbours left out")
 

@@ -190,16 +190,6 @@ def test_nothing_is_drawn_against_what_stands_still():
     assert {curve.against for curve in curves([still])} == {"time"}
 
 
-def test_the_repaired_force_is_averaged_over_the_same_bins(study):
-    first = study.first()
-    (candidate,) = (c for c in study.candidates if c.effect == "joint_coulomb_friction")
-    better = study.fit_with([candidate], first)
-    for alone, both in zip(between(first), between(first, better), strict=True):
-        assert alone.repaired is None
-        np.testing.assert_array_equal(alone.as_given, both.as_given)
-        assert both.repaired.shape == alone.x.shape
-
-
 def test_what_an_effect_explains_is_its_law_without_the_noise(study):
     """Dry friction by sampled positions turns round where the speed does; the noise is 0.3 N m of the torque."""
     first = study.first()
