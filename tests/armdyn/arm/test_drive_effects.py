@@ -25,7 +25,7 @@ from .conftest import total_rmse, with_effects
 from .test_drives import JOINTS, commanded
 
 mujoco = pytest.importorskip("mujoco")
-GAIN, DELAY, STEP, FINE, EFFORT = 25.0, 0.02, 0.02, 1e-3, 6.0
+GAIN, DELAY, STEP, FINE, EFFORT = 25.0, 0.02, 0.02, 5e-4, 6.0
 DRIVE = [effect.name for effect in CATALOGUE.values() if effect.acts_on == "drive"]
 Law = Callable[..., np.ndarray]  # ``(R, v, v_cmd, total, share of voltage, on) -> tau``, (2,) each
 LAWS: dict[str, tuple[dict[str, float], Law]] = {
