@@ -24,7 +24,6 @@ COMPARE = ("compare", "m.toml", "a.csv", "--report", "r.html", "--json", "j.json
 CORNERS = ("--low", "0.7,-0.4,-0.2", "--high", "0.9,-0.2,-0.1", "--counts", "30,30,10")
 VOLUME = ("ik", "volume", *CORNERS, "--out", "v.zarr", "--processes", "1")
 BUILD = ("ik", "build", "--out", "t.npz")
-TABLE = ("table", "--seeds", "1", "--out", "table", "--json", "j.json")
 KILLS = 12  # of each program, at instants that are drawn
 
 
@@ -114,13 +113,6 @@ def test_a_killed_volume_is_continued_and_ends_the_same(folder):
     again = VolumeTable.open(folder / "v.zarr")
     np.testing.assert_array_equal(np.asarray(again.q[:]), expected)
     np.testing.assert_array_equal(np.asarray(again.status[:]), status)
-
-
-@pytest.mark.slow
-def test_a_killed_table_leaves_whole_files(folder):
-    for seed in range(KILLS // 2):
-        killed(folder, TABLE, seed, 12.0)
-        check_whole(folder)
 
 
 @pytest.mark.slow

@@ -112,12 +112,3 @@ def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model)
     (law,) = found.findings
     assert law.joints == ("shoulder", "elbow")
     assert law.explains == pytest.approx(found.explains)
-
-
-@pytest.mark.slow
-def test_cogging_is_discovered_beside_friction(model):
-    given = world("cogging", 0)
-    found = discover(Study.of(model, given.runs, [given.held_out], available(model)))
-    (law,) = found.new
-    assert (law.kind, law.joints) == ("cogging", ("elbow",))
-    assert {one.effect for one in found.findings} > {"joint_viscous_friction", "joint_coulomb_friction"}

@@ -1,15 +1,16 @@
-"""Small values beside a story, on arms of MuJoCo in which a little of everything is wrong, and on one that is right."""
+"""Stories of arms of MuJoCo in which a little of everything is wrong, and small values beside them."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from worlds import dominated_arm
 from worlds.imperfect_arm import generate
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.identify.repair import Repair, add, with_background
+from armdyn.identify.repair import Repair, add, repair, with_background
 from armdyn.identify.selection.background import FullModel, find_background, fit_full_model
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, read_model, write_model_file
@@ -88,3 +89,18 @@ def test_predictions_with_small_values_have_bands_as_well() -> None:
     assert set(after.bands.covered) == set(after.channels)
     assert np.mean(list(after.bands.covered.values())) > 0.85
     assert all(curve.with_background is not None for curve in found.missing_force)
+
+
+SMALL = {"joint_coulomb_friction", "joint_viscous_friction", "rotor_inertia", "link_inertia"}
+
+
+def test_frictions_and_rotors_of_many_joints_are_told_after_the_payload_that_hides_them() -> None:
+    case = dominated_arm.generate("ur5", "payload", 6000, duration=12.0)
+    found = repair(Study.of(arm_model(robot="ur5"), case.train, [], JOINT_EFFECTS, exam=[case.exam]))
+    first, *later = [step for step in found.path[1:] if step.added != ("background",)]
+    assert (first.added, first.joints) == (("payload",), ("wrist_3_joint",))
+    assert {name for step in later for name in step.added} <= SMALL
+    for name in ("joint_coulomb_friction", "joint_viscous_friction", "rotor_inertia"):
+        assert len({joint for step in later if name in step.added for joint in step.joints}) >= 4
+    alone, all_told = (np.linalg.norm(list(step.exam_rmse.values())) for step in (first, later[-1]))
+    assert all_told < 0.5 * alone

@@ -10,18 +10,23 @@ from worlds import pendulum
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.diagnose import diagnose
+from armdyn.identify.fit import Fit
+from armdyn.identify.least_squares import Outcome
 from armdyn.identify.noise import (
+    Whitening,
     autoregression,
     likeliest_autoregression,
     ljung_box,
     whitened,
 )
+from armdyn.identify.problem import Block
 from armdyn.identify.repair import repair
-from armdyn.identify.residual.character import periodogram
+from armdyn.identify.residual.character import periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.state_space.scorer import StateSpaceScorer
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
+from armdyn.run import Channel
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
 
@@ -90,14 +95,6 @@ def test_whitening_makes_an_autoregression_white():
     assert ljung_box(whitened(e, autoregression([e]))) > 1e-3
 
 
-@pytest.mark.slow
-def test_two_frictions_that_imitate_a_third_are_found():
-    hidden = {"pivot_coulomb_friction": 1e-3, "quadratic_drag": 0.01}
-    found = repair(study_of(recordings(hidden=hidden)))
-    assert {effect.name for effect in found.model.effects} == set(hidden)
-    assert found.verdict is Verdict.EXPLAINED
-
-
 def test_a_set_of_which_one_effect_is_wrong_is_promised_the_right_exchange():
     study = study_of(recordings(hidden={"sensor_bias": 0.02, "sensor_drift": 1e-3}))
     by_name = {c.effect: c for c in study.candidates}
@@ -136,3 +133,17 @@ def test_white_noise_is_not_whitened_and_coloured_noise_is():
     for k in range(1, len(e)):
         e[k] += 0.8 * e[k - 1]
     assert likeliest_autoregression([e]) == pytest.approx([0.8], abs=0.05)
+
+
+def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency_of_another_run() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(400) * 0.05
+
+    def block(run: str, samples: int) -> Block:
+        residual = np.sin(2.0 * np.pi * 1.3 * time[:samples]) * 5.0 + rng.standard_normal(samples)
+        return Block(run, "tau.j", Channel(time[:samples], residual, "N m"), residual, np.zeros((samples, 0)), 1.0)
+
+    blocks = (block("long", 400), block("short", 3))
+    fit = Fit(None, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)
+    (peak,) = spectral_peaks(fit, {"tau.j": Whitening(np.zeros(3), 1.0)})
+    assert peak.frequency == pytest.approx(1.3, rel=0.02)

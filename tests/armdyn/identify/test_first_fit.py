@@ -10,7 +10,6 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.problem import Problem, chi2_of
-from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import Known
@@ -78,14 +77,6 @@ def test_of_two_mirror_images_the_one_with_a_positive_angle_is_taken():
     angles = first.values[first.problem.of(["initial_angle"])]
     assert np.all(angles > 0)
     assert any(start[0] < 0 for start in truth.starts)
-
-
-@pytest.mark.slow
-def test_a_repaired_model_compared_with_its_runs_keeps_its_error():
-    truth = recorded("plain", gripper_lag=0.02)
-    repaired = repair(Study.of(model_for("plain"), truth.runs, [], EFFECTS))
-    again = Study.of(repaired.model, truth.runs, [], EFFECTS).first()
-    assert again.rmse()["load_force"] == pytest.approx(repaired.after.fit.rmse()["load_force"], rel=0.01)
 
 
 def test_weak_priors_make_a_new_problem():

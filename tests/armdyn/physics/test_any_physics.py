@@ -116,15 +116,6 @@ def test_the_place_of_a_threshold_is_found_with_its_size(tmp_path):
     assert found.model.parameters["relief_valve.opens"].std < 0.01 * drawn["relief_valve.opens"]
 
 
-@pytest.mark.slow
-def test_an_overflow_is_found_in_a_tank_that_nothing_measures_and_that_may_not_reach_the_declared_edge(tmp_path):
-    drawn = case(TANKS, 1)
-    found = study_of(TANKS, 1, tmp_path).repair()
-    assert [item.name for item in found.model.effects] == ["overflow"]
-    edge = found.model.parameters["overflow.edge"]
-    assert abs(edge.value - drawn["overflow.edge"]) < 3.0 * edge.std
-
-
 @pytest.mark.parametrize(("family", "seed"), [(VESSEL, 1), (TANKS, 1), (TANKS, 2)])
 def test_no_threshold_is_named_where_there_is_none(tmp_path, family, seed):
     assert study_of(family, seed, tmp_path, "").repair().model.effects == ()
