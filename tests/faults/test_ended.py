@@ -20,7 +20,7 @@ from armdyn.run import read_run
 from ik.volume import VolumeTable
 
 REPAIR = ("repair", "m.toml", "a.csv", "--output", "out.toml", "--report", "r.html", "--json", "j.json")
-COMPARE = ("compare", "m.toml", "a.csv", "--report", "r.html", "--json", "j.json")
+INSPECT = ("inspect", "a.csv", "--json", "j.json")
 CORNERS = ("--low", "0.7,-0.4,-0.2", "--high", "0.9,-0.2,-0.1", "--counts", "30,30,10")
 VOLUME = ("ik", "volume", *CORNERS, "--out", "v.zarr", "--processes", "1")
 BUILD = ("ik", "build", "--out", "t.npz")
@@ -144,7 +144,7 @@ def test_a_trial_whose_disk_is_full_does_not_begin_or_ends_with_what_was_recorde
 
 
 def test_two_programs_with_one_output_both_end_and_leave_one_whole_file(folder):
-    both = [started(folder, COMPARE) for _ in range(2)]
+    both = [started(folder, INSPECT) for _ in range(2)]
     assert [ended(process)[0] for process in both] == [0, 0]
     check_whole(folder)
     assert not list(folder.glob(".armdyn-*"))
