@@ -16,8 +16,7 @@ import pytest
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0",
          "--no-first-run", "--disable-background-networking", "--disable-dev-shm-usage")  # fmt: skip
 SIXTY = 60.0
-LONGEST = 7 * SIXTY
-"""s for one answer of the browser; longer than any test waits for a page."""
+LONGEST = 7 * SIXTY  # s for one answer of the browser; longer than any test waits for a page
 
 
 def chromium() -> str:

@@ -17,8 +17,7 @@ import pytest
 
 FILE = Path(__file__).parent / "golden" / "messages.json"
 WRITE = os.environ.get("GOLDEN") == "write"
-DIGITS = 1e-3
-"""Relative, by which a number may differ."""
+DIGITS = 1e-3  # relative, by which a number may differ
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 

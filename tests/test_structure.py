@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("pipeline", "ik", "armdyn", "urdf")
-"""Each may import those after it."""
+PACKAGES = ("pipeline", "ik", "armdyn", "urdf")  # each may import those after it
 KIND_OF_MODEL = re.compile(
     r"isinstance\([^)]*(Arm|Pendulum|Physics|Simulated)Model\b|\.base (==|!=|in) |model\.linear\b"
 )

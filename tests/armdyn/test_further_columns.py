@@ -12,8 +12,6 @@ from armdyn.run import Channel, Run, read_run, write_run_csv
 from pipeline.record import Recorder
 
 TIME = np.arange(50) / 100
-
-
 ANGLE = 0.3 * np.sin(5.0 * TIME)
 
 
@@ -27,15 +25,10 @@ def write(folder: Path, column: str, cells: list[str]) -> Path:
 @pytest.mark.parametrize(
     ("unit", "si", "value"),
     [
-        ("degC", "K", 294.15),
-        ("K", "K", 21.0),
-        ("1", "1", 21.0),
-        ("percent", "1", 0.21),
-        ("rpm", "rad/s", 2.199115),
-        ("bar", "kg/m/s^2", 2.1e6),
-        ("V", "V", 21.0),
+        ("degC", "K", 294.15), ("K", "K", 21.0), ("1", "1", 21.0), ("percent", "1", 0.21), ("rpm", "rad/s", 2.199115),
+        ("bar", "kg/m/s^2", 2.1e6), ("V", "V", 21.0),
     ],
-)
+)  # fmt: skip
 def test_a_further_column_is_read_in_si_units_and_an_si_unit_keeps_its_name(tmp_path, unit, si, value):
     run = read_run(write(tmp_path, f"extra.quantity [{unit}]", ["21"] * 50))
     assert list(run.channels) == ["swing_angle"]
@@ -91,21 +84,12 @@ def test_a_mapping_makes_a_further_column_of_any_other(armdyn):
 @pytest.mark.parametrize(
     ("column", "cells"),
     [
-        ("extra. [K]", "21"),
-        ("extra [K]", "21"),
-        ("extra.my oil [K]", "21"),
-        ("extra.temperature", "21"),
-        ("extra.temperature []", "21"),
-        ("extra.temperature [warm]", "21"),
-        ("extra.loudness [dB]", "21"),
-        ("extra.temperature [K]", "nan"),
-        ("extra.temperature [K]", "1e300"),
-        ("extra.temperature [K]", "hot"),
-        ("temprature [K]", "21"),
-        ("exta.temperature [K]", "21"),
-        ("swing_angle [rad]", "21"),
+        ("extra. [K]", "21"), ("extra [K]", "21"), ("extra.my oil [K]", "21"), ("extra.temperature", "21"),
+        ("extra.temperature []", "21"), ("extra.temperature [warm]", "21"), ("extra.loudness [dB]", "21"),
+        ("extra.temperature [K]", "nan"), ("extra.temperature [K]", "1e300"), ("extra.temperature [K]", "hot"),
+        ("temprature [K]", "21"), ("exta.temperature [K]", "21"), ("swing_angle [rad]", "21"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_used_is_one_line(refused, tmp_path, column, cells, complains):
     complains.line(refused("inspect", write(tmp_path, column, [cells] * 50)))
 
@@ -133,8 +117,6 @@ def test_a_slow_sensor_beside_a_fast_one_does_no_harm(armdyn, tmp_path):
 
 
 ROWS = np.arange(20) * 0.01
-
-
 ANGLES = np.outer(np.linspace(-90.0, 90.0, 20), [1.0, 0.5])
 
 

@@ -126,19 +126,12 @@ BAD = {
     "not utf-8": GOOD.encode() + b"\xe9,1\n",
     "renamed mcap": b"\x89MCAP0\r\n123",
 }
-
-
 BAD_SIDECARS = {
-    "not toml": "mass = ",
-    "number without unit": "[known]\nmass = 0.08",
-    "wrong dimension": '[known]\nlength = "3 kg"',
-    "negative mass": '[known]\nmass = "-3 kg"',
-    "unknown noise channel": '[noise]\nload_froce = "3 mN"',
-    "noise of another kind": '[noise]\nload_force = "3 mm"',
-    "noise of zero": '[noise]\nload_force = "0 N"',
-    "joint noise of another kind": '[noise]\n"q.a" = "3 kg"',
-    "not a table": 'noise = "3 mN"',
-}
+    "not toml": "mass = ", "number without unit": "[known]\nmass = 0.08", "wrong dimension": '[known]\nlength = "3 kg"',
+    "negative mass": '[known]\nmass = "-3 kg"', "unknown noise channel": '[noise]\nload_froce = "3 mN"',
+    "noise of another kind": '[noise]\nload_force = "3 mm"', "noise of zero": '[noise]\nload_force = "0 N"',
+    "joint noise of another kind": '[noise]\n"q.a" = "3 kg"', "not a table": 'noise = "3 mN"',
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -62,16 +62,6 @@ def test_noise_and_its_share_in_derivatives_are_found_at_uneven_stamps(noise):
         assert error < 1.5 * derivative_noise(choice, 0.01, k)
 
 
-def test_a_smoothed_acceleration_is_far_better_than_differences():
-    t = uneven()
-    y = swing(t) + 4e-4 * np.random.default_rng(2).standard_normal(len(t))
-    curve = smoothed(t, y, best_smoothing(t, y, SPLINE_ORDERS))
-    inside = slice(100, -100)
-    ours = np.std((curve(t, 2)[:, 0] - swing(t, 2))[inside])
-    theirs = np.std((np.gradient(np.gradient(y, t), t) - swing(t, 2))[inside])
-    assert ours < 0.05 * theirs
-
-
 def test_an_encoder_that_moves_a_few_steps_is_not_taken_for_jerky():
     t = np.arange(1500) / 100
     step = 2 * np.pi / 16384

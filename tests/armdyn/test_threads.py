@@ -16,8 +16,7 @@ from ik.children import worker_pool
 from pipeline.cli import ONE_THREAD
 from pipeline.motion.excitation import excitation
 
-OUTSIDE = 3
-"""Threads that a user has given to linear algebra."""
+OUTSIDE = 3  # threads that a user has given to linear algebra
 
 
 def threads():

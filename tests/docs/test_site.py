@@ -46,8 +46,6 @@ def test_nothing_is_loaded_from_elsewhere(site):
 
 
 PAGE = (Path(__file__).parents[2] / "docs/stages.md").read_text()
-
-
 CLASSES = {
     "gripper": pendulum.Gripper, "string": pendulum.String, "load": pendulum.Load, "tension": pendulum.Tension,
     "sensor": pendulum.Sensor, "joint": arm.Joint, "link": arm.Link, "neighbour": arm.Neighbour, "base": arm.Base,

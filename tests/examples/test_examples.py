@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import armdyn
 from armdyn.run import read_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -27,6 +28,14 @@ def example(monkeypatch, tmp_path):
     return load
 
 
+@pytest.fixture
+def few(monkeypatch):
+    """A catalogue of a few effects, so that a search takes seconds; the notebook searches all of it."""
+    few = {name: armdyn.CATALOGUE[name] for name in ("quadratic_drag", "pivot_viscous_friction", "sensor_bias")}
+    monkeypatch.setattr(armdyn, "CATALOGUE", few)
+    monkeypatch.setattr("armdyn.checked_study.available", lambda *_: tuple(few.values()))
+
+
 BASES = ("double_pendulum", "crane", "tanks")
 
 
@@ -35,7 +44,7 @@ def test_an_example_is_short(path):
     assert len(path.read_text().splitlines()) <= (150 if path.stem in BASES else 60)
 
 
-@pytest.mark.slow  # the notebook repairs the same recordings
+@pytest.mark.usefixtures("few")
 def test_a_pendulum_from_a_csv(example, capsys):
     found = example("pendulum_from_csv").main()
     assert [effect.name for effect in found.model.effects] == ["quadratic_drag"]
@@ -51,6 +60,7 @@ def test_an_arm_from_a_urdf(example, capsys):
     assert payload == pytest.approx(1.5, abs=0.005)
 
 
+@pytest.mark.usefixtures("few")
 def test_an_effect_of_ones_own(example):
     found = example("effect_of_ones_own").main()
     assert [effect.name for effect in found.model.effects] == ["magnet"]

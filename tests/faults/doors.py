@@ -58,30 +58,20 @@ from pipeline.motion.feasibility.read import read_trajectory
 from urdf.quiet import captured_output
 
 CORPUS = Path(__file__).parent / "corpus"
-LONGEST = 20.0
-"""s of this process that one file may cost."""
-LONGEST_LINE = 1500
-"""Characters of what is said."""
+LONGEST = 20.0  # s of this process that one file may cost
+LONGEST_LINE = 1500  # characters of what is said
 
 
 @dataclass(frozen=True)
 class Door:
-    """A kind of file.
+    """A kind of file."""
 
-    Attributes:
-        name: of its file, which says the kind.
-        seeds: good ones.
-        read: reads it, and goes as far as a command would before it computes.
-        deep: does what a command does with it; `read` where it is not given.
-        beside: other files that it needs, by name.
-        inside: makes files, of a `random.Random`, that are well formed and wrong inside; None for text.
-    """
-
-    name: str
-    seeds: tuple[bytes, ...]
-    read: Callable[[Path], object]
-    deep: Callable[[Path], object] | None = None
-    beside: dict[str, str] = field(default_factory=dict)
+    name: str  # of its file, which says the kind
+    seeds: tuple[bytes, ...]  # good ones
+    read: Callable[[Path], object]  # reads it, and goes as far as a command would before it computes
+    deep: Callable[[Path], object] | None = None  # does what a command does with it; `read` where it is not given
+    beside: dict[str, str] = field(default_factory=dict)  # other files that it needs, by name
+    # makes files, of a `random.Random`, that are well formed and wrong inside; None for text
     inside: Callable | None = None
 
     @property

@@ -14,8 +14,7 @@ from simulated_truth import gripper_truth
 
 from pipeline.robot.protocol import ForceSample, JointState
 
-AT_REST = 0.02
-"""Speed along the line of an arm that stands [m/s]; one that moves has 0.1 to 1."""
+AT_REST = 0.02  # speed along the line of an arm that stands [m/s]; one that moves has 0.1 to 1
 
 
 class Through:

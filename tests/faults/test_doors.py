@@ -15,8 +15,7 @@ from hypothesis import HealthCheck, given, settings
 
 pytest.importorskip("pyarrow", reason="needs the extra 'import'")
 FINE = ("read", "refused")
-EXAMPLES = int(os.environ.get("ARMDYN_BAD_FILES", "20"))
-"""Of each kind; a campaign is ARMDYN_BAD_FILES=200."""
+EXAMPLES = int(os.environ.get("ARMDYN_BAD_FILES", "20"))  # of each kind; a campaign is ARMDYN_BAD_FILES=200
 NAMES = sorted(doors.doors())
 campaign = settings(
     max_examples=EXAMPLES, derandomize=True, database=None,

@@ -20,15 +20,11 @@ from armdyn.run import read_run
 from ik.volume import VolumeTable
 
 REPAIR = ("repair", "m.toml", "a.csv", "--output", "out.toml", "--report", "r.html", "--json", "j.json")
-ADD = ("add", "m.toml", "linear_drag", "a.csv", "--output", "out.toml", "--json", "j.json")
+INSPECT = ("inspect", "a.csv", "--json", "j.json")
 CORNERS = ("--low", "0.7,-0.4,-0.2", "--high", "0.9,-0.2,-0.1", "--counts", "30,30,10")
 VOLUME = ("ik", "volume", *CORNERS, "--out", "v.zarr", "--processes", "1")
 BUILD = ("ik", "build", "--out", "t.npz")
-TABLE = ("table", "--seeds", "1", "--out", "table", "--json", "j.json")
-
-
-KILLS = 12
-"""Of each program, at instants that are drawn."""
+KILLS = 12  # of each program, at instants that are drawn
 
 
 @pytest.fixture
@@ -120,13 +116,6 @@ def test_a_killed_volume_is_continued_and_ends_the_same(folder):
 
 
 @pytest.mark.slow
-def test_a_killed_table_leaves_whole_files(folder):
-    for seed in range(KILLS // 2):
-        killed(folder, TABLE, seed, 12.0)
-        check_whole(folder)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [REPAIR, BUILD, VOLUME], ids=" ".join)
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(folder, arguments):
     for name in ("out.toml", "r.html", "j.json", "t.npz"):
@@ -155,7 +144,7 @@ def test_a_trial_whose_disk_is_full_does_not_begin_or_ends_with_what_was_recorde
 
 
 def test_two_programs_with_one_output_both_end_and_leave_one_whole_file(folder):
-    both = [started(folder, ADD) for _ in range(2)]
+    both = [started(folder, INSPECT) for _ in range(2)]
     assert [ended(process)[0] for process in both] == [0, 0]
     check_whole(folder)
     assert not list(folder.glob(".armdyn-*"))

@@ -109,19 +109,6 @@ def test_standard_output_is_written_to_in_order(tmp_path, place):
     assert shown == "before\nmiddle\nafter\n"
 
 
-def test_a_full_disk_is_one_line_and_leaves_the_old_file_alone(tmp_path, monkeypatch, complains):
-    (tmp_path / "a.txt").write_text("old")
-
-    def full(_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
-    with complains(InputError):
-        atomic.write_text(tmp_path / "a.txt", TEXT)
-    assert (tmp_path / "a.txt").read_text() == "old"
-    assert names(tmp_path) == ["a.txt"]
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
 def test_a_full_device_is_one_line(complains):
     with complains(InputError):

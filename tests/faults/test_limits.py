@@ -18,28 +18,22 @@ SETTINGS = Path(urdf.__file__).parent / "robots" / "baxter.toml"
 ACCELERATION, JERK = "acceleration = [20.0", "jerk = [1000.0"
 WRONG = {
     "no acceleration at all": (ACCELERATION, "acceleration = [0.0"),
-    "negative": (ACCELERATION, "acceleration = [-20.0"),
-    "nan": (ACCELERATION, "acceleration = [nan"),
-    "infinite": (JERK, "jerk = [inf"),
-    "enormous": (JERK, "jerk = [1e300"),
-    "400 digits": (JERK, "jerk = [1" + 400 * "0"),
-    "text": (JERK, 'jerk = ["fast"'),
-    "one too few": (JERK + ", ", "jerk = ["),
-    "misspelt": ("acceleration", "acceleratoin"),
-    "misspelt table": ("[limits]", "[limts]"),
-    "home outside": ("home = [0.12", "home = [12.0"),
+    "negative": (ACCELERATION, "acceleration = [-20.0"), "nan": (ACCELERATION, "acceleration = [nan"),
+    "infinite": (JERK, "jerk = [inf"), "enormous": (JERK, "jerk = [1e300"),
+    "400 digits": (JERK, "jerk = [1" + 400 * "0"), "text": (JERK, 'jerk = ["fast"'),
+    "one too few": (JERK + ", ", "jerk = ["), "misspelt": ("acceleration", "acceleratoin"),
+    "misspelt table": ("[limits]", "[limts]"), "home outside": ("home = [0.12", "home = [12.0"),
     "home nan": ("home = [0.12", "home = [nan"),
     "joints no list": ('joints = ["right_s0", ', 'joints = 3 # ["right_s0", '),
     "joint twice": ('joints = ["right_s0", ', 'joints = ["right_s0", "right_s0", '),
-    "core outside": ("core = [-0.20", "core = [-3.0"),
-    "no speed": ("core_speed = 1.005", "core_speed = 0"),
+    "core outside": ("core = [-0.20", "core = [-3.0"), "no speed": ("core_speed = 1.005", "core_speed = 0"),
     "no direction": ("direction = [0.0, 1.0, 0.0]", "direction = [0, 0, 0]"),
     "tool in millimetres": ("offset = [0.0, 0.0, 0.03]", "offset = [0, 0, 300]"),
     "spring on no joint": ('joint = "right_s1"', 'joint = "nose"'),
     "spring half on": ("enabled = false", 'enabled = "no"'),
     "frame on no link": ('parent = "right_gripper"', 'parent = "nowhere"'),
     "nested": ('name = "baxter"', "name = " + 3000 * "[" + 3000 * "]"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("old", "new"), WRONG.values(), ids=WRONG)

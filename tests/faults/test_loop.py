@@ -37,29 +37,20 @@ PHASES = {"kick": KICK, "sac": SAC, "rest": 0.3, "learnt": LEARNT}
 """The load cell's first sample comes at 0.02 s: at rest a fault has readings before it."""
 LONGEST_STOP = 0.5
 """Time from the reason to an arm that is told to stand [s]; braking from the highest speed takes 0.3 s."""
-WATCHED = 0.3
-"""For so long it is then watched [s]."""
+WATCHED = 0.3  # for so long it is then watched [s]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A fault, and the words that its reason holds.
+    """A fault, and the words that its reason holds."""
 
-    Attributes:
-        name: for the table of tests.
-        says: part of the message; None where the fault is bridged and the trial goes on.
-        robot: what stands between simulation and protocol.
-        patch: (class, method, time from which it does something else, what it does instead).
-        slow: whether it is left out by default.
-        by_itself: whether the robot is told to brake by itself, because the line's commands cannot be trusted.
-    """
-
-    name: str
-    says: str | None
-    robot: Callable[[], Through] = Through
-    patch: tuple = ()
+    name: str  # for the table of tests
+    says: str | None  # part of the message; None where the fault is bridged and the trial goes on
+    robot: Callable[[], Through] = Through  # what stands between simulation and protocol
+    patch: tuple = ()  # (class, method, time from which it does something else, what it does instead)
+    # whether the robot is told to brake by itself, because the line's commands cannot be trusted
     by_itself: bool = False
-    slow: bool = False
+    slow: bool = False  # whether it is left out by default
 
     @property
     def as_parameter(self):
@@ -91,12 +82,8 @@ def raised(error):
 
 
 NODES = {
-    "measurement": MeasurementNode,
-    "estimator": EstimatorNode,
-    "sac": SacNode,
-    "task": TaskNode,
-    "drive": DriveNode,
-}
+    "measurement": MeasurementNode, "estimator": EstimatorNode, "sac": SacNode, "task": TaskNode, "drive": DriveNode,
+}  # fmt: skip
 CASES = [
     *(case for name, (robot, says) in {**SENSORS, **DEAD_CELLS}.items() for case in lasting(name, says, robot)),
     *(case for name, (robot, _says) in SENSORS.items() for case in single(name, robot)),
@@ -254,10 +241,7 @@ SWING_CASES = [
         )
     ),
 ]  # fmt: skip
-
-
-SWING_BY_DEFAULT = 3
-"""Of the faults in a swing, each third runs by default."""
+SWING_BY_DEFAULT = 3  # of the faults in a swing, each third runs by default
 
 
 @pytest.mark.parametrize(

@@ -90,17 +90,10 @@ def test_what_is_known_of_an_effect_that_is_being_added_is_used(compare):
 @pytest.mark.parametrize(
     "unit",
     [
-        "N**9**9**9**9",
-        "((9**9)**9)**9",
-        "9⁹⁹⁹⁹⁹⁹",
-        "N^99999999",
-        "9⁹**9",
-        "9** 9 **9**9",
-        "N" * 5000,
-        "(" * 60,
+        "N**9**9**9**9", "((9**9)**9)**9", "9⁹⁹⁹⁹⁹⁹", "N^99999999", "9⁹**9", "9** 9 **9**9", "N" * 5000, "(" * 60,
         "m^1e9",
     ],
-)
+)  # fmt: skip
 def test_an_endless_unit_is_refused_at_once(unit):
     begun = time.process_time()
     with pytest.raises(InputError) as error:

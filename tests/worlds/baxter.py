@@ -56,8 +56,7 @@ REALISTIC: Mapping[str, Mapping[str, float]] = {
 }
 """Parameters by effect at a realistic size, by ``"<quantity>[<joint>]"``, those of the base by ``"<quantity>"``; places
 and speeds are the constants above."""
-OUTSIDE = ("cogging", "backlash_spring", "warming_up")
-"""Physics that armdyn's catalogue lacks."""
+OUTSIDE = ("cogging", "backlash_spring", "warming_up")  # physics that armdyn's catalogue lacks
 
 
 def motion(seed: int, recording: int = 0) -> Fourier:
@@ -82,22 +81,12 @@ def generate(
     path: Motion | None = None,
     beyond: Beyond | None = None,
 ) -> Run:
-    """One recording of the right arm.
+    """One recording of the right arm, of `duration` s with `rate` samples per second.
 
-    Args:
-        effect: the hidden physics, by the catalogue's names or of `OUTSIDE`; several at once; None for none.
-        size: 1 for realistic.
-        seed: of motion and noise, together with `recording`.
-        recording: number of the recording: another motion, the same physics.
-        duration: s.
-        rate: samples per second.
-        colour: correlation of the effort's noise from one sample to the next, an AR(1) process.
-        noise: factor of all noise.
-        jitter: of the stamps, as a share of the interval.
-        rates: whether velocities are recorded, with 0.015 rad/s of noise.
-        stated: whether the recording states the noise of its efforts.
-        path: the motion; that of `motion` where it is not given.
-        beyond: what the efforts hold besides.
+    The hidden `effect`, or several, is of the catalogue or of `OUTSIDE`, and realistic at `size` 1. Of one seed every
+    `recording` has another motion and the same physics. The efforts' noise is `colour` correlated from one sample to
+    the next, velocities have 0.015 rad/s of it; stamps have `jitter`, a share of the interval. Efforts hold what is
+    `beyond` as well.
     """
     names = (effect,) if isinstance(effect, str) else tuple(effect or ())
     rng = np.random.default_rng([seed, recording])
@@ -183,15 +172,9 @@ def rigid_torque(
     heavier: Sequence[float] | None = None,
     tilt: Sequence[float] = (0.0, 0.0),
 ) -> np.ndarray:
-    """(n, 7) torques of rigid bodies by MuJoCo's inverse dynamics, all other joints at zero.
+    """(n, 7) torques of rigid bodies by MuJoCo's inverse dynamics, with kg at `PAYLOAD_PLACE`.
 
-    Args:
-        q: (n, 7) rad.
-        v: (n, 7) rad/s.
-        a: (n, 7) rad/s^2.
-        payload: kg at `PAYLOAD_PLACE`.
-        heavier: (7,) logarithm of each link's mass ratio; inertias grow alike.
-        tilt: (2,) rad, how the base is turned about its x axis and then about the level y axis.
+    `heavier` are (7,) logarithms of the links' mass ratios; `tilt` turns the base about x, then about the level y, rad.
     """
     plant = Plant("baxter")
     with plant.in_gravity(_gravity(tilt)):

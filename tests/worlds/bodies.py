@@ -1,7 +1,6 @@
 """Rigid bodies of an arm by MuJoCo's inverse dynamics, from the URDF of any robot."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
@@ -10,21 +9,6 @@ import numpy as np
 
 LINK_ERROR = (0.03, 0.08)
 """Share by which a link's mass, extents and centre are off; the centre's in distances of the link's size."""
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """A body that is fixed to the link that a joint moves; of no size until its mass is set.
-
-    Attributes:
-        name: of the body.
-        joint: whose child link carries it.
-        place: (3,) of its frame in that link's frame, m.
-    """
-
-    name: str
-    joint: str
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Links(NamedTuple):
@@ -62,25 +46,21 @@ def _off(rng: np.random.Generator, shape: int | tuple[int, ...]) -> np.ndarray:
     return rng.choice([-1.0, 1.0], shape) * rng.uniform(*LINK_ERROR, shape)
 
 
-def compiled(urdf_xml: str, attachments: Collection[Attachment] = (), arm: Sequence[str] = ()) -> mujoco.MjModel:
-    """A robot in MuJoCo without shapes, friction and contacts; every link stays a body of its own.
+def compiled(urdf_xml: str, joints: Sequence[str]) -> mujoco.MjModel:
+    """An arm in MuJoCo without shapes, friction, contacts and what its joints, from base to tool, do not move.
 
-    Args:
-        urdf_xml: its URDF as text.
-        attachments: bodies to add.
-        arm: joints from base to tool; given, what does not move with them is left out, which is faster.
+    Every link stays a body of its own; the link that a joint moves carries another one, ``lump on <joint>``.
     """
     root = ET.fromstring(urdf_xml)
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
                 link.remove(element)
-    if arm:
-        _leave_out_other_branches(root, arm[0])
+    _leave_out_other_branches(root, joints[0])
     extension = ET.SubElement(root, "mujoco")
     ET.SubElement(extension, "compiler", fusestatic="false", discardvisual="false")
-    for attachment in attachments:
-        _attach(root, attachment)
+    for joint in joints:
+        _attach_lump(root, joint)
     model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
     model.dof_damping[:] = 0.0
     model.dof_frictionloss[:] = 0.0
@@ -89,15 +69,7 @@ def compiled(urdf_xml: str, attachments: Collection[Attachment] = (), arm: Seque
 
 
 def torques(model: mujoco.MjModel, joints: Sequence[str], q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """(n, nj) N m by inverse dynamics, all other joints at zero.
-
-    Args:
-        model: of the robot.
-        joints: (nj,) names.
-        q: (n, nj) rad.
-        v: (n, nj) rad/s.
-        a: (n, nj) rad/s^2.
-    """
+    """(n, nj) N m by inverse dynamics at (n, nj) rad, rad/s and rad/s^2, all other joints at zero."""
     position = [model.joint(name).qposadr[0] for name in joints]
     dof = [model.joint(name).dofadr[0] for name in joints]
     data = mujoco.MjData(model)
@@ -131,14 +103,13 @@ def _end(joint: ET.Element, which: str) -> str:
     return str(element.get("link")) if element is not None else ""
 
 
-def _attach(root: ET.Element, attachment: Attachment) -> None:
-    carrier = next(joint for joint in root.findall("joint") if joint.get("name") == attachment.joint)
-    link = ET.SubElement(root, "link", name=attachment.name)
+def _attach_lump(root: ET.Element, joint: str) -> None:
+    carrier = next(element for element in root.findall("joint") if element.get("name") == joint)
+    link = ET.SubElement(root, "link", name=f"lump on {joint}")
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "mass", value="1.0")
     ET.SubElement(inertial, "origin", xyz="0 0 0")
     ET.SubElement(inertial, "inertia", ixx="1e-9", iyy="1e-9", izz="1e-9", ixy="0", ixz="0", iyz="0")
-    joint = ET.SubElement(root, "joint", name=f"{attachment.name}_fixed", type="fixed")
-    ET.SubElement(joint, "parent", link=_end(carrier, "child"))
-    ET.SubElement(joint, "child", link=attachment.name)
-    ET.SubElement(joint, "origin", xyz=" ".join(map(str, attachment.place)))
+    fixed = ET.SubElement(root, "joint", name=f"lump on {joint}, fixed", type="fixed")
+    ET.SubElement(fixed, "parent", link=_end(carrier, "child"))
+    ET.SubElement(fixed, "child", link=f"lump on {joint}")

@@ -10,41 +10,25 @@ from .plant import World
 
 RATIO = (2.4, 4.0)
 """Root mean square of a dominant torque over that of all other errors, over all joints and runs; 2.4 makes 85 %."""
-GAIN = (0.2, 0.4)
-"""Share by which a torque is read too large or too small."""
-HEAVIER = (0.5, 1.0)
-"""Mass that a link has too much, of its own."""
-ELSEWHERE = (0.05, 0.12)
-"""How far from the link's centre that is, m."""
-GYRATION = 0.03
-"""Of such a mass, m."""
-STEEP = 0.8
-"""How far the middle of a joint's motion is at most from where its spring changes fastest, rad."""
-COARSE = 20
-"""Samples of which one is enough to measure the size of an effect."""
-THIN = 40
-"""Samples of which one shows what a single effect explains."""
-ARM = 0.1
-"""m from a link's frame to the point masses that span what its inertia may be."""
-TINY = 1e-9
-"""Of the largest singular value; smaller ones are those of numbers that cannot be seen."""
-Atom = tuple[str, str]
-"""Effect and joint."""
+GAIN = (0.2, 0.4)  # share by which a torque is read too large or too small
+HEAVIER = (0.5, 1.0)  # mass that a link has too much, of its own
+ELSEWHERE = (0.05, 0.12)  # how far from the link's centre that is, m
+GYRATION = 0.03  # of such a mass, m
+STEEP = 0.8  # how far the middle of a joint's motion is at most from where its spring changes fastest, rad
+COARSE = 20  # samples of which one is enough to measure the size of an effect
+THIN = 40  # samples of which one shows what a single effect explains
+ARM = 0.1  # m from a link's frame to the point masses that span what its inertia may be
+TINY = 1e-9  # of the largest singular value; smaller ones are those of numbers that cannot be seen
+Atom = tuple[str, str]  # effect and joint
 
 
 @dataclass(frozen=True)
 class Joints:
-    """What the size of an effect depends on.
+    """What the size of an effect depends on."""
 
-    Args:
-        worlds: runs of one robot.
-        typical: (nj,) torques of its joints, N m.
-        background: root mean square of all other errors over all joints together, N m.
-    """
-
-    worlds: Sequence[World]
-    typical: np.ndarray
-    background: float
+    worlds: Sequence[World]  # runs of one robot
+    typical: np.ndarray  # (nj,) torques of its joints, N m
+    background: float  # root mean square of all other errors over all joints together, N m
 
     def drawn(self, rng: np.random.Generator, effects: Sequence[str], growth: float = 1.0) -> tuple[Hidden, ...]:
         """These effects, each on a joint of its own and `growth` times `RATIO` as large as all other errors.
@@ -128,10 +112,8 @@ class Joints:
 class SingleEffects:
     """How much of a torque error each single effect on one joint explains, by plain least squares without noise.
 
-    It tells which cases have a clear answer: nothing of armdyn takes part.
-
-    Args:
-        worlds: training runs, the held-out run and the exam.
+    It tells which cases have a clear answer: nothing of armdyn takes part. Worlds are two training runs, the held-out
+    run and the exam.
     """
 
     def __init__(self, worlds: Sequence[World]) -> None:
@@ -139,11 +121,7 @@ class SingleEffects:
         self._terms: dict[Atom, list[np.ndarray]] = {atom: [term[atom] for term in terms] for atom in terms[0]}
 
     def left(self, misfits: Sequence[np.ndarray]) -> Mapping[Atom, np.ndarray]:
-        """By effect and joint: (r,) share of each run's squared error that is left when it is fitted to the training.
-
-        Args:
-            misfits: (k, nj) by run, see `World.misfit`; the first two are for training.
-        """
+        """By effect and joint: (r,) share of each run's squared (k, nj) misfit that a fit to the training leaves."""
         errors = [misfit[::THIN].ravel() for misfit in misfits]
         found = {}
         for atom, terms in self._terms.items():

@@ -19,12 +19,9 @@ SHARE = (0.95, 0.99)
 """Of the squared error of the model as described, that is the dominant effects'; the small ones shrink until it is."""
 GAIN, SPRING, PAYLOAD, TILT = (0.2, 0.4), (0.3, 0.6), (0.02, 0.1), (0.05, 0.2)
 """Of a reading; of the joint's typical torque; of the arm's mass; rad."""
-STEPS = 12
-"""Halvings of what the small effects are multiplied by."""
-SMALL = (0.02, 0.06)
-"""Of a joint's typical torque: each friction, and the torque of a rotor."""
-NOISE = (0.0005, 0.002)
-"""Of a torque sensor, of the effort limit."""
+STEPS = 12  # halvings of what the small effects are multiplied by
+SMALL = (0.02, 0.06)  # of a joint's typical torque: each friction, and the torque of a rotor
+NOISE = (0.0005, 0.002)  # of a torque sensor, of the effort limit
 
 
 def dominants(rng: np.random.Generator, kind: str, plant: Plant, typical: np.ndarray) -> list[Hidden]:
@@ -45,33 +42,17 @@ def dominants(rng: np.random.Generator, kind: str, plant: Plant, typical: np.nda
 
 @dataclass(frozen=True)
 class Case:
-    """Recordings of one robot.
+    """Recordings of one robot."""
 
-    Attributes:
-        train: one or two runs with one kind of motion.
-        held_out: with another kind.
-        exam: with a third.
-        dominant: the effects that make nearly all of the error; empty where the base is tilted.
-        share: of the squared error of the model as described, that they make.
-    """
-
-    train: tuple[Run, ...]
-    held_out: Run
-    exam: Run
-    dominant: tuple[Hidden, ...]
-    share: float
+    train: tuple[Run, ...]  # one or two runs with one kind of motion
+    held_out: Run  # with another kind
+    exam: Run  # with a third
+    dominant: tuple[Hidden, ...]  # the effects that make nearly all of the error; empty where the base is tilted
+    share: float  # of the squared error of the model as described, that they make
 
 
 def generate(robot: str, kind: str, seed: int, *, duration: float = 20.0, rate: float = 100.0) -> Case:
-    """One case.
-
-    Args:
-        robot: of `imperfect_arm.ROBOTS`.
-        kind: of `KINDS`.
-        seed: of everything that is random.
-        duration: of every run, s.
-        rate: samples per second.
-    """
+    """One case of a robot of `imperfect_arm.ROBOTS` and a kind of `KINDS`; every run lasts `duration` s."""
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), KINDS.index(kind)])
     order = rng.permutation(list(MOTIONS))

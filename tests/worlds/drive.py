@@ -10,61 +10,35 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-FRICTION = (0.01, 0.015)
-"""Viscous (at 1 rad/s) and Coulomb friction each, of the typical torque."""
-DRIFT = 0.2
-"""Largest share by which a joint's background friction differs between runs."""
-COGGING = (0.01, 0.02)
-"""Amplitude, of the typical torque."""
-COGS = (8, 30)
-"""Periods of the cogging per turn of the joint."""
-DEFLECTION = (0.004, 0.015)
-"""Of the joint's spring under the effort limit, rad."""
-SMOOTHING = (5.0, 15.0)
-"""Cut-off of the drive's zero-phase low-pass, Hz."""
-LATENESS = (0.001, 0.005)
-"""Of the torque's samples, s."""
+FRICTION = (0.01, 0.015)  # viscous (at 1 rad/s) and Coulomb friction each, of the typical torque
+DRIFT = 0.2  # largest share by which a joint's background friction differs between runs
+COGGING = (0.01, 0.02)  # amplitude, of the typical torque
+COGS = (8, 30)  # periods of the cogging per turn of the joint
+DEFLECTION = (0.004, 0.015)  # of the joint's spring under the effort limit, rad
+SMOOTHING = (5.0, 15.0)  # cut-off of the drive's zero-phase low-pass, Hz
+LATENESS = (0.001, 0.005)  # of the torque's samples, s
 NOISE = (0.001, 0.003)
 """Standard deviation of the torque's noise, of the joint's effort limit; 0.05 to 0.15 N m where that is 50 N m."""
-ROUNDING = 0.1
-"""Of that noise, what comes after the drive's low-pass."""
-PRESLIDING = 0.003
-"""Speed below which friction fades, rad/s: the joint's parts do not slide yet."""
-
-
-HIDDEN_DRIFT = 0.05
-"""Largest share by which a hidden friction differs between runs."""
+ROUNDING = 0.1  # of that noise, what comes after the drive's low-pass
+PRESLIDING = 0.003  # speed below which friction fades, rad/s: the joint's parts do not slide yet
+HIDDEN_DRIFT = 0.05  # largest share by which a hidden friction differs between runs
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """Of the joints' drives and sensors; all (nj,) where not a single number.
+    """Of the joints' drives and sensors; all (nj,) where not a single number."""
 
-    Attributes:
-        viscous: N m s/rad.
-        coulomb: N m.
-        cogging: amplitude, N m.
-        cogs: per turn.
-        phase: of the cogging, rad.
-        compliance: of the joint's spring between motor and link, rad/(N m).
-        smoothing: cut-off of the drive's low-pass of its torque, Hz; infinite for none.
-        late: how late torques are stamped, s.
-        noise: of the torque before that low-pass, N m.
-        position_noise: of the motor's encoder, rad.
-        presliding: speed below which friction fades, rad/s.
-    """
-
-    viscous: np.ndarray
-    coulomb: np.ndarray
-    cogging: np.ndarray
-    cogs: np.ndarray
-    phase: np.ndarray
-    compliance: np.ndarray
-    smoothing: float
-    late: float
-    noise: np.ndarray
-    position_noise: float
-    presliding: float = PRESLIDING
+    viscous: np.ndarray  # N m s/rad
+    coulomb: np.ndarray  # N m
+    cogging: np.ndarray  # amplitude, N m
+    cogs: np.ndarray  # per turn
+    phase: np.ndarray  # of the cogging, rad
+    compliance: np.ndarray  # of the joint's spring between motor and link, rad/(N m)
+    smoothing: float  # cut-off of the drive's low-pass of its torque, Hz; infinite for none
+    late: float  # how late torques are stamped, s
+    noise: np.ndarray  # of the torque before that low-pass, N m
+    position_noise: float  # of the motor's encoder, rad
+    presliding: float = PRESLIDING  # speed below which friction fades, rad/s
 
     @classmethod
     def none(cls, count: int) -> "Imperfections":
@@ -146,18 +120,13 @@ LAWS: Mapping[str, Callable[[Mapping[str, float], JointMotion], np.ndarray]] = {
 }
 """(n,) N m that an effect adds to the drive of its joint."""
 SMALL: Mapping[str, Mapping[str, float]] = {
-    "joint_viscous_friction": {"coefficient": 1e-6},
-    "joint_coulomb_friction": {"torque": 1e-6},
+    "joint_viscous_friction": {"coefficient": 1e-6}, "joint_coulomb_friction": {"torque": 1e-6},
     "joint_asymmetric_friction": {"positive": 1e-6, "negative": 1e-6},
-    "joint_stribeck_friction": {"torque": 1e-6, "speed": 0.1},
-    "joint_load_friction": {"coefficient": 1e-6},
-    "rotor_inertia": {"inertia": 1e-6},
-    "torque_offset": {"torque": 1e-6},
-    "torque_gain": {"error": 0.0},
-    "torque_delay": {"time": 1e-6},
-    "gravity_spring": {"sine": 1e-6, "cosine": 1e-6},
+    "joint_stribeck_friction": {"torque": 1e-6, "speed": 0.1}, "joint_load_friction": {"coefficient": 1e-6},
+    "rotor_inertia": {"inertia": 1e-6}, "torque_offset": {"torque": 1e-6}, "torque_gain": {"error": 0.0},
+    "torque_delay": {"time": 1e-6}, "gravity_spring": {"sine": 1e-6, "cosine": 1e-6},
     "joint_spring": {"stiffness": 1.0, "rest": 1e-6},
-}
+}  # fmt: skip
 """Values that do next to nothing, by effect on one joint."""
 COUNT = {effect: len(values) for effect, values in SMALL.items()} | {"payload": 4, "link_inertia": 10}
 """Numbers that describe an effect on one joint."""
@@ -165,17 +134,12 @@ COUNT = {effect: len(values) for effect, values in SMALL.items()} | {"payload": 
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect of armdyn's catalogue on one joint.
+    """One effect of armdyn's catalogue on one joint."""
 
-    Attributes:
-        effect: its name there.
-        joint: on which.
-        values: of its parameters by their names there; of a payload or a link's inertia those of a lump: ``mass`` [kg],
-            ``x``, ``y``, ``z`` [m], and ``about`` [kg m^2] where it is no point.
-    """
-
-    effect: str
-    joint: str
+    effect: str  # its name there
+    joint: str  # on which
+    # of its parameters by their names there; of a payload or a link's inertia those of a lump: ``mass`` [kg], ``x``,
+    # ``y``, ``z`` [m], and ``about`` [kg m^2] where it is no point
     values: Mapping[str, float] = field(hash=False)
 
     @property

@@ -5,7 +5,7 @@ With the load at (x - l sin phi, -l cos phi) and the pivot's speed V and acceler
     phi'' = (u cos phi - g sin phi)/l - 2 l' phi'/l - (b phi' + k phi)/(m l^2) + F_across/(m l) + e
             - sign(phi') (c + r |T|)/(m l^2),
 
-    T = m (g cos phi + l phi'^2 + u sin phi) + F_along,   F = -(d + q |v|) v of the load's speed v,
+    T = m (g cos phi + l phi'^2 + u sin phi) + F_along,   F = -(d + q |v|) v of the load's speed v, and the wind,
 
 where b, c, r belong to the pivot's viscous, Coulomb and load-dependent friction, k to its stiffness, and e is what a
 hand does. Dry friction is exact: the step in which phi' changes its sign is cut at that instant, and from there the
@@ -28,27 +28,20 @@ and an error of the energy is one of the period. In a minute from 2.95 rad the a
 150 steps throughout err by up to 0.4 of the noise of a fine sensor."""
 FORCES = (
     "pivot_viscous_friction", "pivot_coulomb_friction", "pivot_load_friction", "pivot_stiffness", "linear_drag",
-    "quadratic_drag", "string_creep",
+    "quadratic_drag", "string_creep", "wind",
 )  # fmt: skip
 DRY = ("pivot_coulomb_friction", "pivot_load_friction")
-AT_THE_GRIPPER = ("gripper_scale", "gripper_lag")
-"""Effects by where they act; what acts on readings is in `reading`."""
+AT_THE_GRIPPER = ("gripper_scale", "gripper_lag")  # effects by where they act; what acts on readings is in `reading`
 Motion = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Pendulum:
-    """What swings.
+    """What swings."""
 
-    Attributes:
-        length: pivot to centre of the load, m.
-        mass: kg.
-        effects: size by name, SI units.
-    """
-
-    length: float
-    mass: float
-    effects: Mapping[str, float]
+    length: float  # pivot to centre of the load, m
+    mass: float  # kg
+    effects: Mapping[str, float]  # size by name, SI units
 
     @property
     def period(self) -> float:
@@ -58,16 +51,12 @@ class Pendulum:
 
 @dataclass(frozen=True)
 class Push:
-    """What acts on a pendulum from outside.
+    """What acts on a pendulum from outside."""
 
-    Attributes:
-        gripper: measured x, v, a of the pivot (3, n) at times (n,), before `AT_THE_GRIPPER`; None where it stands.
-        shake: x, v, a of a motion of the pivot that nobody measures; None where it is firm.
-        hand: acceleration, rad/s^2, and seconds, of the hand that lets go: half a sine from the first instant on.
-    """
-
+    # measured x, v, a of the pivot (3, n) at times (n,), before `AT_THE_GRIPPER`; None where it stands
     gripper: Motion | None = None
-    shake: Motion | None = None
+    shake: Motion | None = None  # x, v, a of a motion of the pivot that nobody measures; None where it is firm
+    # acceleration, rad/s^2, and seconds, of the hand that lets go: half a sine from the first instant on
     hand: tuple[float, float] = (0.0, 0.1)
 
 
@@ -146,7 +135,8 @@ def _drag(
     """Force of the air across the string, towards growing angle, and along it, away from the pivot, N."""
     vx, vz = speed - length * rate * np.cos(angle), length * rate * np.sin(angle)
     size = effects.get("linear_drag", 0.0) + effects.get("quadratic_drag", 0.0) * np.hypot(vx, vz)
-    return size * (vx * np.cos(angle) - vz * np.sin(angle)), size * (vx * np.sin(angle) + vz * np.cos(angle))
+    x, z = size * vx - effects.get("wind", 0.0), size * vz
+    return x * np.cos(angle) - z * np.sin(angle), x * np.sin(angle) + z * np.cos(angle)
 
 
 def _integrated(
@@ -159,7 +149,7 @@ def _integrated(
     step: float,
 ) -> np.ndarray:
     """(count, 3) angle, rate and acceleration at every second of `times`."""
-    viscous, coulomb, grip, stiff, linear, quadratic, creep = (pendulum.effects.get(name, 0.0) for name in FORCES)
+    viscous, coulomb, grip, stiff, linear, quadratic, creep, wind = (pendulum.effects.get(n, 0.0) for n in FORCES)
     m, rest = pendulum.mass, pendulum.length
     air, dry, moving = linear + quadratic > 0.0, coulomb + grip > 0.0, any(speed)
     begin = times[0]
@@ -168,7 +158,7 @@ def _integrated(
         """Acceleration without dry friction."""
         length = rest + creep * (t - begin)
         c, s = cos(angle), sin(angle)
-        found = (u * c - G * s) / length - 2 * creep * rate / length + e
+        found = (u * c - G * s) / length - 2 * creep * rate / length + e - wind * c / (m * length)
         found -= (viscous * rate + stiff * angle) / (m * length * length)
         if air:
             if moving:
@@ -184,7 +174,7 @@ def _integrated(
         size = coulomb
         if grip:
             c, s = cos(angle), sin(angle)
-            tension = m * (G * c + length * rate * rate + u * s)
+            tension = m * (G * c + length * rate * rate + u * s) - wind * s
             if air and moving:
                 vx, vz = v - length * rate * c, length * rate * s
                 tension += (linear + quadratic * sqrt(vx * vx + vz * vz)) * (vx * s + vz * c)

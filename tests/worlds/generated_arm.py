@@ -18,54 +18,32 @@ from .plant import Plant, World, source
 
 ROBOTS = ("panda", "ur_description/urdf/ur10_robot.urdf", "kinova_description/robots/kinova.urdf", "talos_arm")
 """Known by name, or by a file in example-robot-data."""
-RATES = (100.0, 250.0, 500.0, 1000.0)
-"""Samples per second."""
-SECONDS, SHORTEST, MOST_RUNS = (12.0, 120.0), 6.0, 6
-"""In total; of a run; runs."""
+RATES = (100.0, 250.0, 500.0, 1000.0)  # samples per second
+SECONDS, SHORTEST, MOST_RUNS = (12.0, 120.0), 6.0, 6  # in total; of a run; runs
 EFFECTS = (*SMALL, "payload")
-SEVERAL = (3, 7)
-"""Effects at once, by name."""
-ON_JOINTS = (1, 1, 2, 3)
-"""Joints of an effect, each as likely."""
-SHARE = (0.05, 0.3)
-"""Root mean square of a friction, an offset, a rotor's torque over the joint's typical torque."""
-SPRING = (0.2, 1.0)
-"""The same of a spring."""
-GAIN, LATE, PER_LOAD, FADING = (0.05, 0.2), (0.004, 0.03), (0.03, 0.15), (0.03, 0.15)
-"""Share, s, share, rad/s."""
-CARRIED = (0.005, 0.03)
-"""kg per N m of the largest effort limit: 0.4 to 2.6 kg on a Panda."""
-ENCODER = (3e-5, 3e-4)
-"""Noise of positions, rad."""
-LOW_PASSED = 0.25
-"""Share of the robots whose torque is low-passed."""
-SHOWN = 50.0
-"""Nats that recordings must lose without an effect for it to be hidden: ten standard deviations."""
-STILL = 0.01
-"""rad/s; what a joint reads below it is no evidence: a friction that holds may be anything."""
-THINNED = 500
-"""Samples of all runs that this is reckoned with."""
-STEP = 1e-3
-"""Of differences, in each number's unit."""
+SEVERAL = (3, 7)  # effects at once, by name
+ON_JOINTS = (1, 1, 2, 3)  # joints of an effect, each as likely
+SHARE = (0.05, 0.3)  # root mean square of a friction, an offset, a rotor's torque over the joint's typical torque
+SPRING = (0.2, 1.0)  # the same of a spring
+GAIN, LATE, PER_LOAD, FADING = (0.05, 0.2), (0.004, 0.03), (0.03, 0.15), (0.03, 0.15)  # share, s, share, rad/s
+CARRIED = (0.005, 0.03)  # kg per N m of the largest effort limit: 0.4 to 2.6 kg on a Panda
+ENCODER = (3e-5, 3e-4)  # noise of positions, rad
+LOW_PASSED = 0.25  # share of the robots whose torque is low-passed
+SHOWN = 50.0  # nats that recordings must lose without an effect for it to be hidden: ten standard deviations
+STILL = 0.01  # rad/s; what a joint reads below it is no evidence: a friction that holds may be anything
+THINNED = 500  # samples of all runs that this is reckoned with
+STEP = 1e-3  # of differences, in each number's unit
 
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot, what is hidden in it, and what it recorded.
+    """One robot, what is hidden in it, and what it recorded."""
 
-    Attributes:
-        name: for `urdf.load`.
-        worlds: one for each run.
-        truth: what is hidden, joint by joint.
-        held_out: whether the last run is for choosing only.
-        seed: of everything that is random.
-    """
-
-    name: str
-    worlds: tuple[World, ...]
-    truth: tuple[Hidden, ...]
-    held_out: bool
-    seed: int
+    name: str  # for `urdf.load`
+    worlds: tuple[World, ...]  # one for each run
+    truth: tuple[Hidden, ...]  # what is hidden, joint by joint
+    held_out: bool  # whether the last run is for choosing only
+    seed: int  # of everything that is random
 
     @property
     def values(self) -> dict[str, float]:
@@ -108,12 +86,9 @@ class Robot:
 
 
 def generate(seed: int, *, effects: Collection[str] = EFFECTS, story: bool = False) -> Robot:
-    """One robot.
+    """One robot, in which some of `effects` are hidden; kinds of robots and rates follow the seed in turn.
 
-    Args:
-        seed: kinds of robots and rates follow it in turn.
-        effects: that may be hidden.
-        story: whether it makes one motion as long as any, at the lowest rate, whose beginning shows what is hidden.
+    In a `story` it makes one motion as long as any, at the lowest rate, whose beginning shows what is hidden.
     """
     rng = np.random.default_rng([seed, 0])
     robot, rate = ROBOTS[seed % len(ROBOTS)], RATES[0 if story else seed // len(ROBOTS) % len(RATES)]

@@ -22,30 +22,21 @@ from .drive import COUNT, Hidden, Imperfections
 from .motions import KINDS
 from .plant import Plant, World
 
-POSITION_NOISE: Mapping[str, float] = {"baxter": 4e-4, "ur5": 5e-5, "panda": 1e-4}
-"""Of the encoders by robot, rad."""
+POSITION_NOISE: Mapping[str, float] = {"baxter": 4e-4, "ur5": 5e-5, "panda": 1e-4}  # of the encoders by robot, rad
 ROBOTS = tuple(POSITION_NOISE)
 NOTHING = "nothing"
 CASES: Mapping[str, tuple[str, ...]] = {
-    "gravity_spring": ("gravity_spring",),
-    "coulomb": ("joint_coulomb_friction",),
-    "viscous": ("joint_viscous_friction",),
-    "payload": ("payload",),
-    "offset": ("torque_offset",),
-    "rotor": ("rotor_inertia",),
-    "link": ("link_inertia",),
-    "gain": ("torque_gain",),
+    "gravity_spring": ("gravity_spring",), "coulomb": ("joint_coulomb_friction",),
+    "viscous": ("joint_viscous_friction",), "payload": ("payload",), "offset": ("torque_offset",),
+    "rotor": ("rotor_inertia",), "link": ("link_inertia",), "gain": ("torque_gain",),
     "spring_coulomb": ("gravity_spring", "joint_coulomb_friction"),
-    "payload_viscous": ("payload", "joint_viscous_friction"),
-    NOTHING: (),
-}
+    "payload_viscous": ("payload", "joint_viscous_friction"), NOTHING: (),
+}  # fmt: skip
 """Dominant effects by case, under the catalogue's names."""
 ORDERS = (*tuple(permutations(KINDS))[::2], *tuple(permutations(KINDS))[1::2])
 """Kinds of training, held-out and exam by seed; each kind trains in every third seed."""
-DOMINANT = 0.8
-"""Of the squared torque error of the model as described, that dominant effects make at least."""
-VISIBLE = 0.5
-"""The same for the held-out run alone, on the joints that they act on."""
+DOMINANT = 0.8  # of the squared torque error of the model as described, that dominant effects make at least
+VISIBLE = 0.5  # the same for the held-out run alone, on the joints that they act on
 CLEARER = 0.9
 """Error that the clearest dominant effect leaves at most, over that of any other effect with no more numbers."""
 SPREAD = 0.4
@@ -56,50 +47,30 @@ ATTEMPTS, GROWTH = 100, 1.1
 
 @dataclass(frozen=True)
 class Recording:
-    """One run and what is known of it, (nj,) by joint, N m.
+    """One run and what is known of it, (nj,) by joint, N m."""
 
-    Attributes:
-        run: as recorded.
-        kind: of its motion.
-        as_given: root mean square of the torque minus that of the described rigid bodies, without noise.
-        background: the same without the dominant effects.
-    """
-
-    run: Run
-    kind: str
-    as_given: np.ndarray
-    background: np.ndarray
+    run: Run  # as recorded
+    kind: str  # of its motion
+    as_given: np.ndarray  # root mean square of the torque minus that of the described rigid bodies, without noise
+    background: np.ndarray  # the same without the dominant effects
 
 
 @dataclass(frozen=True)
 class Case:
-    """Recordings of one imperfect robot.
+    """Recordings of one imperfect robot."""
 
-    Attributes:
-        robot: its name for `urdf.load`.
-        name: of the case, a key of `CASES`.
-        seed: that it was drawn with.
-        joints: of the arm.
-        recordings: two for training, one held out, one exam.
-        truth: the dominant effects.
-        typical: (nj,) typical torques, N m.
-        left: by single effect and joint, (4,) share of each run's squared error that it leaves, fitted to the training.
-        draws: how many were made until the case was clear.
-        exam_world: the robot of the exam, on its motion.
-        exam_truth: the dominant effects as they are there.
-    """
-
-    robot: str
-    name: str
-    seed: int
-    joints: tuple[str, ...]
-    recordings: tuple[Recording, ...]
-    truth: tuple[Hidden, ...]
-    typical: np.ndarray
+    robot: str  # its name for `urdf.load`
+    name: str  # of the case, a key of `CASES`
+    seed: int  # that it was drawn with
+    joints: tuple[str, ...]  # of the arm
+    recordings: tuple[Recording, ...]  # two for training, one held out, one exam
+    truth: tuple[Hidden, ...]  # the dominant effects
+    typical: np.ndarray  # (nj,) typical torques, N m
+    # by single effect and joint, (4,) share of each run's squared error that it leaves, fitted to the training
     left: Mapping[Atom, np.ndarray]
-    draws: int
-    exam_world: World
-    exam_truth: tuple[Hidden, ...]
+    draws: int  # how many were made until the case was clear
+    exam_world: World  # the robot of the exam, on its motion
+    exam_truth: tuple[Hidden, ...]  # the dominant effects as they are there
 
     @property
     def train(self) -> list[Run]:
@@ -129,12 +100,7 @@ class Case:
         return tuple(hidden.joint for hidden in self.truth)
 
     def dominance(self, joints: Sequence[str] | None = None, recordings: slice = slice(None)) -> float:
-        """Share of the squared torque error of the model as described that goes with the dominant effects.
-
-        Args:
-            joints: on which; on all, in N m, by default.
-            recordings: in which.
-        """
+        """Share of the squared torque error of the model as described, N m, that goes with the dominant effects."""
         which = [self.joints.index(joint) for joint in joints or self.joints]
         chosen = self.recordings[recordings]
         left, given = (
@@ -166,15 +132,7 @@ class Case:
 
 
 def generate(robot: str, name: str, seed: int, *, duration: float = 20.0, rate: float = 100.0) -> Case:
-    """One case.
-
-    Args:
-        robot: of `ROBOTS`.
-        name: of `CASES`.
-        seed: of everything that is random.
-        duration: of every run, s.
-        rate: samples per second.
-    """
+    """One case of a robot of `ROBOTS` and a name of `CASES`; every run lasts `duration` s."""
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), list(CASES).index(name)])
     order = ORDERS[seed % len(ORDERS)]

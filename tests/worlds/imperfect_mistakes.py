@@ -18,12 +18,8 @@ from .mistakes import Mistake
 from .plant import Plant
 
 DEGREES = 180.0 / np.pi
-POUND_CENTIMETRE = 0.0980665
-"""N m; of a kgf cm."""
-
-
-STRETCHED = 0.15
-"""Of the range of a joint that sticks, by which its drive is away when it comes loose."""
+POUND_CENTIMETRE = 0.0980665  # N m; of a kgf cm
+STRETCHED = 0.15  # of the range of a joint that sticks, by which its drive is away when it comes loose
 
 
 def of_pendulum(run: Run, rng: np.random.Generator) -> Iterator[Mistake]:

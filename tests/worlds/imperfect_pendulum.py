@@ -25,12 +25,9 @@ from .pendulum_sensors import ANGLE, FITTED, FRICTIONS, KINDS, Kind, Sensor, ide
 BACKGROUND = 0.5
 """Error without them over the noise, at most, of all imperfections together that bear the name of an effect."""
 ATTEMPTS = 60
-MOST_SAMPLES = 30_000
-"""Of one run."""
-LOOKED_AT = 600
-"""Samples of a run from which it is told what is visible."""
-EXCLUSIVE = ({"pivot_viscous_friction", "linear_drag"},)
-"""Effects that are never hidden together."""
+MOST_SAMPLES = 30_000  # of one run
+LOOKED_AT = 600  # samples of a run from which it is told what is visible
+EXCLUSIVE = ({"pivot_viscous_friction", "linear_drag"},)  # effects that are never hidden together
 SIZES: Mapping[str, tuple[float, float]] = {
     "pivot_viscous_friction": (0.01, 0.3), "linear_drag": (0.01, 0.3), "pivot_coulomb_friction": (0.005, 1.5),
     "pivot_load_friction": (0.005, 1.5), "quadratic_drag": (0.003, 0.05), "pivot_stiffness": (0.2, 3.0),
@@ -39,58 +36,35 @@ SIZES: Mapping[str, tuple[float, float]] = {
     "gripper_lag": (5e-3, 4e-2),
 }  # fmt: skip
 """From and to, in units of `accelerating`; drawn evenly in the logarithm."""
-VISIBLE = 2.0
-"""Error without an effect, over the noise, from which on it is fair to ask for it."""
+VISIBLE = 2.0  # error without an effect, over the noise, from which on it is fair to ask for it
 ALIKE = 4.0
 """Root of the rise of chi2, were the noise white, when a rival takes the place of an effect, up to which either name is
 right."""
-AS_LARGE = 1.25
-"""Of two effects, what either leaves alone, up to which either may be named first."""
-ROTATIONS = ("path_tilt", "wind")
-"""What an offset of the angle cannot be told from while the pivot stands."""
-SIGNED = {*ANGLE, "string_creep", "gripper_scale", "sensor_bias"}
-"""Effects of either sign."""
+AS_LARGE = 1.25  # of two effects, what either leaves alone, up to which either may be named first
+ROTATIONS = ("path_tilt", "wind")  # what an offset of the angle cannot be told from while the pivot stands
+SIGNED = {*ANGLE, "string_creep", "gripper_scale", "sensor_bias"}  # effects of either sign
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Recordings with the truth behind them.
+    """Recordings with the truth behind them."""
 
-    Attributes:
-        name: kind, seed and what is hidden.
-        kind: of recording, of `KINDS`.
-        runs: for training.
-        held_out: of another amplitude.
-        exam: of a third one, without hands and slips.
-        hidden: size by effect, SI.
-        background: size by effect of imperfections that bear the name of an effect.
-        first: effects that explain most; more than one where they explain about as much.
-        alike: by hidden effect, others that these runs cannot tell from it.
-        visible: by hidden effect, error without it over the noise.
-        noise: std by channel of the sensor in the training runs, faults included.
-        pendulum: length, mass and hidden effects.
-        records: by role, with the truth of every run.
-        guess: length and mass that a user starts from.
-        wrong: a friction that is not there; of `fits` only.
-        draws: how many were made until one was fair.
-    """
-
-    name: str
-    kind: str
-    runs: tuple[Run, ...]
-    held_out: tuple[Run, ...]
-    exam: tuple[Run, ...]
-    hidden: Mapping[str, float]
-    background: Mapping[str, float]
-    first: tuple[str, ...]
-    alike: Mapping[str, frozenset[str]]
-    visible: Mapping[str, float]
-    noise: Mapping[str, float]
-    pendulum: Pendulum
-    records: Mapping[str, tuple[Record, ...]]
-    guess: tuple[float, float]
-    wrong: str = ""
-    draws: int = 1
+    name: str  # kind, seed and what is hidden
+    kind: str  # of recording, of `KINDS`
+    runs: tuple[Run, ...]  # for training
+    held_out: tuple[Run, ...]  # of another amplitude
+    exam: tuple[Run, ...]  # of a third one, without hands and slips
+    hidden: Mapping[str, float]  # size by effect, SI
+    background: Mapping[str, float]  # size by effect of imperfections that bear the name of an effect
+    first: tuple[str, ...]  # effects that explain most; more than one where they explain about as much
+    alike: Mapping[str, frozenset[str]]  # by hidden effect, others that these runs cannot tell from it
+    visible: Mapping[str, float]  # by hidden effect, error without it over the noise
+    noise: Mapping[str, float]  # std by channel of the sensor in the training runs, faults included
+    pendulum: Pendulum  # length, mass and hidden effects
+    records: Mapping[str, tuple[Record, ...]]  # by role, with the truth of every run
+    guess: tuple[float, float]  # length and mass that a user starts from
+    wrong: str = ""  # a friction that is not there; of `fits` only
+    draws: int = 1  # how many were made until one was fair
 
     @property
     def length(self) -> float:
@@ -104,15 +78,9 @@ class World:
 
 
 def world(seed: int, what: str = "names", hidden: Sequence[str] | None = None) -> World:
-    """One world.
+    """One world of ``"names"``, ``"clean"`` or ``"fits"``; the seed also goes through the kinds.
 
-    Args:
-        seed: of everything that is random; it also goes through the kinds.
-        what: ``"names"``, ``"clean"`` or ``"fits"``.
-        hidden: names of effects to hide; drawn where not given.
-
-    Raises:
-        RuntimeError: none of `ATTEMPTS` draws is fair.
+    Effects to hide are drawn where they are not given.
     """
     rng = np.random.default_rng([seed, zlib.crc32(what.encode())])
     kinds = FITTED if what == "fits" else tuple(KINDS)

@@ -21,50 +21,32 @@ robot = "{robot}"
 joints = [{joints}]
 effects = ["joint_viscous_friction", "joint_coulomb_friction", "payload:{last}"]
 """
-TORQUE_NOISE, POSITION_NOISE = 0.1, 1e-4
-"""N m, rad."""
+TORQUE_NOISE, POSITION_NOISE = 0.1, 1e-4  # N m, rad
 WEATHER, CORRELATION = 0.03, 0.5
 """Share by which all friction of a robot follows the temperature of the day, and how alike two days are."""
-GRIP = 0.005
-"""kg; how much the tool's mass differs from day to day: cables, grease."""
+GRIP = 0.005  # kg; how much the tool's mass differs from day to day: cables, grease
 
 
 @dataclass(frozen=True)
 class Change:
-    """What happens to one robot.
+    """What happens to one robot."""
 
-    Attributes:
-        recording: number of the first one after it.
-        tool: kg that its tool weighs more from then on.
-        dry_friction: factor of one joint's dry friction from then on.
-        joint: number of that joint.
-    """
-
-    recording: int
-    tool: float = 0.0
-    dry_friction: float = 1.0
-    joint: int = 2
+    recording: int  # number of the first one after it
+    tool: float = 0.0  # kg that its tool weighs more from then on
+    dry_friction: float = 1.0  # factor of one joint's dry friction from then on
+    joint: int = 2  # number of that joint
 
 
 @dataclass(frozen=True)
 class Lab:
-    """What is recorded.
+    """What is recorded."""
 
-    Attributes:
-        robots: how many.
-        recordings: of each, a day apart or a few.
-        changes: by number of a robot.
-        robot: the kind of arm.
-        seconds: that a recording lasts.
-        seed: of everything random.
-    """
-
-    robots: int = 20
-    recordings: int = 50
-    changes: Mapping[int, Change] = field(default_factory=dict)
-    robot: str = "ur5"
-    seconds: float = 6.0
-    seed: int = 0
+    robots: int = 20  # how many
+    recordings: int = 50  # of each, a day apart or a few
+    changes: Mapping[int, Change] = field(default_factory=dict)  # by number of a robot
+    robot: str = "ur5"  # the kind of arm
+    seconds: float = 6.0  # that a recording lasts
+    seed: int = 0  # of everything random
 
     def days(self, robot: int) -> Sequence[date]:
         """Of a robot's recordings."""

@@ -17,14 +17,10 @@ from armdyn.run import Channel, Run
 
 G = 9.81
 RATE = 100.0
-ANGLE_NOISE = 1e-3
-"""rad, of a good encoder with its mounting."""
-TORQUE_NOISE, POSITION_NOISE = 0.02, 2e-5
-"""N m and rad, of the arm."""
-SMOOTH = 5e-3
-"""rad/s, over which dry friction turns round."""
-TEMPERATURE = "temperature"
-"""In the name of a kind whose recordings hold a column of it, in K."""
+ANGLE_NOISE = 1e-3  # rad, of a good encoder with its mounting
+TORQUE_NOISE, POSITION_NOISE = 0.02, 2e-5  # N m and rad, of the arm
+SMOOTH = 5e-3  # rad/s, over which dry friction turns round
+TEMPERATURE = "temperature"  # in the name of a kind whose recordings hold a column of it, in K
 
 
 class Moment(NamedTuple):
@@ -36,23 +32,16 @@ class Moment(NamedTuple):
     warm: float
 
 
-Force = Callable[[Moment], float]
-"""Torque about the pivot, N m; a height of the rail apart."""
+Force = Callable[[Moment], float]  # torque about the pivot, N m; a height of the rail apart
 
 
 @dataclass(frozen=True)
 class Law:
-    """What is hidden.
+    """What is hidden."""
 
-    Attributes:
-        kind: what it is called here.
-        names: kinds of `armdyn.discovery` that are a right answer; effects of the catalogue among them.
-        base: ``"pendulum"`` or ``"arm"``.
-    """
-
-    kind: str
-    names: tuple[str, ...]
-    base: str
+    kind: str  # what it is called here
+    names: tuple[str, ...]  # kinds of `armdyn.discovery` that are a right answer; effects of the catalogue among them
+    base: str  # ``"pendulum"`` or ``"arm"``
 
 
 LAWS = {
@@ -82,27 +71,16 @@ CLEAN = {
 
 @dataclass(frozen=True)
 class World:
-    """Recordings with a law in them: two to fit, one held out, one that nothing sees until the end.
+    """Recordings with a law in them: two to fit, one held out, one that nothing sees until the end."""
 
-    Attributes:
-        kind: the law's, or of `CLEAN`.
-        base: as of `Law`.
-        runs: to fit.
-        held_out: takes part in choosing.
-        exam: in nothing.
-        noise: by channel, standard deviation.
-        length: of the pendulum, m.
-        mass: of its load, kg.
-    """
-
-    kind: str
-    base: str
-    runs: tuple[Run, ...]
-    held_out: Run
-    exam: Run
-    noise: Mapping[str, float]
-    length: float = 0.0
-    mass: float = 0.0
+    kind: str  # the law's, or of `CLEAN`
+    base: str  # as of `Law`
+    runs: tuple[Run, ...]  # to fit
+    held_out: Run  # takes part in choosing
+    exam: Run  # in nothing
+    noise: Mapping[str, float]  # by channel, standard deviation
+    length: float = 0.0  # of the pendulum, m
+    mass: float = 0.0  # of its load, kg
 
 
 def world(kind: str, seed: int) -> World:
@@ -112,8 +90,7 @@ def world(kind: str, seed: int) -> World:
     return _pendulum(kind, rng) if base == "pendulum" else _arm(kind, rng)
 
 
-Warmth = Callable[[np.ndarray], np.ndarray]
-"""K above the usual temperature at (n,) times, s."""
+Warmth = Callable[[np.ndarray], np.ndarray]  # K above the usual temperature at (n,) times, s
 
 
 def _wandering(rng: np.random.Generator) -> Warmth:
@@ -274,8 +251,7 @@ class Track(NamedTuple):
     warm: np.ndarray
 
 
-JointLaw = Callable[[Track], np.ndarray]
-"""What the elbow's drive gives besides, N m."""
+JointLaw = Callable[[Track], np.ndarray]  # what the elbow's drive gives besides, N m
 
 
 def _hidden_torque(kind: str, rng: np.random.Generator) -> JointLaw:

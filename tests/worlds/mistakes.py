@@ -14,33 +14,22 @@ from .dry_swing import G
 from .plant import Plant
 from .sound_recordings import Gravity, Sound, arm
 
-TOLD = 0.6
-"""Of the root mean square of a joint's torque, by which a mistake changes what is expected of it."""
-LOADED = 0.06
-"""Of the effort limit: torque of a joint of whose sign or unit one can speak."""
+TOLD = 0.6  # of the root mean square of a joint's torque, by which a mistake changes what is expected of it
+LOADED = 0.06  # of the effort limit: torque of a joint of whose sign or unit one can speak
 SMALLEST, LARGEST = {"N": 0.1, "N m": 1.0, "m": 0.005, "rad": 0.01}, {"N": 50.0, "N m": 50.0, "m": 0.5, "rad": 6.3}
 """How far off, by unit: evenly drawn over the logarithm between the two."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """A recording with a mistake, and what is to be said of it.
+    """A recording with a mistake, and what is to be said of it."""
 
-    Attributes:
-        name: of the mistake.
-        run: as a user has it.
-        kind: of the contract; of several that are right all, with a space between.
-        channels: one of which the answer must name; empty where any will do.
-        urdf: factors of masses and lengths of the description.
-        undone: whether a correction can undo it.
-    """
-
-    name: str
-    run: Run
-    kind: str
-    channels: tuple[str, ...] = ()
-    urdf: tuple[float, float] = (1.0, 1.0)
-    undone: bool = True
+    name: str  # of the mistake
+    run: Run  # as a user has it
+    kind: str  # of the contract; of several that are right all, with a space between
+    channels: tuple[str, ...] = ()  # one of which the answer must name; empty where any will do
+    urdf: tuple[float, float] = (1.0, 1.0)  # factors of masses and lengths of the description
+    undone: bool = True  # whether a correction can undo it
 
     @property
     def kinds(self) -> frozenset[str]:

@@ -19,36 +19,22 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class Room:
-    """Where and how fast the joints may move; all (nj,).
+    """Where and how fast the joints may move; all (nj,)."""
 
-    Attributes:
-        centre: rad.
-        swing: largest distance from the centre, rad.
-        speed: largest, rad/s.
-        acceleration: largest, rad/s^2, roughly.
-    """
-
-    centre: np.ndarray
-    swing: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
+    centre: np.ndarray  # rad
+    swing: np.ndarray  # largest distance from the centre, rad
+    speed: np.ndarray  # largest, rad/s
+    acceleration: np.ndarray  # largest, rad/s^2, roughly
 
 
 @dataclass(frozen=True)
 class Fourier:
-    """A Fourier series: q = centre + sum over h of sine_h sin(h w t) + cosine_h cos(h w t), w = 2 pi / period.
+    """A Fourier series: q = centre + sum over h of sine_h sin(h w t) + cosine_h cos(h w t), w = 2 pi / period."""
 
-    Attributes:
-        centre: (nj,) rad.
-        sine: (nj, h) rad.
-        cosine: (nj, h) rad.
-        period: s.
-    """
-
-    centre: np.ndarray
-    sine: np.ndarray
-    cosine: np.ndarray
-    period: float
+    centre: np.ndarray  # (nj,) rad
+    sine: np.ndarray  # (nj, h) rad
+    cosine: np.ndarray  # (nj, h) rad
+    period: float  # s
 
     def at(self, time: np.ndarray) -> Derivatives:
         """See `Motion.at`."""
@@ -74,17 +60,11 @@ def random_fourier(
 
 @dataclass(frozen=True)
 class Moves:
-    """From posture to posture with a rest at each; q = q_k + (q_k+1 - q_k) b(s), b' = 140 s^3 (1 - s)^3.
+    """From posture to posture with a rest at each; q = q_k + (q_k+1 - q_k) b(s), b' = 140 s^3 (1 - s)^3."""
 
-    Attributes:
-        postures: (k + 1, nj) rad.
-        begin: (k,) when each move begins, s.
-        length: (k,) how long it takes, s.
-    """
-
-    postures: np.ndarray
-    begin: np.ndarray
-    length: np.ndarray
+    postures: np.ndarray  # (k + 1, nj) rad
+    begin: np.ndarray  # (k,) when each move begins, s
+    length: np.ndarray  # (k,) how long it takes, s
 
     def at(self, time: np.ndarray) -> Derivatives:
         """See `Motion.at`."""
@@ -98,8 +78,7 @@ class Moves:
         return q, v, a
 
 
-PEAK_SPEED, PEAK_ACCELERATION = 2.1875, 7.52
-"""Of a move over unit distance in unit time."""
+PEAK_SPEED, PEAK_ACCELERATION = 2.1875, 7.52  # of a move over unit distance in unit time
 
 
 def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves:
@@ -120,21 +99,13 @@ def random_moves(rng: np.random.Generator, room: Room, duration: float) -> Moves
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Every joint to and fro at a constant speed of its own; in turns the acceleration follows sin^2; all (nj,).
+    """Every joint to and fro at a constant speed of its own; in turns the acceleration follows sin^2; all (nj,)."""
 
-    Attributes:
-        centre: rad.
-        speed: between turns, rad/s.
-        half: from turn to turn, s.
-        turn: how long a turn takes, s.
-        phase: time that is gone at t = 0, s.
-    """
-
-    centre: np.ndarray
-    speed: np.ndarray
-    half: np.ndarray
-    turn: np.ndarray
-    phase: np.ndarray
+    centre: np.ndarray  # rad
+    speed: np.ndarray  # between turns, rad/s
+    half: np.ndarray  # from turn to turn, s
+    turn: np.ndarray  # how long a turn takes, s
+    phase: np.ndarray  # time that is gone at t = 0, s
 
     def at(self, time: np.ndarray) -> Derivatives:
         """See `Motion.at`."""
@@ -151,8 +122,7 @@ class Sweeps:
         return q, v, a
 
 
-TURNING = 0.25 + 1.0 / np.pi**2
-"""Way from where a turn begins to its farthest point, over speed and length of the turn."""
+TURNING = 0.25 + 1.0 / np.pi**2  # way from where a turn begins to its farthest point, over speed and length of the turn
 
 
 def random_sweeps(rng: np.random.Generator, room: Room) -> Sweeps:

@@ -1,7 +1,6 @@
 """Output error of `dry_swing` against records: what the true structure reaches, started at the truth.
 
-A Levenberg-Marquardt method with derivatives by differences; what belongs to one run changes that run alone. It only
-has to stay in the basin of the truth where it starts.
+A fit only has to stay in the basin of the truth where it starts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import least_squares
 
 from .dry_swing import G, Pendulum, Push, reading, swing
 
@@ -17,33 +18,21 @@ SIGNED = (
     "pivot_stiffness",
 )  # fmt: skip
 """Effects whose size may be negative."""
-MOST_SAMPLES = 3000
-"""Of one channel that a fit looks at; error is told of them too."""
+MOST_SAMPLES = 3000  # of one channel that a fit looks at; error is told of them too
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One channel of one run with its truth.
+    """One channel of one run with its truth."""
 
-    Attributes:
-        name: of the run.
-        channel: of the contract.
-        time: (n,) s.
-        value: (n,) as recorded, SI; nan where it was lost.
-        clean: (n,) as it would be without noise, hand and shake.
-        start: true angle and rate at `time[0]`.
-        push: what moves the pivot, as far as it is measured.
-        noise: std of what was recorded.
-    """
-
-    name: str
-    channel: str
-    time: np.ndarray
-    value: np.ndarray
-    clean: np.ndarray
-    start: tuple[float, float]
-    push: Push
-    noise: float
+    name: str  # of the run
+    channel: str  # of the contract
+    time: np.ndarray  # (n,) s
+    value: np.ndarray  # (n,) as recorded, SI; nan where it was lost
+    clean: np.ndarray  # (n,) as it would be without noise, hand and shake
+    start: tuple[float, float]  # true angle and rate at `time[0]`
+    push: Push  # what moves the pivot, as far as it is measured
+    noise: float  # std of what was recorded
 
     @property
     def thinned(self) -> np.ndarray:
@@ -54,19 +43,12 @@ class Record:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Attributes:
-        pendulum: with the sizes found.
-        starts: of the records.
-        rmse: of each record, in its unit.
-        samples: of each record.
-    """
-
-    pendulum: Pendulum
-    starts: tuple[tuple[float, float], ...]
-    rmse: tuple[float, ...]
-    samples: tuple[int, ...]
+    pendulum: Pendulum  # with the sizes found
+    starts: tuple[tuple[float, float], ...]  # of the records
+    rmse: tuple[float, ...]  # of each record, in its unit
+    samples: tuple[int, ...]  # of each record
 
 
 def accelerating(pendulum: Pendulum, effect: str) -> float:
@@ -80,13 +62,7 @@ def accelerating(pendulum: Pendulum, effect: str) -> float:
 
 
 class Derivatives:
-    """Derivatives of all readings of records, over their noise, at the truth.
-
-    Args:
-        pendulum: the truth.
-        records: with the true starts.
-        most: samples of a record that are looked at.
-    """
+    """Derivatives of all readings of records, over their noise, at the truth; at most `most` samples of a record."""
 
     def __init__(self, pendulum: Pendulum, records: Sequence[Record], most: int) -> None:
         self.pendulum, self.records = pendulum, records
@@ -127,95 +103,50 @@ class Derivatives:
 
 
 def fitted(pendulum: Pendulum, free: Sequence[str], records: Sequence[Record], steps: int = 25) -> Fitted:
-    """Length, sizes of the effects `free` and starts that describe records best, from those of `pendulum`.
-
-    Args:
-        pendulum: where to start; effects that are not `free` keep their size.
-        free: names of effects.
-        records: whose starts are where to start.
-        steps: at most.
-    """
-    heavy = any(record.channel == "load_force" for record in records)
-    shared = np.array([1.0, 1.0, *(pendulum.effects.get(e, 0.0) / accelerating(pendulum, e) for e in free)])
-    adapts = np.array([True, heavy, *(True for _ in free)])
-    floor = np.array([0.2, 0.2, *(-np.inf if e in SIGNED else 0.0 for e in free)])
-    return _descended(pendulum, free, records, shared, adapts, floor, steps)
+    """Length, sizes of the effects `free` and starts that describe records best, from those given."""
+    adapts = ["length", *(["mass"] if any(r.channel == "load_force" for r in records) else []), *free]
+    return _descended(pendulum, adapts, records, steps)
 
 
 def predicted(pendulum: Pendulum, records: Sequence[Record], steps: int = 25) -> Fitted:
     """Records that took no part in a fit: only their starts are adapted."""
-    shared = np.array([1.0, 1.0])
-    return _descended(pendulum, (), records, shared, np.zeros(2, dtype=bool), np.zeros(2), steps)
+    return _descended(pendulum, (), records, steps)
 
 
-def _descended(
-    pendulum: Pendulum,
-    free: Sequence[str],
-    records: Sequence[Record],
-    shared: np.ndarray,
-    adapts: np.ndarray,
-    floor: np.ndarray,
-    steps: int,
-) -> Fitted:
-    units = {effect: accelerating(pendulum, effect) for effect in free}
+def _descended(pendulum: Pendulum, adapts: Sequence[str], records: Sequence[Record], steps: int) -> Fitted:
+    """Length and mass are adapted as shares of their own, effects in units of `accelerating`."""
+    units = {"length": pendulum.length, "mass": pendulum.mass}
+    units |= {name: accelerating(pendulum, name) for name in adapts if name not in units}
+    begun = {"length": pendulum.length, "mass": pendulum.mass, **pendulum.effects}
+    floor = [0.2 if name in ("length", "mass") else -np.inf if name in SIGNED else 0.0 for name in adapts]
     places = [record.thinned for record in records]
     valid = [int(np.count_nonzero(np.isfinite(record.value))) for record in records]
-    starts = np.array([record.start for record in records])
-    count, runs = len(shared), range(len(records))
 
     def built(x: np.ndarray) -> Pendulum:
-        sizes = {e: v * units[e] for e, v in zip(free, x[2:].tolist(), strict=True)}
-        return Pendulum(pendulum.length * x[0], pendulum.mass * x[1], {**pendulum.effects, **sizes})
+        values = begun | {name: value * units[name] for name, value in zip(adapts, x.tolist(), strict=False)}
+        return Pendulum(values.pop("length"), values.pop("mass"), values)
 
-    def residual(made: Pendulum, start: np.ndarray, k: int) -> np.ndarray:
-        record, at = records[k], places[k]
-        read = _read(made, (float(start[0]), float(start[1])), record, at)
-        return (record.value[at] - read) / record.noise * np.sqrt(valid[k] / len(at))  # thinned runs keep their weight
-
-    def residuals(x: np.ndarray, s: np.ndarray) -> list[np.ndarray]:
-        made = built(x)
-        return [residual(made, s[k], k) for k in runs]
-
-    here = residuals(shared, starts)
-    cost, damping = sum(float(r @ r) for r in here), 1e-6
-    small = np.array([1e-6, 1e-6, *(1e-5 for _ in free)])
-    which = np.flatnonzero(adapts)
-    for _ in range(steps):
-        normal = np.zeros((count + 2 * len(records),) * 2)
-        slope = np.zeros(len(normal))
-        changed = [
-            residuals(shared + small * (np.arange(count) == j), starts) if adapts[j] else here for j in range(count)
+    def residuals(x: np.ndarray) -> list[np.ndarray]:
+        made, starts = built(x), x[len(adapts) :].reshape(-1, 2).tolist()
+        weigh = [np.sqrt(n / len(at)) for n, at in zip(valid, places, strict=True)]  # thinned runs keep their weight
+        return [
+            (record.value[at] - _read(made, (start[0], start[1]), record, at)) / record.noise * weight
+            for record, at, start, weight in zip(records, places, starts, weigh, strict=True)
         ]
-        for k in runs:
-            columns = np.zeros((len(here[k]), count + 2))
-            for j in which:
-                columns[:, j] = (changed[j][k] - here[k]) / small[j]
-            for j in (0, 1):
-                moved = starts[k] + 1e-6 * (np.arange(2) == j)
-                columns[:, count + j] = (residual(built(shared), moved, k) - here[k]) / 1e-6
-            at = np.r_[np.arange(count), count + 2 * k, count + 2 * k + 1]
-            normal[np.ix_(at, at)] += columns.T @ columns
-            slope[at] -= columns.T @ here[k]
-        held = np.r_[~adapts | ((shared <= floor) & (slope[:count] < 0.0)), np.zeros(2 * len(records), dtype=bool)]
-        move, gain = ~held, 0.0
-        for _ in range(8):
-            step = np.zeros(len(normal))
-            part = normal[np.ix_(move, move)]
-            step[move] = np.linalg.lstsq(part + damping * np.diag(np.diag(part) + 1e-12), slope[move], rcond=None)[0]
-            x, s = np.maximum(shared + step[:count], floor), starts + step[count:].reshape(-1, 2)
-            there = residuals(x, s)
-            new = sum(float(r @ r) for r in there)
-            if np.isfinite(new) and new < cost:
-                gain, damping = cost - new, max(0.1 * damping, 1e-9)
-                shared, starts, here, cost = x, s, there, new
-                break
-            damping = min(max(10 * damping, 1e-6) * 3, 1e6)
-        if gain <= 1e-5 * cost:
-            break
-    rmse = tuple(
-        record.noise * float(np.linalg.norm(r)) / np.sqrt(n) for record, r, n in zip(records, here, valid, strict=True)
-    )
-    return Fitted(built(shared), tuple((float(a), float(b)) for a, b in starts), rmse, tuple(valid))
+
+    begin = np.array([begun.get(name, 0.0) / units[name] for name in adapts] + [x for r in records for x in r.start])
+    own = block_diag(*(np.ones((len(at), 2)) for at in places))  # what belongs to one run changes that run alone
+    found = least_squares(
+        lambda x: np.concatenate(residuals(x)), begin, bounds=(floor + [-np.inf] * 2 * len(records), np.inf),
+        x_scale="jac", jac_sparsity=np.hstack([np.ones((len(own), len(adapts))), own]),
+        ftol=1e-5, max_nfev=steps,
+    )  # fmt: skip
+    rmse = [r.noise * float(np.linalg.norm(left)) for r, left in zip(records, residuals(found.x), strict=True)]
+    starts = found.x[len(adapts) :].reshape(-1, 2).tolist()
+    return Fitted(
+        built(found.x), tuple((a, b) for a, b in starts),
+        tuple(r / np.sqrt(n) for r, n in zip(rmse, valid, strict=True)), tuple(valid),
+    )  # fmt: skip
 
 
 def _read(pendulum: Pendulum, start: tuple[float, float], record: Record, at: np.ndarray) -> np.ndarray:

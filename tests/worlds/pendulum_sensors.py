@@ -24,29 +24,17 @@ GRIPPER = ("gripper_scale", "gripper_lag")
 
 @dataclass(frozen=True)
 class Sensor:
-    """What stands between a motion and its samples.
+    """What stands between a motion and its samples."""
 
-    Attributes:
-        channel: of the contract.
-        rate: Hz.
-        white: std of one sample, SI.
-        correlation: of the noise from sample to sample.
-        quantum: steps of the stored value; 0 where they are fine.
-        clusters: spells per minute of three times the noise, as of a tracker that nearly lost its marker.
-        lost: share of samples that are missing, in clumps.
-        jitter: of the stamps, as a share of their interval; a tenth of it is not written down.
-        slips: counts lost per minute, each a step of the mean by one quantum.
-    """
-
-    channel: str
-    rate: float
-    white: float
-    correlation: float = 0.0
-    quantum: float = 0.0
-    clusters: float = 0.0
-    lost: float = 0.0
-    jitter: float = 0.0
-    slips: float = 0.0
+    channel: str  # of the contract
+    rate: float  # Hz
+    white: float  # std of one sample, SI
+    correlation: float = 0.0  # of the noise from sample to sample
+    quantum: float = 0.0  # steps of the stored value; 0 where they are fine
+    clusters: float = 0.0  # spells per minute of three times the noise, as of a tracker that nearly lost its marker
+    lost: float = 0.0  # share of samples that are missing, in clumps
+    jitter: float = 0.0  # of the stamps, as a share of their interval; a tenth of it is not written down
+    slips: float = 0.0  # counts lost per minute, each a step of the mean by one quantum
 
     @property
     def std(self) -> float:
@@ -56,36 +44,22 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Plan:
-    """How one run is made: a release from an amplitude, or a drive to one.
+    """How one run is made: a release from an amplitude, or a drive to one."""
 
-    Attributes:
-        role: ``"run"``, ``"held out"`` or ``"exam"``.
-        driven: whether the gripper moves.
-        amplitude: rad.
-        duration: s.
-    """
-
-    role: str
-    driven: bool
-    amplitude: float
-    duration: float
+    role: str  # ``"run"``, ``"held out"`` or ``"exam"``
+    driven: bool  # whether the gripper moves
+    amplitude: float  # rad
+    duration: float  # s
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A way to record a pendulum.
+    """A way to record a pendulum."""
 
-    Attributes:
-        sensor: of the angle, the rate or the force.
-        plans: of a whole set of runs.
-        effects: that may be hidden.
-        length: range, m.
-    """
-
-    sensor: Callable[[np.random.Generator], Sensor]
-    plans: Callable[[np.random.Generator], list[Plan]]
-    effects: tuple[str, ...]
-    length: tuple[float, float] = (0.1, 1.5)
+    sensor: Callable[[np.random.Generator], Sensor]  # of the angle, the rate or the force
+    plans: Callable[[np.random.Generator], list[Plan]]  # of a whole set of runs
+    effects: tuple[str, ...]  # that may be hidden
+    length: tuple[float, float] = (0.1, 1.5)  # range, m
 
 
 def _video(rng: np.random.Generator) -> Sensor:

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,18 +18,15 @@ from .bodies import Links
 from .drive import Hidden, Imperfections, JointMotion, Lump
 from .motions import KINDS, Derivatives, Motion, Room
 
-FARTHEST = 1.4
-"""From the robot's home, rad."""
-MARGIN = 0.05
-"""To position limits, rad."""
+FARTHEST = 1.4  # from the robot's home, rad
+MARGIN = 0.05  # to position limits, rad
 REGIONS, SWING = (0.3, 0.5, 0.7), 0.28
 """Centres of three regions, and how far motions go from them, in widths of a joint's range."""
 SLOWED, FASTEST, BRISKEST = 0.6, 2.0, 12.0
 """Share of the velocity limits that is used, and no more than so many rad/s and rad/s^2."""
 EDGE = 0.5
 """s at either end that errors are not measured on, where splines and filters have neighbours on one side only."""
-LEAST_TYPICAL = 0.02
-"""Of the effort limit: typical torque of a joint that has hardly any load."""
+LEAST_TYPICAL = 0.02  # of the effort limit: typical torque of a joint that has hardly any load
 
 
 def source(robot: str) -> str:
@@ -39,11 +36,7 @@ def source(robot: str) -> str:
 
 @lru_cache(maxsize=8)
 class Plant:
-    """A robot's rigid bodies, with a lump that can be put on each link.
-
-    Args:
-        name: of the robot.
-    """
+    """A robot's rigid bodies, with a lump that can be put on each link."""
 
     def __init__(self, name: str) -> None:
         robot = urdf.load(name)
@@ -53,13 +46,12 @@ class Plant:
         self.upper = np.minimum(robot.limits.upper - MARGIN, robot.home + FARTHEST)
         self.speed = np.minimum(SLOWED * robot.limits.velocity, FASTEST)
         self.acceleration = np.minimum(robot.limits.acceleration, BRISKEST)
-        lumps = [bodies.Attachment(f"lump on {joint}", joint) for joint in self.joints]
-        self._model = bodies.compiled(robot.urdf_xml, lumps, self.joints)
+        self._model = bodies.compiled(robot.urdf_xml, self.joints)
         # MuJoCo takes shortcuts for bodies whose centre is at their origin; here centres move.
         self._model.body_sameframe[:] = 0
         self._model.body_simple[:] = 0
         self._model.dof_simplenum[:] = 0
-        self._lump = [self._model.body(lump.name).id for lump in lumps]
+        self._lump = [self._model.body(f"lump on {joint}").id for joint in self.joints]
         self._model.body_mass[self._lump] = 0.0
         self._model.body_inertia[self._lump] = 0.0
         self._first_links = [int(self._model.jnt_bodyid[self._model.joint(joint).id]) for joint in self.joints]
@@ -120,22 +112,14 @@ class Plant:
 
 @dataclass(frozen=True)
 class World:
-    """One run of one robot.
+    """One run of one robot."""
 
-    Attributes:
-        plant: the robot.
-        links: its true ones.
-        drive: of its joints, in this run.
-        motion: of its links.
-        stamps: (n,) s.
-        further: (n, nj) N m that its drives give besides, at its motors' motion.
-    """
-
-    plant: Plant
-    links: Links
-    drive: Imperfections
-    motion: Motion
-    stamps: np.ndarray
+    plant: Plant  # the robot
+    links: Links  # its true ones
+    drive: Imperfections  # of its joints, in this run
+    motion: Motion  # of its links
+    stamps: np.ndarray  # (n,) s
+    # (n, nj) N m that its drives give besides, at its motors' motion
     further: Callable[[Derivatives], np.ndarray] | None = None
 
     @property
@@ -148,13 +132,8 @@ class World:
         edge = round(EDGE * self._rate)
         return slice(edge, len(self.stamps) - edge)
 
-    @cached_property
-    def _loads(self) -> dict[tuple[tuple[int, Lump], ...], np.ndarray]:
-        return {}
-
-    @cached_property
-    def _earlier(self) -> dict[float, "World"]:
-        return {}
+    _loads: dict[tuple[tuple[int, Lump], ...], np.ndarray] = field(default_factory=dict, init=False)
+    _earlier: dict[float, "World"] = field(default_factory=dict, init=False)
 
     def load(self, truth: Sequence[Hidden] = ()) -> np.ndarray:
         """(n, nj) torques that the links, and what is on them, ask of the joints when the torques are taken, N m."""

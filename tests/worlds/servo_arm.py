@@ -30,63 +30,43 @@ from .motions import KINDS
 from .plant import Plant, source
 
 JOINTS = 5
-LAWS = ("position", "position", "velocity", "torque")
-"""Each as likely: most such arms are told positions."""
-STEP = 5e-4
-"""s of the truth's simulation."""
-RATES = (50.0, 100.0)
-"""Commands and samples a second."""
-TURN = (4096, 16384, 65536)
-"""Steps of an encoder in a turn."""
-SECONDS, RUNS = 20.0, 3
-"""Of a run; runs, the last held out."""
-BEFORE = 2.0
-"""s that an arm moves before it records."""
-SLOW = 0.6
-"""Of the speed of arms with torque sensors."""
+LAWS = ("position", "position", "velocity", "torque")  # each as likely: most such arms are told positions
+STEP = 5e-4  # s of the truth's simulation
+RATES = (50.0, 100.0)  # commands and samples a second
+TURN = (4096, 16384, 65536)  # steps of an encoder in a turn
+SECONDS, RUNS = 20.0, 3  # of a run; runs, the last held out
+BEFORE = 2.0  # s that an arm moves before it records
+SLOW = 0.6  # of the speed of arms with torque sensors
 DROOP = {"position": (0.04, 0.12), "velocity": (0.1, 0.3), "torque": (0.8, 1.25)}
 """Error by which a drive carries the largest load of its kind, rad and rad/s; the gain of one that is told torques."""
-DAMPED = (0.3, 0.7)
-"""Damping ratio of a position servo by viscous friction: without any, no such servo comes to rest."""
+DAMPED = (0.3, 0.7)  # damping ratio of a position servo by viscous friction: without any, no such servo comes to rest
 DELAY, SAG, LIMIT = (0.0, 0.03), 0.15, (0.9, 1.1)
 """s; largest share that a supply loses; limit over the largest load of the kind."""
 SHARE = (0.05, 0.25)
 """Friction, offset and a rotor's torque over the largest load of the joint, of which a joint has at least LEAST."""
-LEAST = 0.15
-"""Of its kind's."""
+LEAST = 0.15  # of its kind's
 PER_LOAD, FADING, CARRIED = (0.05, 0.2), (0.05, 0.2), (0.02, 0.08)
 """Load friction; rad/s of Stribeck's; payload over the arm's mass."""
 EFFECTS = (
     "joint_viscous_friction", "joint_coulomb_friction", "joint_stribeck_friction", "joint_load_friction",
     "rotor_inertia", "torque_offset", "payload",
 )  # fmt: skip
-OUTSIDE = 1.2
-"""Hz of the loop around drives that are told velocities or torques."""
-HELPLESS = 0.5
-"""Of the time: a drive that is at its limit for longer does not keep its arm on its path."""
+OUTSIDE = 1.2  # Hz of the loop around drives that are told velocities or torques
+HELPLESS = 0.5  # of the time: a drive that is at its limit for longer does not keep its arm on its path
 SHOWN, BAND, STILL, THINNED = 50.0, 6.0, 0.02, 10
 """Nats, see `generated_arm.SHOWN`; Hz to which positions' noise becomes torque; rad/s; independent samples a second."""
 
 
 @dataclass(frozen=True)
 class ServoArm:
-    """One arm.
+    """One arm."""
 
-    Attributes:
-        seed: of everything random.
-        robot: its name.
-        law: of its drives.
-        known: what its user has: the description, and tables of its drives.
-        truth: with what is hidden; its drives have their gains and delays.
-        runs: recordings, the last is held out.
-    """
-
-    seed: int
-    robot: str
-    law: str
-    known: ArmModel
-    truth: ArmModel
-    runs: tuple[Run, ...]
+    seed: int  # of everything random
+    robot: str  # its name
+    law: str  # of its drives
+    known: ArmModel  # what its user has: the description, and tables of its drives
+    truth: ArmModel  # with what is hidden; its drives have their gains and delays
+    runs: tuple[Run, ...]  # recordings, the last is held out
 
 
 @lru_cache(maxsize=8)

@@ -12,8 +12,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.arm.rollout import Window, closed, windows
 from armdyn.run import Run
 
-LENGTH = 0.5
-"""s of the windows of drives that are told no position."""
+LENGTH = 0.5  # s of the windows of drives that are told no position
 
 
 def stretches(model: ArmModel, run: Run) -> Sequence[Window]:
@@ -22,14 +21,7 @@ def stretches(model: ArmModel, run: Run) -> Sequence[Window]:
 
 
 def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = None) -> np.ndarray:
-    """(n, nj) simulated less recorded positions, rad or m.
-
-    Args:
-        text: the exported file.
-        model: of which it is; its drives say what is told to which channel.
-        run: a recording.
-        step: s; MuJoCo's own if None.
-    """
+    """(n, nj) simulated less recorded positions, rad or m, by the exported file, in steps of s or MuJoCo's own."""
     arm = mujoco.MjModel.from_xml_string(text)
     arm.opt.timestep = step or arm.opt.timestep
     arm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT  # generated arms go on where a description ends

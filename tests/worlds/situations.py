@@ -1,17 +1,13 @@
 """What users record: the situations in which a fit gets lost, on top of the equations in `pendulum`.
 
 Each situation says how the gripper moves, how the load starts, what the sensors do to the samples, and what the user
-wrote beside the recording. Nothing here comes from armdyn's models. Where only friction, drag or wind act on the load,
-its equations are integrated in the angle, a hundred times faster than in space; a test holds one against the other.
+wrote beside the recording. Nothing here comes from armdyn's models.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import cos, sin, sqrt, tanh
-from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from armdyn.recording.units import Known
 from armdyn.run import Channel, Run
@@ -19,68 +15,37 @@ from armdyn.run import Channel, Run
 from . import pendulum
 
 Motion = Callable[[np.ndarray | float], np.ndarray]
-RAMP = 0.5
-"""s in which a gripper that rested gets under way."""
+RAMP = 0.5  # s in which a gripper that rested gets under way
 USUAL_LENGTH, USUAL_MASS = 0.368, 0.08
 """m and kg of the load for which `pendulum.REALISTIC` says how large an effect is."""
 
 
-IN_THE_ANGLE = {
-    "pivot_viscous_friction", "pivot_coulomb_friction", "linear_drag", "quadratic_drag", "wind",
-    "sensor_bias", "sensor_gain", "sensor_drift", "sensor_lag", "sensor_delay", "vertical_sensing_axis",
-    "cross_axis_sensitivity", "sensor_nonlinearity", "angle_offset",
-}  # fmt: skip
-"""Effects that `swing` and `pendulum.sensor` have between them."""
-STEP = 0.004
-"""s, of the Runge-Kutta method in `swing`."""
-
-
 @dataclass(frozen=True)
 class Situation:
-    """How a recording comes about.
+    """How a recording comes about."""
 
-    Attributes:
-        gripper: ``"moves"`` from the first sample on; ``"rests"`` throughout, and has no channel; ``"late"`` after 3 s;
-            ``"moving"`` is already under way at the first sample.
-        amplitude: range of the angle at which the load is released, or swings where it is caught in mid-swing, rad.
-        mid_swing: whether the first sample falls into any phase of the swing.
-        duration: s.
-        rate: of the samples, Hz.
-        length: range, m.
-        mass: range, kg.
-        force_noise: of one sample, as a share of 3 mN per 0.1 kg.
-        correlation: of the force noise from sample to sample.
-        angle_noise: rad; None where there is no angle sensor.
-        force: whether there is a load cell.
-        jitter: of the stamps, as a share of their interval.
-        gap: s that are lost in the middle.
-        spikes: single samples per run that are wrong by 0.2 to 1 times the weight.
-        clipped: reading at which the load cell's electronics end, in weights; None where they do not.
-        bits: of the converter, over four times the weight; None where it is fine enough.
-        stated: whether the noise stands beside the recording.
-        weighed: whether mass and length do.
-        masses: factors on the mass, one per run; each is weighed.
-    """
-
+    # ``"moves"`` from the first sample on; ``"rests"`` throughout, and has no channel; ``"late"`` after 3 s;
+    # ``"moving"`` is already under way at the first sample
     gripper: str = "moves"
+    # range of the angle at which the load is released, or swings where it is caught in mid-swing, rad
     amplitude: tuple[float, float] = (0.0, 0.02)
-    mid_swing: bool = False
-    duration: float = 15.0
-    rate: float = 100.0
-    length: tuple[float, float] = (0.30, 0.45)
-    mass: tuple[float, float] = (0.06, 0.12)
-    force_noise: float = 1.0
-    correlation: float = 0.0
-    angle_noise: float | None = None
-    force: bool = True
-    jitter: float = 0.0
-    gap: float = 0.0
-    spikes: int = 0
-    clipped: float | None = None
-    bits: int | None = None
-    stated: bool = True
-    weighed: bool = True
-    masses: tuple[float, ...] = (1.0, 1.0)
+    mid_swing: bool = False  # whether the first sample falls into any phase of the swing
+    duration: float = 15.0  # s
+    rate: float = 100.0  # of the samples, Hz
+    length: tuple[float, float] = (0.30, 0.45)  # range, m
+    mass: tuple[float, float] = (0.06, 0.12)  # range, kg
+    force_noise: float = 1.0  # of one sample, as a share of 3 mN per 0.1 kg
+    correlation: float = 0.0  # of the force noise from sample to sample
+    angle_noise: float | None = None  # rad; None where there is no angle sensor
+    force: bool = True  # whether there is a load cell
+    jitter: float = 0.0  # of the stamps, as a share of their interval
+    gap: float = 0.0  # s that are lost in the middle
+    spikes: int = 0  # single samples per run that are wrong by 0.2 to 1 times the weight
+    clipped: float | None = None  # reading at which the load cell's electronics end, in weights; None where they do not
+    bits: int | None = None  # of the converter, over four times the weight; None where it is fine enough
+    stated: bool = True  # whether the noise stands beside the recording
+    weighed: bool = True  # whether mass and length do
+    masses: tuple[float, ...] = (1.0, 1.0)  # factors on the mass, one per run; each is weighed
 
 
 SITUATIONS: Mapping[str, Situation] = {
@@ -108,20 +73,13 @@ SITUATIONS: Mapping[str, Situation] = {
 
 @dataclass(frozen=True)
 class Recorded:
-    """Runs with the truth behind them.
+    """Runs with the truth behind them."""
 
-    Attributes:
-        runs: as a user has them.
-        length: m.
-        masses: of each run, kg.
-        starts: angle and rate at the start of each run, rad and rad/s.
-        noise: standard deviation of each run's force and angle, quantisation included.
-    """
-
-    runs: tuple[Run, ...]
-    length: float
-    masses: tuple[float, ...]
-    starts: tuple[tuple[float, float], ...]
+    runs: tuple[Run, ...]  # as a user has them
+    length: float  # m
+    masses: tuple[float, ...]  # of each run, kg
+    starts: tuple[tuple[float, float], ...]  # angle and rate at the start of each run, rad and rad/s
+    # standard deviation of each run's force and angle, quantisation included
     noise: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -157,44 +115,6 @@ def realistic(effect: str, situation: Situation) -> dict[str, float]:
     return {effect: pendulum.REALISTIC[effect] * grows.get(effect, 1.0) if effect != "angle_offset" else 0.02}
 
 
-def swing(setup: Any, motion: Motion, time: np.ndarray) -> dict[str, np.ndarray]:
-    """True tension and angle at `time`, from the moments about the pivot; see `pendulum.simulate`."""
-    h, m, length = setup.hidden, setup.mass, setup.length
-    viscous, coulomb = h.get("pivot_viscous_friction", 0.0), h.get("pivot_coulomb_friction", 0.0)
-    linear, quadratic, wind = (h.get(name, 0.0) for name in ("linear_drag", "quadratic_drag", "wind"))
-
-    def force(angle: float, rate: float, v: float) -> tuple[float, float]:
-        """Across the string, towards growing angle, and along it, away from the gripper; no weight, no string."""
-        vx, vz = v - length * rate * cos(angle), length * rate * sin(angle)
-        drag = linear + quadratic * sqrt(vx**2 + vz**2)
-        fx, fz = wind - drag * vx, -drag * vz
-        return fz * sin(angle) - fx * cos(angle), -fx * sin(angle) - fz * cos(angle)
-
-    def turned(angle: float, rate: float, v: float, a: float) -> float:
-        across = force(angle, rate, v)[0] + m * (a * cos(angle) - pendulum.G * sin(angle))
-        return (across - (viscous * rate + coulomb * tanh(rate / 0.01)) / length) / (m * length)
-
-    count = int(np.ceil(time[-1] / STEP)) + 1
-    _, speed, push = motion(np.arange(2 * count + 1) * STEP / 2)
-    states, (angle, rate) = np.empty((count, 3)), setup.start
-    for k in range(count):
-        (v0, v1, v2), (a0, a1, a2) = speed[2 * k : 2 * k + 3].tolist(), push[2 * k : 2 * k + 3].tolist()
-        k1 = turned(angle, rate, v0, a0)
-        states[k] = angle, rate, k1
-        k2 = turned(angle + STEP / 2 * rate, rate + STEP / 2 * k1, v1, a1)
-        k3 = turned(angle + STEP / 2 * rate + STEP**2 / 4 * k1, rate + STEP / 2 * k2, v1, a1)
-        k4 = turned(angle + STEP * rate + STEP**2 / 2 * k2, rate + STEP * k3, v2, a2)
-        angle += STEP * rate + STEP**2 / 6 * (k1 + k2 + k3)
-        rate += STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    grid = STEP * np.arange(count)
-    angles = CubicHermiteSpline(grid, states[:, 0], states[:, 1])(time)
-    rates = CubicHermiteSpline(grid, states[:, 1], states[:, 2])(time)
-    _, v, a = motion(time)
-    along = np.array([force(*state)[1] for state in zip(angles.tolist(), rates.tolist(), v.tolist(), strict=True)])
-    tension = m * (pendulum.G * np.cos(angles) + length * rates**2 + a * np.sin(angles)) + along
-    return {"tension": tension, "angle": angles, "side": np.sin(angles)}
-
-
 def _run(
     name: str,
     situation: Situation,
@@ -207,7 +127,7 @@ def _run(
     motion, start = _motion(situation, rng), _start(situation, length, rng)
     setup = pendulum.Setup(length=length, mass=mass, hidden=hidden, duration=situation.duration, start=start)
     time = _stamps(situation, rng)
-    truth = (swing if hidden.keys() <= IN_THE_ANGLE else pendulum.simulate)(setup, motion, time)
+    truth = pendulum.simulate(setup, motion, time)
     channels, stated, noise = {}, {}, {}
     if situation.gripper != "rests":
         channels["gripper_x"] = Channel(time, motion(time)[0], "m")

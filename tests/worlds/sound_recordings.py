@@ -20,42 +20,25 @@ from .plant import LEAST_TYPICAL, Plant, World
 
 ROBOTS = ("baxter", "panda", "ur5", "talos_arm")
 POSITION_NOISE = {"baxter": 4e-4, "panda": 1e-4, "ur5": 5e-5, "talos_arm": 1e-4}
-PAYLOAD = {"baxter": 2.0, "panda": 2.5, "ur5": 4.0, "talos_arm": 1.5}
-"""kg."""
+PAYLOAD = {"baxter": 2.0, "panda": 2.5, "ur5": 4.0, "talos_arm": 1.5}  # kg
 SOUND = ("as described", "payload", "spring", "gain", "tilt", "friction", "offset")
 Gravity = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """A recording as it should be.
+    """A recording as it should be."""
 
-    Attributes:
-        name: robot or pendulum, what is real in it, seed.
-        model: robot, or ``"pendulum"``.
-        run: as recorded.
-        told: by channel, its root mean square over what its joint is made for.
-    """
-
-    name: str
-    model: str
-    run: Run
-    told: Mapping[str, float]
+    name: str  # robot or pendulum, what is real in it, seed
+    model: str  # robot, or ``"pendulum"``
+    run: Run  # as recorded
+    told: Mapping[str, float]  # by channel, its root mean square over what its joint is made for
 
 
 def arm(
     robot: str, real: str, seed: int, *, duration: float = 15.0, rate: float = 100.0, gravity: Gravity | None = None
 ) -> Sound:
-    """A sound recording of an arm.
-
-    Args:
-        robot: of `ROBOTS`.
-        real: of `SOUND`.
-        seed: of everything that is random.
-        duration: s.
-        rate: Hz.
-        gravity: in the frame of the base, m/s^2; downwards where None.
-    """
+    """A sound recording of an arm of `ROBOTS` with what is real of `SOUND`; gravity is in the frame of the base."""
     plant = Plant(robot)
     rng = np.random.default_rng([seed, ROBOTS.index(robot), SOUND.index(real)])
     kind = list(KINDS)[seed % len(KINDS)]
@@ -104,15 +87,7 @@ def arm(
 
 
 def pendulum(real: str, seed: int, *, driven: bool, channels: Sequence[str], duration: float = 20.0) -> Sound:
-    """A sound recording of a pendulum.
-
-    Args:
-        real: effect that acts on it; ``""`` for none but a little viscous friction.
-        seed: of everything that is random.
-        driven: whether the pivot moves, as recorded; else it swings freely.
-        channels: that are recorded beside the pivot's.
-        duration: s.
-    """
+    """A sound recording of a pendulum with a little viscous friction and what is `real`; a `driven` pivot moves."""
     rng = np.random.default_rng([seed, 77, driven])
     length, mass = rng.uniform(0.25, 0.8), rng.uniform(0.05, 0.4)
     inertia = mass * length**2

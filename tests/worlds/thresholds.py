@@ -23,8 +23,7 @@ from worlds import pendulum
 SHOWN = 1.0
 """Root mean square change of a pendulum's first recording by its hidden effect, over the noise, below which a case is
 drawn anew: a stop that no swing reaches shows nothing."""
-EDGE = 0.01
-"""Width over which a rub sets in, rad: the files say so as well."""
+EDGE = 0.01  # width over which a rub sets in, rad: the files say so as well
 HEAD = "import casadi as ca\nfrom armdyn import effect, quantity\n"
 PENDULUM = (
     HEAD
@@ -89,21 +88,13 @@ OF_ARM: Mapping[str, tuple[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A pendulum or an arm with a hidden threshold; ``""`` hides none.
+    """A pendulum or an arm with a hidden threshold; ``""`` hides none."""
 
-    Attributes:
-        robot: ``"pendulum"`` or ``"arm"``.
-        hidden: name of the effect.
-        seed: of everything that is drawn.
-        true: the effect's values by parameter.
-        runs: two recordings to fit, and one that takes part in choosing.
-    """
-
-    robot: str
-    hidden: str
-    seed: int
-    true: Mapping[str, float]
-    runs: tuple[Run, ...]
+    robot: str  # ``"pendulum"`` or ``"arm"``
+    hidden: str  # name of the effect
+    seed: int  # of everything that is drawn
+    true: Mapping[str, float]  # the effect's values by parameter
+    runs: tuple[Run, ...]  # two recordings to fit, and one that takes part in choosing
 
     @property
     def labels(self) -> list[str]:

@@ -29,14 +29,6 @@ def test_a_spring_is_no_offset_and_no_gain_though_either_takes_most_of_it_away()
         assert abs(value.value - true) < 4 * value.std
 
 
-@pytest.mark.slow
-def test_wrong_links_are_named_and_explain_the_runs():
-    found = diagnose(study_of("link_inertia", 2))
-    assert found.suspects[0].effect == "link_inertia"
-    assert found.search.last.fit.chi2_per_sample < 1.1
-    assert [c.effect for c in found.search.last.effects] == ["link_inertia"]
-
-
 def test_friction_stays_symmetric_beside_what_it_could_have_stood_for():
     # Friction of another size in each direction holds an offset, which stands in for a payload not yet found.
     found = repair(study_of(("payload", "joint_coulomb_friction"), 1))

@@ -1,5 +1,7 @@
 """A drive that smooths the torque which it stores is recognised in recordings that come from MuJoCo and scipy."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import butter, filtfilt
@@ -9,11 +11,12 @@ from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.readout import LowPassed
-from armdyn.recording.preparation import of_all_runs, sentence
+
+robot_of = cache(generate)
 
 
 def drives_of(seed, cut=None):
-    robot = generate(seed)
+    robot = robot_of(seed)
     runs = robot.runs()[:1] if cut is None else robot.cut(robot.rate, *cut).runs()
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
     arm = model.arm
@@ -21,9 +24,8 @@ def drives_of(seed, cut=None):
     return robot, model, runs, found
 
 
-@pytest.mark.parametrize("seed", [16, 17, 26])
-def test_the_cut_off_and_the_noise_below_it_are_found(seed):
-    robot, _, _, found = drives_of(seed)
+def test_the_cut_off_and_the_noise_below_it_are_found():
+    robot, _, _, found = drives_of(16)
     drive = robot.worlds[0].drive
     assert [one.cutoff for one in found.values()] == pytest.approx([drive.smoothing] * len(drive.noise), rel=0.05)
     noise = np.array([one.noise for one in found.values()])
@@ -46,20 +48,11 @@ def test_a_joint_that_turns_round_too_often_to_tell_has_the_low_pass_of_the_othe
     assert creeping.noise / drive.noise[1] == pytest.approx(1.0, rel=0.5)
 
 
-@pytest.mark.parametrize("seed", [1, 9, 12])
-def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
-    robot, _, _, found = drives_of(seed)
+def test_a_torque_that_was_not_smoothed_is_taken_as_it_is():
+    robot, _, _, found = drives_of(1)
     assert not any(np.isfinite(one.cutoff) for one in found.values())
     noise = np.array([one.noise for one in found.values()])
     assert noise / robot.worlds[0].drive.noise[: len(noise)] == pytest.approx(np.ones(len(noise)), rel=0.2)
-
-
-def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
-    robot, model, (run,), _ = drives_of(16)
-    prepared = model.prepared(run)
-    done = of_all_runs([prepared.done])
-    assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())
-    assert "The drives smoothed their torques below" in sentence(done)
 
 
 def test_what_steps_is_predicted_as_the_drive_smoothed_it():

@@ -210,16 +210,6 @@ def test_the_true_model_leaves_the_noise_that_the_prepared_run_states(baxter, re
     assert chi2_per_sample(baxter, run) == pytest.approx(1.0, abs=4 * np.sqrt(2 / samples))
 
 
-def test_low_passing_both_sides_leaves_friction_unbiased(baxter):
-    run = generate("joint_coulomb_friction", 3.0, 2)
-    model = baxter.with_effect(find("joint_coulomb_friction:right_s0"))
-    only = {**{f"q.{j}": run.channels[f"q.{j}"] for j in JOINTS}, "tau.right_s0": run.channels["tau.right_s0"]}
-    ready = model.prepared(replace(run, channels=only))
-    assert ready.preparations["tau.right_s0"].cutoff <= 10.0  # Hz; the steps of the friction are far faster
-    found, estimate = fitted(model, [ready])
-    assert found.value(model.names[0]) == pytest.approx(3.0, abs=5 * estimate.std(model.names[0]))
-
-
 def test_what_was_done_to_a_torque_is_told(baxter):
     raw = generate(None, 1.0, 0, rate=250.0)
     ready = baxter.prepared(raw)
@@ -309,9 +299,3 @@ def test_part_of_a_prepared_run_is_predicted_as_in_the_whole(baxter):
     part = baxter.predict(replace(run, channels={**run.channels, **cut}), baxter.theta())
     for name in part.channels:
         assert part.values[part.slices[name]] == pytest.approx(whole.values[whole.slices[name]][5:15])
-
-
-def test_covariates_are_the_joints_motion(baxter):
-    found = baxter.covariates(baxter.prepared(generate(None, 1.0, 0, duration=3.0)), baxter.theta())
-    assert {f"{kind}.{joint}" for kind in "qva" for joint in JOINTS} == set(found)
-    assert found["v.right_s0"].unit == "rad/s"

@@ -44,17 +44,6 @@ def test_emps_gives_the_published_parameters(emps):
     assert found.value("torque_offset.torque[slide]") == pytest.approx(-3.1648, rel=0.03)
 
 
-def test_emps_error_falls_with_every_effect(emps):
-    model, reference, pulses = emps
-    errors = [total_rmse(model, pulses)]
-    for name in ("rotor_inertia", "torque_offset", "joint_viscous_friction", "joint_coulomb_friction"):
-        model, _ = fitted(model.with_effect(find(name)), [reference])
-        errors.append(total_rmse(model, pulses))
-    assert errors == sorted(errors, reverse=True)
-    # The reference numbers of plain least squares: 57.6, 38.8, 38.7, 9.8, 3.8 N.
-    assert errors[:4] == pytest.approx([57.6, 38.8, 38.7, 9.8], rel=0.02)
-
-
 def test_ur10e_is_predicted_on_a_motion_that_was_held_out(ur10e):
     model, *training, held_out = ur10e
     assert total_rmse(model, held_out) > 25.0
@@ -84,15 +73,3 @@ def test_ur10e_rotors_do_not_become_negative_to_mend_links(ur10e):
     )
     assert found.value("rotor_inertia.inertia[shoulder_lift_joint]") == 0.0
     assert "rotor_inertia.inertia[shoulder_lift_joint]" in estimate.at_bound
-
-
-def test_low_passing_one_side_only_predicts_worse(emps):
-    # Why `ArmModel.prepared` filters measured and predicted torques alike.
-    model, reference, pulses = emps
-    full = with_effects(model, "rotor_inertia", "joint_viscous_friction", "joint_coulomb_friction", "torque_offset")
-    found, _ = fitted(full, [reference])
-    both = total_rmse(found, pulses)
-    raw = found.predict(pulses.original, found.theta()).values
-    at = np.interp(pulses.channels["tau.slide"].time, pulses.original.channels["tau.slide"].time, raw)
-    one = np.sqrt(np.mean((pulses.channels["tau.slide"].value - at) ** 2))
-    assert both < 0.8 * one

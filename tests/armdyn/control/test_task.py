@@ -9,8 +9,7 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import pendulum_model
 
 TA_COST = TaskCost((-0.45, -0.248), position_weights=(1e4, 1e4), velocity_weights=(1e3, 1e3), control_weight=1.0)
-TA_OPTIMUM = 0.515326192
-"""Problem TA; IPOPT on the same variational problem, to 1e-9."""
+TA_OPTIMUM = 0.515326192  # problem TA; IPOPT on the same variational problem, to 1e-9
 SWING = TaskCost((0.45, -0.15))
 
 

@@ -26,15 +26,6 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run
 
 from ...worlds.laws import URDF, world
-from ...worlds.pendulum import Setup, record
-
-
-def test_nothing_is_discovered_where_nothing_is_missing():
-    model = pendulum_model(0.368, 0.08)
-    run = record("clean", Setup(duration=6.0), np.random.default_rng(3))
-    found = discover(Study.of(model, [run], [], available(model)))
-    assert not found.findings
-    assert found.sentence == "Nothing is missing: what is left is noise."
 
 
 def test_what_stands_still_shows_no_law():
@@ -118,11 +109,6 @@ def test_a_joint_may_have_a_long_name(tmp_path):
     terms = named_terms(arm_terms(Study.of(model, [renamed], [], ()).first()))
     assert {effect.name for effect in effects_of_terms(list(terms.values()))} == set(terms)
     assert any(term.site.joint == joint for term in terms.values())
-
-
-def test_nothing_is_discovered_in_a_clean_arm(model):
-    given = world("clean arm", 1)
-    assert not discover(Study.of(model, given.runs, [given.held_out], available(model))).findings
 
 
 def test_an_effect_that_came_on_one_joint_after_the_other_is_told_on_both(model):

@@ -23,8 +23,7 @@ from ...worlds.laws import URDF, world
 from ..physics.test_definition import oscillator
 
 USUAL = 290.0
-TEMPERATURE = Channel(np.linspace(0.0, 2.0, 41), USUAL + 5.0 * np.linspace(0.0, 2.0, 41), "K")
-"""Rises by 5 K a second."""
+TEMPERATURE = Channel(np.linspace(0.0, 2.0, 41), USUAL + 5.0 * np.linspace(0.0, 2.0, 41), "K")  # rises by 5 K a second
 
 
 @effect(summary="", source="")

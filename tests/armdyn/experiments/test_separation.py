@@ -47,13 +47,6 @@ def random_experiment(seed):
     return PlannedExperiment("motion", "", problem.motion(x), LOAD_CELL)
 
 
-def test_a_motion_starts_where_it_is_and_begins_and_ends_at_rest():
-    problem = gripper(["linear_drag"])
-    x, v, a = problem.motion(random_motion(problem, np.random.default_rng(0))).along
-    for end in (0, -1):
-        np.testing.assert_allclose([x[end], v[end], a[end]], 0.0, atol=1e-12)
-
-
 def test_a_random_motion_reaches_a_limit_and_passes_none():
     problem = gripper(["linear_drag", "wind"], 8.0)
     for seed in range(5):

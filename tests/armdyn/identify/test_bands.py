@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from worlds.pendulum import Setup, record, weighed
 
-from armdyn.arm.model import arm_model
-from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.bands import bands
 from armdyn.identify.compare import compare
-from armdyn.identify.repair import add, with_background
-from armdyn.identify.selection.background import fit_full_model
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
@@ -58,20 +54,3 @@ def test_json_frame_and_figure_have_the_bands() -> None:
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     filled = [trace for trace in found.plot().data if trace.fill == "toself"]
     assert len(filled) == 2
-
-
-def test_every_run_of_an_arm_with_a_background_has_bands_as_well() -> None:
-    from worlds import imperfect_arm
-
-    case = imperfect_arm.generate("ur5", "coulomb", 3, duration=10.0)
-    joint_effects = [effect for effect in CATALOGUE.values() if effect.acts_on == "joint"]
-    study = Study.of(arm_model(robot="ur5"), case.train, [], joint_effects, exam=case.exam)
-    named = [CATALOGUE[hidden.effect].on(hidden.joint) for hidden in case.truth]
-    told = add(study, named)
-    found = with_background(told, fit_full_model(study, told.steps[-1].effects, told.steps[-1].fit, lambda _: None))
-    assert found.path[-1].added == ("background",)
-    after = found.after
-    assert {name: c.held_out_rmse for name, c in after.channels.items()} == pytest.approx(found.path[-1].held_out_rmse)
-    assert set(after.bands.covered) == set(after.channels)
-    assert np.mean(list(after.bands.covered.values())) > 0.85
-    assert all(curve.with_background is not None for curve in found.missing_force)

@@ -1,11 +1,13 @@
 """An exam run is predicted at the end and changes nothing before it."""
 
+import json
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from worlds import pendulum
 from worlds.baxter import generate, true_parameters
-from worlds.pendulum import recordings
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
@@ -17,11 +19,14 @@ from armdyn.identify.repair import add
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty, whitened_covariance
 from armdyn.pendulum.model import pendulum_model
+from armdyn.run import write_run_csv
 
 HIDDEN = {"quadratic_drag": 0.02}
-
-
 DRAG = CATALOGUE["quadratic_drag"]
+
+
+def recordings(seed=7, **settings):
+    return pendulum.recordings(seed, duration=8.0, **settings)
 
 
 def study_of(runs, held_out=(), exam=()):
@@ -47,6 +52,22 @@ def test_an_exam_run_takes_another_name_where_its_own_is_taken():
     assert compare(study).channels["load_force"].exam_rmse == pytest.approx(3e-3, rel=0.1)
 
 
+def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, tmp_path):
+    (tmp_path / "m.toml").write_text('base = "pendulum"\neffects = []\n')
+    for run, name in zip(recordings(), ("a.csv", "exam.csv"), strict=True):
+        write_run_csv(replace(run, noise={}), tmp_path / name)
+    command = "add", "m.toml", "sensor_bias", "a.csv", "--exam", "exam.csv", "--output", "out.toml"
+    status, out, err = armdyn(*command, "--json", "a.json")
+    assert status == 0, err
+    assert "Exam: runs that took part in nothing" in out
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert all(step["exam_rmse"]["load_force"] > 0 for step in answer["steps"])
+    assert answer["channels"]["load_force"]["exam_rmse"] == answer["steps"][-1]["exam_rmse"]["load_force"]
+    (entry,) = tomllib.loads((tmp_path / "out.toml").read_text())["history"]
+    assert entry["exam"] == ["exam.csv"]
+    assert entry["exam_rmse"]["load_force"] > 0
+
+
 def test_a_training_run_is_no_exam_and_a_copy_neither(complains):
     runs = recordings()
     with complains(InputError):
@@ -62,12 +83,7 @@ def test_who_judged_is_said():
     assert study_of(runs[:1]).holdout_kinds == (HoldoutKind.TRAINING,)
     assert study_of(runs[:1], runs[1:]).holdout_kinds == (HoldoutKind.HELD_OUT,)
     assert study_of(runs, exam=recordings(seed=8)[:1]).holdout_kinds == (HoldoutKind.EXAM, HoldoutKind.IN_TURN)
-
-
-def test_no_exam_run_no_exam_error():
-    study = study_of(recordings())
-    assert study.exam_blocks(study.first()) == []
-    assert np.all([c.exam_rmse is None for c in compare(study).channels.values()])
+    assert np.all([c.exam_rmse is None for c in compare(study_of(runs)).channels.values()])
 
 
 def test_an_arm_without_unknowns_is_predicted_in_turn():

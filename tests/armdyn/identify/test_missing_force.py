@@ -15,8 +15,7 @@ from armdyn.identify.study import Study
 from armdyn.run import Channel, Run
 
 FRICTION, JOINT, SEED = 1.2, "right_e1", 5
-OUTSIDE = 3.5
-"""Standard errors that none of a few hundred points should reach by chance alone."""
+OUTSIDE = 3.5  # standard errors that none of a few hundred points should reach by chance alone
 
 
 def with_dry_friction(recording):
@@ -189,16 +188,6 @@ def test_nothing_is_drawn_against_what_stands_still():
     time = np.arange(100.0)
     still = Unexplained("a", "a", "N m", time, np.sin(time), {"speed": (np.zeros(100), "rad/s")})
     assert {curve.against for curve in curves([still])} == {"time"}
-
-
-def test_the_repaired_force_is_averaged_over_the_same_bins(study):
-    first = study.first()
-    (candidate,) = (c for c in study.candidates if c.effect == "joint_coulomb_friction")
-    better = study.fit_with([candidate], first)
-    for alone, both in zip(between(first), between(first, better), strict=True):
-        assert alone.repaired is None
-        np.testing.assert_array_equal(alone.as_given, both.as_given)
-        assert both.repaired.shape == alone.x.shape
 
 
 def test_what_an_effect_explains_is_its_law_without_the_noise(study):

@@ -15,88 +15,42 @@ from armdyn.run import Channel
 
 ARM = Scale({"tau.a": "N m", "tau.b": "N m"}, {"tau.a": 0.3, "tau.b": 0.4})
 CELL = Scale({"load_force": "N"}, {"load_force": 0.003})
-NOISE = Left(something=False)
+NOISE, HELD_OUT = Left(something=False), HoldoutKind.HELD_OUT
 
 
 def step(rmse, added=(), joints=(), *, tied=(), held_out=None, exam=None):
     return RepairStep(tuple(added), tuple(joints), tuple(tied), rmse, held_out or rmse, 1.0, 0.0, exam or {})
 
 
-def said(steps, whose=HoldoutKind.HELD_OUT, scale=ARM, left=NOISE):
-    text = repair_sentences(steps, whose, scale, left)
-    assert text.endswith(".")
-    assert text.count(". ") == 1  # two sentences
-    return text
-
-
 GIVEN = step({"tau.a": 30.0, "tau.b": 40.0})
 SPRING = step({"tau.a": 3.0, "tau.b": 4.0}, ["gravity_spring"], ["left_s1"])
+LAST = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload", "torque_delay", "torque_gain"], ["b"])
+EXAM = [
+    step({"tau.a": 30.0}, exam={"tau.a": 20.0}), step({"tau.a": 3.0}, ["gravity_spring"], ["b"], exam={"tau.a": 10.0}),
+]  # fmt: skip
+AT_NOISE, HALF = step({"tau.a": 0.5, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
+TIED = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
+REPAIRS = {
+    "an effect on its joint": ([GIVEN, SPRING], HoldoutKind.IN_TURN, ARM, Left(True, "it depends on v.b")),
+    "one that explains a little": ([GIVEN, SPRING], HELD_OUT, ARM, Left(True, further="rotor_inertia on left_e0")),
+    "an exam": (EXAM, HoldoutKind.EXAM, ARM, NOISE),
+    "an effect that was asked for": ([GIVEN, SPRING], HELD_OUT, ARM, Left(True, searched=False)),
+    "a larger error": ([GIVEN, step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])], HELD_OUT, ARM, Left(True)),
+    "several effects": ([GIVEN, SPRING, LAST], HELD_OUT, ARM, NOISE),
+    "many effects": ([GIVEN, step(SPRING.rmse, [f"effect_{i}" for i in range(6)])], HELD_OUT, ARM, NOISE),
+    "a joint with little explained": ([step({"tau.a": 1.0, "tau.b": 40.0}), HALF], HELD_OUT, ARM, NOISE),
+    "a joint at the noise": ([AT_NOISE, HALF], HELD_OUT, ARM, NOISE),
+    "ties and warnings": (TIED, HELD_OUT, CELL, Left(False, warnings=["the link of b weighs 241 kg in the model"])),
+    "nothing": ([GIVEN], HoldoutKind.TRAINING, ARM, NOISE),
+}
 
 
-def test_the_headline_names_the_effect_and_its_joint_and_the_fall_of_the_error():
-    assert said([GIVEN, SPRING], HoldoutKind.IN_TURN, left=Left(True, "it depends on v.b")) == (
-        "gravity_spring on left_s1 is missing: it explains 99 % of the misfit; the error of runs predicted from the "
-        "others falls from 50 to 5 N m. What is left, 10 times the noise, is more than noise (it depends on v.b), and "
-        "nothing in the catalogue explains it."
-    )
-
-
-def test_the_catalogue_is_not_said_to_be_at_an_end_where_an_effect_would_still_explain_a_little():
-    text = said([GIVEN, SPRING], left=Left(True, further="rotor_inertia on left_e0"))
-    assert text.endswith("rotor_inertia on left_e0 would explain a little of it, too little to be named.")
-
-
-def test_runs_that_took_part_in_choosing_are_called_so_and_an_exam_goes_before_them():
-    assert "on held-out runs, which took part in choosing, falls from 50 to 5 N m" in said([GIVEN, SPRING])
-    steps = [
-        step({"tau.a": 30.0}, exam={"tau.a": 20.0}),
-        step({"tau.a": 3.0}, ["gravity_spring"], ["b"], exam={"tau.a": 10.0}),
-    ]
-    assert "on the exam, which took part in nothing, falls from 20 to 10 N m" in said(steps, HoldoutKind.EXAM)
-
-
-def test_add_does_not_speak_for_the_catalogue():
-    text = said([GIVEN, SPRING], left=Left(True, searched=False))
-    assert "gravity_spring on left_s1 was added" in text
-    assert "nothing in the catalogue" not in text
-    assert "armdyn diagnose" in text
-
-
-def test_what_made_it_worse_is_not_called_missing():
-    worse = step({"tau.a": 60.0, "tau.b": 80.0}, ["payload"])
-    text = said([GIVEN, worse], left=Left(True))
-    assert "payload was added; the error on held-out runs, which took part in choosing, rises from 50 to 100" in text
-
-
-def test_several_effects_are_counted_and_the_first_ones_share_is_told():
-    last = step({"tau.a": 0.3, "tau.b": 0.4}, ["payload", "torque_delay", "torque_gain"], ["b"])
-    text = said([GIVEN, SPRING, last])
-    assert "gravity_spring on left_s1, payload, torque_delay and torque_gain are missing" in text
-    assert "they explain 100 % of the misfit, gravity_spring alone 99 %" in text
-    assert text.endswith("What is left is noise.")
-    many = step({"tau.a": 3.0, "tau.b": 4.0}, [f"effect_{i}" for i in range(6)])
-    assert "effect_0, effect_1, effect_2 and 3 more effects are missing" in said([GIVEN, many])
-
-
-def test_the_joint_of_which_least_is_explained_stands_beside_the_total():
-    given, last = step({"tau.a": 1.0, "tau.b": 40.0}), step({"tau.a": 0.9, "tau.b": 0.4}, ["payload"])
-    assert "it explains 99.9 % of the misfit but only 20 % of that of a;" in said([given, last])
-    at_noise = step({"tau.a": 0.5, "tau.b": 40.0})
-    assert "but only" not in said([at_noise, last])
-
-
-def test_ties_and_warnings_are_said():
-    steps = [step({"load_force": 0.03}), step({"load_force": 0.006}, ["wind"], tied=["bob"])]
-    text = said(steps, scale=CELL, left=Left(False, warnings=["the link of b weighs 241 kg in the model"]))
-    assert "wind is missing (these runs cannot tell bob from it): it explains" in text
-    assert "What is left, 2 times the noise, shows no structure that armdyn looks for; but the link of b" in text
-    assert text.endswith("weighs 241 kg in the model.")
-
-
-def test_nothing_added_says_the_error():
-    text = said([GIVEN], HoldoutKind.TRAINING)
-    assert text.startswith("Nothing was added: the error on the run that it was fitted to is 50 N m.")
-    assert text.endswith("What is left, 100 times the noise, shows no structure that armdyn looks for.")
+@pytest.mark.parametrize("repair", REPAIRS.values(), ids=REPAIRS)
+def test_a_repair_is_told_in_two_sentences(repair, complains):
+    text = repair_sentences(*repair)
+    assert text.endswith(".")
+    assert text.count(". ") == 1
+    complains.line(text)
 
 
 def test_totals_are_over_channels_of_one_unit():

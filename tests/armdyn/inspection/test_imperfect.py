@@ -12,8 +12,7 @@ from armdyn.inspection.inspect import inspected
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel
 
-CLOCK, DRIFT = 0.03, 2e-3
-"""s, and share: to which a clock is fitted."""
+CLOCK, DRIFT = 0.03, 2e-3  # s, and share: to which a clock is fitted
 
 
 @pytest.mark.parametrize("seed", [6010, 6015], ids=["driven, an encoder", "driven, a load cell alone"])

@@ -1,10 +1,9 @@
-"""Dry friction at the pivot against the discontinuous equation, solved from one standstill to the next."""
+"""Dry friction at the pivot against the discontinuous equation of a world."""
 
 import numpy as np
 import pytest
 from derivatives import assert_jacobian
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from worlds import dry_swing
 
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
@@ -13,8 +12,7 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
 
 LENGTH, MASS, G, DT = 0.368, 0.08, 9.81, 0.01
-INERTIA, WEIGHT = MASS * LENGTH**2, MASS * G * LENGTH
-"""kg m^2, and N m per radian."""
+INERTIA, WEIGHT = MASS * LENGTH**2, MASS * G * LENGTH  # kg m^2, and N m per radian
 AMPLITUDE, OMEGA = 0.02, 3.0
 """m and rad/s of a gripper below which the load sticks and slips, with a friction of 0.3 rad/s^2."""
 
@@ -28,10 +26,14 @@ def still(duration):
     return GripperPath(0.0, DT, rest, rest, rest)
 
 
-def driven(duration):
-    t = nodes(duration)
+def moving(t):
+    """Position, velocity and acceleration of a gripper below which the load sticks and slips."""
     x = AMPLITUDE * np.sin(OMEGA * t)
-    return GripperPath(0.0, DT, x, AMPLITUDE * OMEGA * np.cos(OMEGA * t), -(OMEGA**2) * x)
+    return np.array([x, AMPLITUDE * OMEGA * np.cos(OMEGA * t), -(OMEGA**2) * x])
+
+
+def driven(duration):
+    return GripperPath(0.0, DT, *moving(nodes(duration)))
 
 
 def rubbing(effects=("pivot_coulomb_friction",), **values):
@@ -43,49 +45,10 @@ def rollout(model, path, channels=None):
     return model.rollout(path, model.theta(), channels)
 
 
-def angles_of_the_discontinuous_equation(times, start, torque=0.0, radius=0.0, driving=0.0):
-    """Angles (K,) of a load that starts at rest at `start`, slides, stops and sticks: every piece is smooth.
-
-    The friction is `torque` and `radius` times the pull; the gripper moves as `driven`, with `driving` m.
-    """
-
-    def dry(phi, rate):
-        return torque + radius * abs(MASS * (G * np.cos(phi) + LENGTH * rate**2))
-
-    def push(t, phi):
-        return -MASS * LENGTH * (driving * OMEGA**2 * np.sin(OMEGA * t) * np.cos(phi) + G * np.sin(phi))
-
-    def beyond(t, phi):
-        return abs(push(t, phi)) - dry(phi, 0.0)
-
-    t, phi, found, end = times[0], start, np.full(len(times), np.nan), times[-1]
-    while True:
-        if beyond(t, phi) <= 0.0:
-            later = np.linspace(t, end, 2 + int((end - t) / 1e-3))
-            slips = np.flatnonzero([beyond(at, phi) > 0.0 for at in later])
-            last = end if not slips.size else brentq(beyond, *later[slips[0] - 1 : slips[0] + 1], args=(phi,))
-            found[(times >= t) & (times <= last)] = phi
-            t = last
-            if not slips.size:
-                return found
-        sign, since = np.sign(push(t + 1e-9, phi)), t + 1e-9
-
-        def stops(t, s, sign=sign, since=since):
-            return sign * s[1] if t > since else 1.0
-
-        def rates(t, s, sign=sign):
-            return [s[1], (push(t, s[0]) - sign * dry(*s)) / INERTIA]
-
-        stops.terminal, stops.direction = True, -1.0
-        piece = solve_ivp(
-            rates, (t, end), [phi, 0.0], "DOP853", events=stops, dense_output=True, rtol=1e-12, atol=1e-14,
-            max_step=0.02,
-        )  # fmt: skip
-        within = (times >= t) & (times <= piece.t[-1])
-        found[within] = piece.sol(times[within])[0]
-        t, phi = piece.t[-1], piece.y[0, -1]
-        if piece.status == 0:
-            return found
+def angles_of_the_discontinuous_equation(start, gripper=None, **effects):
+    """Angles of a load that starts at rest at `start`, slides, stops and sticks."""
+    load = dry_swing.Pendulum(LENGTH, MASS, effects)
+    return dry_swing.swing(load, (start, 0.0), dry_swing.Push(gripper), nodes(30.0)).angle
 
 
 @pytest.mark.parametrize("effects", [(), ("gripper_compliance",), ("out_of_plane_swing",), ("gripper_lag",)])
@@ -115,7 +78,7 @@ def test_a_small_swing_loses_four_times_the_friction_over_the_weight_in_every_pe
 def test_a_long_decay_is_that_of_the_discontinuous_equation(kind, size):
     effect = "pivot_coulomb_friction" if kind == "torque" else "pivot_load_friction"
     model = rubbing((effect,), **{f"{effect}__{kind}": size}, initial_angle=1.3)
-    expected = angles_of_the_discontinuous_equation(nodes(30.0), 1.3, **{kind: size})
+    expected = angles_of_the_discontinuous_equation(1.3, **{effect: size})
     assert np.abs(rollout(model, still(30.0), ("swing_angle",)).outputs[:, 0] - expected).max() < 2e-5
 
 
@@ -124,7 +87,7 @@ def test_a_load_below_a_moving_gripper_sticks_and_slips_as_in_the_discontinuous_
         pivot_coulomb_friction__torque=0.3 * INERTIA, initial_angle=0.1,
         initial_rate=-AMPLITUDE * OMEGA / LENGTH * np.cos(0.1),
     )  # fmt: skip
-    expected = angles_of_the_discontinuous_equation(nodes(30.0), 0.1, torque=0.3 * INERTIA, driving=AMPLITUDE)
+    expected = angles_of_the_discontinuous_equation(0.1, moving, pivot_coulomb_friction=0.3 * INERTIA)
     found = rollout(model, driven(30.0), ("swing_angle",)).outputs[:, 0]
     assert np.abs(found - expected).max() < 1e-5
     assert np.mean(np.diff(expected) == 0.0) == pytest.approx(np.mean(np.diff(found) == 0.0), abs=0.01)

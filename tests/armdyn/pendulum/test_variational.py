@@ -100,8 +100,3 @@ def test_energy_does_not_drift(bare):
     energy = MASS * (LENGTH * rate) ** 2 / 2 - MASS * G * LENGTH * np.cos(middle)
     drift = np.polyfit(np.arange(len(energy)) * 0.01, energy, 1)[0]
     assert abs(drift) * 60 < 1e-4 * np.abs(energy).max()
-
-
-def test_tension_at_rest_is_the_weight(bare):
-    rest = np.zeros(4)
-    assert float(bare.tension(rest, 0.0, 0.0, DT, THETA, rest)) == pytest.approx(MASS * G, rel=1e-12)

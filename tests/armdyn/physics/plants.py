@@ -1,11 +1,11 @@
-"""A double pendulum and a crane in MuJoCo, with friction and drag that the models do not know."""
+"""A double pendulum in MuJoCo and a crane, with friction and drag that the models do not know."""
 
 import mujoco
 import numpy as np
+from scipy.integrate import solve_ivp
 
 STEP = 5e-4
-EVERY = 20
-"""Steps between samples: 100 Hz."""
+EVERY = 20  # steps between samples: 100 Hz
 DOUBLE = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -9.81" integrator="RK4"/>
@@ -17,25 +17,6 @@ DOUBLE = """
       <body pos="0 0 -0.32">
         <joint name="lower" axis="0 1 0" damping="{damping[1]}" frictionloss="{dry[1]}" solreffriction="0.002 1"/>
         <inertial pos="0 0 -0.125" mass="0.3" diaginertia="{i2} {i2} 1e-9"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
-CRANE = """
-<mujoco>
-  <option timestep="{step}" gravity="0 0 -9.81"/>
-  <worldbody>
-    <body>
-      <joint axis="1 0 0" type="slide"/>
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-      <body>
-        <joint axis="0 1 0"/>
-        <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-9 1e-9 1e-9"/>
-        <body name="payload">
-          <joint axis="0 0 -1" type="slide"/>
-          <inertial pos="0 0 0" mass="12" diaginertia="1e-9 1e-9 1e-9"/>
-        </body>
       </body>
     </body>
   </worldbody>
@@ -58,33 +39,29 @@ def double_pendulum(start, damping=(0.0, 0.0), dry=(0.0, 0.0), seconds=8.0):
 
 
 def crane(motion, drag=0.0, sheave=0.0, sway=0.05, seconds=12.0):
-    """Columns time, trolley, rope, sway, load cell.
+    """Columns time, trolley, rope, sway, load cell, of 12 kg on a rope, by the moments about the trolley.
 
-    Trolley and rope move as `motion(t)` tells: (2, 3) both with rate and acceleration. MuJoCo's mass matrix and bias
-    forces give the sway and the rope's pull.
+    Trolley and rope move as `motion(t)` tells: (2, 3) both with rate and acceleration.
     """
-    model = mujoco.MjModel.from_xml_string(CRANE.format(step=STEP))
-    data, payload = mujoco.MjData(model), 3
-    matrix, phi, rate, rows = np.zeros((3, 3)), sway, 0.0, []
-    for k in range(round(seconds / STEP) + 1):
-        told = motion(k * STEP)
-        data.qpos[:], data.qvel[:] = (told[0, 0], phi, told[1, 0]), (told[0, 1], rate, told[1, 1])
-        data.xfrc_applied[:] = 0.0
-        mujoco.mj_forward(model, data)
-        velocity = np.zeros(6)
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, payload, velocity, 0)
-        outer = np.zeros(3)
-        force = -drag * np.linalg.norm(velocity[3:]) * velocity[3:]
-        mujoco.mj_applyFT(model, data, force, np.zeros(3), data.xpos[payload], payload, outer)
-        mujoco.mj_fullM(model, data, matrix)
-        needed = data.qfrc_bias - outer
-        acceleration = -(needed[1] + matrix[1, 0] * told[0, 2] + matrix[1, 2] * told[1, 2]) / matrix[1, 1]
-        pull = -(needed[2] + matrix[2] @ [told[0, 2], acceleration, told[1, 2]])
-        if k % EVERY == 0:
-            rows.append([k * STEP, told[0, 0], told[1, 0], phi, pull * (1 - sheave * np.tanh(told[1, 1] / 1e-3))])
-        rate += STEP * acceleration
-        phi += STEP * rate
-    return np.array(rows)
+
+    def acceleration(t, phi, rate):
+        """Of the sway, rad/s^2, and the rope's pull, N."""
+        (_, v, a), (rope, reeled, faster) = motion(t)
+        s, c = np.sin(phi), np.cos(phi)
+        velocity = np.array([v - reeled * s - rope * rate * c, rope * rate * s - reeled * c])
+        force = -drag * np.hypot(*velocity) * velocity
+        across, along = force @ [-c, s], force @ [-s, -c]
+        turned = (a * c - 9.81 * s - 2 * reeled * rate + across / 12.0) / rope
+        return turned, 12.0 * (9.81 * c + a * s + rope * rate**2 - faster) + along
+
+    time = STEP * EVERY * np.arange(round(seconds / STEP / EVERY) + 1)
+    phi, rate = solve_ivp(
+        lambda t, y: [y[1], acceleration(t, *y)[0]], (0.0, time[-1]), (sway, 0.0), t_eval=time, rtol=1e-9, atol=1e-11
+    ).y
+    told = np.array([motion(t) for t in time])
+    pull = np.array([acceleration(*row)[1] for row in zip(time, phi, rate, strict=True)])
+    cell = pull * (1 - sheave * np.tanh(told[:, 1, 1] / 1e-3))
+    return np.column_stack([time, told[:, :, 0], phi, cell])
 
 
 def carried(seed):

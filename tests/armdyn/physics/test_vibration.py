@@ -134,16 +134,11 @@ def predicted(effects, coefficients, noise):
 @pytest.mark.parametrize(
     "effects",
     [
-        ("linear_drag",),
-        ("sensor_lag", "sensor_delay"),
-        ("gripper_lag", "pivot_coulomb_friction"),
-        ("string_elasticity", "sensor_lag"),
-        ("gripper_compliance", "gripper_lag"),
-        ("out_of_plane_swing", "wind"),
-        ("oil",),
-        ("oil", "gripper_compliance", "gripper_lag"),
+        ("linear_drag",), ("sensor_lag", "sensor_delay"), ("gripper_lag", "pivot_coulomb_friction"),
+        ("string_elasticity", "sensor_lag"), ("gripper_compliance", "gripper_lag"), ("out_of_plane_swing", "wind"),
+        ("oil",), ("oil", "gripper_compliance", "gripper_lag"),
     ],
-)
+)  # fmt: skip
 def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
     noise = {"load_force": 5e-3, "swing_angle": 5e-3}
     at = predicted(effects, COEFFICIENTS, noise)

@@ -17,23 +17,20 @@ def events(arm, sound, *recordings, per_hour=0.01):
     return [event for recording in recordings for event in watch.all(samples(recording))]
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_contact_is_found_within_50_ms_and_so_is_its_end(arm, sound, seed):
-    first, *_, last = events(arm, sound, work(arm, seed, 20.0, begin=10.0, until=11.0, outside=CONTACT))
+@pytest.mark.parametrize("seed", range(3))
+def test_a_contact_is_one_from_outside_and_found_within_50_ms_and_so_is_its_end(arm, sound, seed):
+    found = events(arm, sound, work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT))
+    first, *_, last = found
     assert 10.0 <= first.time <= 10.05
     assert 9.8 <= first.since <= 10.05
     assert last.kind is Kind.RECOVERED
     assert 11.0 <= last.time <= 12.0
-
-
-def test_a_contact_that_no_load_explains_is_one_from_outside(arm, sound):
-    contacts = [work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT) for seed in range(5)]
-    kinds = [event.kind for contact in contacts for event in events(arm, sound, contact)]
+    kinds = [event.kind for event in found]
     assert set(kinds) <= {Kind.NOT_TOLD, Kind.OUTSIDE_TORQUE, Kind.RECOVERED}
-    assert kinds.count(Kind.OUTSIDE_TORQUE) == 5
+    assert kinds.count(Kind.OUTSIDE_TORQUE) == 1
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_load_is_weighed(arm, sound, seed):
     found = [e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not Kind.NOT_TOLD]
     assert [event.kind for event in found] == [Kind.LOAD_CHANGED]
@@ -44,11 +41,10 @@ def test_a_load_is_weighed(arm, sound, seed):
     assert (event.unit, event.what) == ("kg", "payload")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_more_friction_is_a_changed_robot(arm, sound, seed):
     found = events(arm, sound, work(arm, seed, friction=1.4, begin=20.0))
     (event,) = [event for event in found if event.kind is Kind.ROBOT_CHANGED]
-    assert event.kind is Kind.ROBOT_CHANGED
     assert event.joint == "shoulder_lift_joint"
     assert "joint_coulomb_friction" in event.what
     assert event.time < 50.0
@@ -63,7 +59,7 @@ def test_a_load_that_is_put_down_again_is_over(arm, sound):
 
 
 def test_sound_work_is_silent(arm, sound):
-    assert events(arm, sound, *(work(arm, seed) for seed in range(20, 30))) == []
+    assert events(arm, sound, *(work(arm, seed) for seed in range(20, 25))) == []
 
 
 def test_gaps_missing_values_and_clocks_that_jump_are_no_events(arm, sound):

@@ -25,54 +25,34 @@ from armdyn.effects.effect import effect
 from armdyn.parameter import quantity
 from armdyn.physics import Equations, Expression, Moment, Rate, Stage, constant, physics, state
 """
-RUNS = 4
-"""Of a case: two to fit, one to choose by, one that takes part in nothing."""
+RUNS = 4  # of a case: two to fit, one to choose by, one that takes part in nothing
 SHOWN = 1.0
 """Change of a recording by its hidden effect, over the noise, below which a case is drawn anew: an edge that it never
 reaches shows nothing."""
-OFF = 0.3
-"""Share by which start values are off at most."""
+OFF = 0.3  # share by which start values are off at most
 
 
 @dataclass(frozen=True)
 class Family:
-    """A kind of base.
+    """A kind of base."""
 
-    Attributes:
-        name: of the base.
-        kind: of physics.
-        text: of the user's file, without its head.
-        values: of the base, by parameter, and within which factor they are drawn.
-        effects: hidden ones, with their true sizes by quantity.
-        rates: of the states.
-        outputs: by channel, which state is measured, or from the case, the states and the input to what is measured.
-        noise: by channel.
-        push: mean and size of the input.
-        pace: angular frequency of the input, 1/s.
-        start: typical states at the start.
-        seconds: of a run.
-        rate: Hz.
-        driven: channel of the input; empty for none.
-        unit: of the input.
-        held: whether the input is a command that steps.
-    """
-
-    name: str
-    kind: str
-    text: str
-    values: Mapping[str, float]
-    effects: Mapping[str, Mapping[str, float]]
-    rates: Rates
+    name: str  # of the base
+    kind: str  # of physics
+    text: str  # of the user's file, without its head
+    values: Mapping[str, float]  # of the base, by parameter, and within which factor they are drawn
+    effects: Mapping[str, Mapping[str, float]]  # hidden ones, with their true sizes by quantity
+    rates: Rates  # of the states
+    # by channel, which state is measured, or from the case, the states and the input to what is measured
     outputs: Mapping[str, int | Callable[["Case", np.ndarray, np.ndarray], np.ndarray]]
-    noise: Mapping[str, float]
-    push: tuple[float, float]
-    pace: float
-    start: tuple[float, ...]
-    seconds: float
-    rate: float
-    driven: str
-    unit: str
-    held: bool = False
+    noise: Mapping[str, float]  # by channel
+    push: tuple[float, float]  # mean and size of the input
+    pace: float  # angular frequency of the input, 1/s
+    start: tuple[float, ...]  # typical states at the start
+    seconds: float  # of a run
+    rate: float  # Hz
+    driven: str  # channel of the input; empty for none
+    unit: str  # of the input
+    held: bool = False  # whether the input is a command that steps
 
 
 @dataclass(frozen=True)
