@@ -37,7 +37,7 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import GripperPath
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 hidden_pendulum = hidden_table.generator("pendulum")
@@ -77,7 +77,7 @@ def model() -> PendulumModel:
 
 
 def recorded(
-    name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, Known]
+    name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, KnownQuantity]
 ) -> Run:
     """One run; along the generator's own random motion where none is given."""
     if motion is None:
@@ -117,8 +117,8 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     rng = np.random.default_rng([seed, zlib.crc32("/".join(pair).encode())])
     mass, length = 0.08 * (1 + 0.1 * rng.normal()), 0.368 * (1 + 0.05 * rng.normal())
     known = {
-        "mass": Known(mass * (1 + 0.01 * rng.normal()), 0.01 * mass, "kg"),
-        "length": Known(length + 3e-3 * rng.normal(), 3e-3, "m"),
+        "mass": KnownQuantity(mass * (1 + 0.01 * rng.normal()), 0.01 * mass, "kg"),
+        "length": KnownQuantity(length + 3e-3 * rng.normal(), 3e-3, "m"),
     }
     setup = hidden_pendulum.Setup(
         length=length, mass=mass, hidden={hidden: SIZES[hidden]}, duration=DURATION, force_noise=5e-3, start=(0.0, 0.0)

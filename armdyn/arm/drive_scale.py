@@ -34,7 +34,7 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 BAND_HZ = 6.0
@@ -158,7 +158,7 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
         gain, relative = 1.0 / compliance, std / compliance
         found[name] = replace(
             servo,
-            gain=Known(gain, loaded_std / compliance * gain, unit),
+            gain=KnownQuantity(gain, loaded_std / compliance * gain, unit),
             unloaded=relative * gain,
             determined=stated or relative < MAX_IDENTIFIED_STD,
         )
@@ -266,7 +266,9 @@ def _variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     return found
 
 
-def _compliances(rows: Sequence[_Rows], gains: Mapping[str, Known | None]) -> dict[str, tuple[float, float, float]]:
+def _compliances(
+    rows: Sequence[_Rows], gains: Mapping[str, KnownQuantity | None]
+) -> dict[str, tuple[float, float, float]]:
     """By kind of drive: 1/k from all joints together, its standard deviation, and that with an unknown load.
 
     A load is assumed where it predicts parts of the recordings that were not fitted. The differences of the values
@@ -294,7 +296,7 @@ class _JointFit:
     """
 
     def __init__(
-        self, rows: Sequence[_Rows], gains: Mapping[str, Known | None], *, carried: bool, left_out: int | None
+        self, rows: Sequence[_Rows], gains: Mapping[str, KnownQuantity | None], *, carried: bool, left_out: int | None
     ) -> None:
         self._rows, self._kinds, self._gains = rows, list(gains), gains
         count = len(gains)
@@ -354,7 +356,7 @@ class _JointFit:
         return sum(0.5 * float(np.sum(residual**2)) for residual in residuals)
 
 
-def _first_guess(rows: Sequence[_Rows], kind: str, gain: Known | None) -> float:
+def _first_guess(rows: Sequence[_Rows], kind: str, gain: KnownQuantity | None) -> float:
     """1/k of a kind: as stated, or the weighted mean of its joints' own values."""
     if gain is not None:
         return 1.0 / gain.value

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.recording.units import Known, parse_quantity, sliding_unit
+from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
 from urdf.table_file import read_as
 
@@ -59,7 +59,7 @@ class Servo:
 
     joints: tuple[str, ...]
     law: Law = "position"
-    gain: Known | None = None
+    gain: KnownQuantity | None = None
     damping: float = 0.0
     supply: float | None = None
     limit: float = np.inf

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.physics.definition import Expression, Memory
+from armdyn.physics.definition import AddedState, Expression
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 NEWTON_STEPS = 3
@@ -37,7 +37,7 @@ class InternalStates:
         InputError: a state depends on more than the joint's own motion.
     """
 
-    def __init__(self, memory: Sequence[Memory], inputs: Expression, load: Expression, theta: Expression) -> None:
+    def __init__(self, memory: Sequence[AddedState], inputs: Expression, load: Expression, theta: Expression) -> None:
         self.symbols = ca.vertcat(*(m.symbol for m in memory)) if memory else ca.SX(0, 1)
         rates, starts = (ca.vertcat(*(m[i] for m in memory)) if memory else ca.SX(0, 1) for i in (1, 2))
         if memory and (ca.depends_on(rates, load) or ca.depends_on(starts, ca.vertcat(inputs, self.symbols))):

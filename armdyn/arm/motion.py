@@ -10,7 +10,14 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.choice import (
+    SPLINE_ORDERS,
+    MeasuredDerivative,
+    SmoothingChoice,
+    best_smoothing,
+    derivative_noise,
+    smooth_curve,
+)
 from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
@@ -70,7 +77,7 @@ class JointCurve:
     """
 
     curve: SplineCurve
-    choice: Choice
+    choice: SmoothingChoice
     interval: float
     speed_noise: float
     moving: float
@@ -157,8 +164,12 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     """Path of a joint, cached with its position channel, which other versions of a run share."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
     choice = best_smoothing(q.time, q.value, SPLINE_ORDERS)
-    rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES]
-    curve = smoothed(q.time, q.value, choice, rates)
+    rates = [
+        MeasuredDerivative(c.time, c.value, k)
+        for k, c in ((1, v), (2, a))
+        if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES
+    ]
+    curve = smooth_curve(q.time, q.value, choice, rates)
     position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
     speed = float(np.sqrt(np.mean(velocity**2)))
     creep = 0.1 * CREEP if q.unit == "m" else CREEP

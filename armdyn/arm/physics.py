@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import ZERO, Expression, Timed
+from armdyn.physics.definition import ZERO, Expression, SensorStage
 
 __all__ = ["Base", "Expression", "Joint", "Link", "Neighbour", "Told"]
 
@@ -94,7 +94,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Joint(Timed):
+class Joint(SensorStage):
     """One joint, its drive and its torque sensor.
 
     Attributes:

@@ -24,7 +24,7 @@ from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
+from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, SmoothingChoice, best_smoothing
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineSamples
 
 STIFF_HZ = 10.0
@@ -52,7 +52,7 @@ READING_FADING_SPEEDS = (0.05, 0.15)
 """Speeds of fading frictions, rad/s or m/s; see `Motion.own_columns`."""
 
 
-def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: Choice, brought_in: np.ndarray) -> float:
+def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingChoice, brought_in: np.ndarray) -> float:
     """The cut-off, Hz, with which as much torque and as little noise as possible is compared.
 
     It is the f up to `STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S the

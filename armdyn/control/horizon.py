@@ -9,9 +9,9 @@ from functools import lru_cache
 import casadi as ca
 
 from armdyn.codegen import Buffered, compile_functions
-from armdyn.control.questions import Question
+from armdyn.control.questions import MotionObjective
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
-from armdyn.physics.simulate import runge_kutta
+from armdyn.physics.simulate import runge_kutta_step
 
 SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
 """Settings of SAC that the cost takes as arguments, in this order."""
@@ -19,7 +19,7 @@ SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barri
 
 @lru_cache(maxsize=16)
 def horizon_functions(
-    dynamics: tuple[PendulumDynamics, ...], name: str, question: Question, steps: int, dt: float
+    dynamics: tuple[PendulumDynamics, ...], name: str, question: MotionObjective, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
     """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
 
@@ -65,7 +65,7 @@ def horizon_functions(
         slopes.append(derivative(reading))
         at, first = at + PLANAR_STATE_SIZE * (1 + len(names)), first + size
     extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(*rates)])
-    following = runge_kutta(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
+    following = runge_kutta_step(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
 
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
     running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2

@@ -35,8 +35,8 @@ class Criterion(Enum):
 
 
 @dataclass(frozen=True)
-class Question:
-    """The purpose of a motion; make it with `information` or `separation`.
+class MotionObjective:
+    """The purpose of a motion; make it with `information_objective` or `separation_objective`.
 
     Attributes:
         wanted: wanted parameters; empty for rivals.
@@ -126,16 +126,16 @@ class Question:
         return ca.Function("criterion", [G], [cost, ca.densify(ca.reshape(ca.gradient(cost, ca.vec(G)), k, k))])
 
 
-LENGTH_QUESTION = Question(("length",), criterion=Criterion.FLOOR)
+LENGTH_OBJECTIVE = MotionObjective(("length",), criterion=Criterion.FLOOR)
 """The paper's question: the length alone, judged at each moment."""
 
 
-def information(
+def information_objective(
     wanted: Sequence[str],
     nuisance: Sequence[str] = (),
     criterion: Criterion = Criterion.DETERMINANT,
     direction: Sequence[float] = (),
-) -> Question:
+) -> MotionObjective:
     """The question for information on some parameters, with others unknown as well.
 
     Raises:
@@ -147,9 +147,9 @@ def information(
         raise InputError("the floor is for the length alone: choose determinant, inverse or direction")
     if (criterion is Criterion.DIRECTION) != bool(direction) or (direction and len(direction) != len(wanted)):
         raise InputError("the criterion of a direction needs one weight for each parameter that is wanted")
-    return Question(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
+    return MotionObjective(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
 
 
-def separation(unknowns: Sequence[str]) -> Question:
+def separation_objective(unknowns: Sequence[str]) -> MotionObjective:
     """The question which of two models is true, for any values of the rival's `unknowns`."""
-    return Question((), tuple(unknowns), rivals=True)
+    return MotionObjective((), tuple(unknowns), rivals=True)

@@ -24,7 +24,7 @@ from time import perf_counter
 import numpy as np
 
 from armdyn.control.horizon import SAC_WEIGHTS, horizon_functions
-from armdyn.control.questions import LENGTH_QUESTION, Question
+from armdyn.control.questions import LENGTH_OBJECTIVE, MotionObjective
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 
@@ -158,7 +158,7 @@ class SequentialActionControl:
         self,
         model: PendulumModel,
         settings: SacSettings | None = None,
-        question: Question = LENGTH_QUESTION,
+        question: MotionObjective = LENGTH_OBJECTIVE,
         rival: PendulumModel | None = None,
     ) -> None:
         self.settings, self.question = settings or SacSettings(), question
@@ -199,7 +199,7 @@ class SequentialActionControl:
         duration = c.first_duration
         for _ in range(c.halvings + 1):
             start, end = max(0.0, middle - duration / 2), min(c.horizon, middle + duration / 2)
-            schedule = self._within_speed(needle(size, start, end, c.steps, c.dt), state.v)
+            schedule = self._within_speed(acceleration_pulse(size, start, end, c.steps, c.dt), state.v)
             tried = float(self._cost(schedule, *fixed)[0][0, 0])
             if tried < free_cost:
                 return SacAction(size, start, end, schedule, tried, perf_counter() - started)
@@ -227,7 +227,7 @@ class SequentialActionControl:
         return np.array(kept)
 
 
-def needle(size: float, start: float, end: float, steps: int, dt: float) -> np.ndarray:
+def acceleration_pulse(size: float, start: float, end: float, steps: int, dt: float) -> np.ndarray:
     """(steps,) acceleration `size` between `start` and `end` s, averaged over each step."""
     edges = dt * np.arange(steps + 1)
     overlap = np.clip(np.minimum(edges[1:], end) - np.maximum(edges[:-1], start), 0.0, dt)

@@ -11,11 +11,11 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
 
-CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
+EFFECT_CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
 """Shares of the effects' values from which a plan is continued where it is not found directly."""
 
 
-ROOF_SLOPE, ROOF_RADIUS = 1.0, 0.005
+WALL_ROOF_SLOPE, WALL_ROOF_RADIUS = 1.0, 0.005
 """Slope of a roof over the wall, above which the load must stay, and radius, m, of its ridge. The wall alone is too
 thin: it would push a load inside it to the side, and a fast load passes it between two nodes."""
 
@@ -92,7 +92,7 @@ class TaskCost:
         return np.array(list(self.numbers().values()))
 
 
-COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
+TASK_COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class TaskPlanner:
             # From rest, strong friction hides the swing: it is found while the effects grow from zero.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = None
-            for share in CONTINUATION_SHARES:
+            for share in EFFECT_CONTINUATION_SHARES:
                 free = solve(unconstrained, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
@@ -225,7 +225,7 @@ def _optimizer(variational: VariationalStep, formulation: str, steps: int, const
 
 
 def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
-    """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt).
+    """The task on a variational model; p = (theta, cost in the order of `TASK_COST_NAMES`, dt).
 
     Args:
         variational: the equations.
@@ -234,18 +234,18 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
             ignored.
     """
     thetas = len(variational.names)
-    size = thetas + len(COST_NAMES) + 1
+    size = thetas + len(TASK_COST_NAMES) + 1
     s, u, t, p = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
     following, costate = ca.SX.sym("s_next", VARIATIONAL_STATE_SIZE), ca.SX.sym("costate", VARIATIONAL_STATE_SIZE)
     theta, dt = p[:thetas], p[size - 1]
-    c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
+    c = dict(zip(TASK_COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
     position, velocity = variational.load(s, t, dt, theta)
     arrival = (position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
-    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + ROOF_RADIUS**2) - ROOF_RADIUS
-    roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
+    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + WALL_ROOF_RADIUS**2) - WALL_ROOF_RADIUS
+    roof = c["wall_z"] + c["clearance"] - WALL_ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
     # The tension hardly depends on the exact next node, so the extrapolated one suffices.

@@ -19,7 +19,7 @@ from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 from armdyn.parameter import Quantity, RecordedColumn
 from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
-from armdyn.physics.definition import Expression, Memory
+from armdyn.physics.definition import AddedState, Expression
 from armdyn.recording.channels import is_auxiliary
 from armdyn.recording.units import si_unit, to_base_units
 from armdyn.user_code import place_of
@@ -207,7 +207,7 @@ def _expressions(stage: Any) -> list[Expression]:
         value = getattr(stage, each.name)
         if isinstance(value, Link):
             found.append(ca.reshape(value.pseudo_inertia, -1, 1))
-        elif isinstance(value, Memory | tuple):
+        elif isinstance(value, AddedState | tuple):
             continue
         elif is_dataclass(value):
             found += _expressions(value)

@@ -17,7 +17,7 @@ from armdyn.physics.simulate import Rollout, System
 from armdyn.readout import Interpolated, lagged
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing.even import halfway, slope
+from armdyn.smoothing.even import first_derivative, motion_at_midpoints
 
 T = TypeVar("T")
 CHANNELS = ("load_force", "swing_angle")
@@ -245,8 +245,8 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     rows, step = basis.functions, float(basis.time[1] - basis.time[0])
     if lag > 0.0:
         rows = np.stack([lagged(part, lag, step)[0] for part in rows])
-    between = np.asarray(halfway(rows, step)).reshape(3, count - 1, size)
-    jerk = slope(rows[2], step)
+    between = np.asarray(motion_at_midpoints(rows, step)).reshape(3, count - 1, size)
+    jerk = first_derivative(rows[2], step)
     return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])
 
 

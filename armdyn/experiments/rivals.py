@@ -19,7 +19,7 @@ from armdyn.identify.study import Study
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import marginal_information
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import GripperPath, run_path
+from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
@@ -252,6 +252,6 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
 
 def last_motion(run: Run, seconds: float) -> GripperPath:
     """The gripper's motion in a run, or its first part."""
-    path = run_path(run)
+    path = gripper_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
     return GripperPath(0.0, path.dt, *path.along[:, :count])

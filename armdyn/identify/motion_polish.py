@@ -20,7 +20,7 @@ from armdyn.arm.motion import measured_motion
 from armdyn.arm.rollout import COARSE_STEP, ROLLOUT_STEP, can_roll_out, closed, encoder_step, rolled, windows
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import solve_bounded
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
@@ -169,7 +169,7 @@ def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> 
     return replace(model.with_parameters(parameters), drives=MappingProxyType(drives))
 
 
-def _agreed(read: Known, moved: float) -> Known:
+def _agreed(read: KnownQuantity, moved: float) -> KnownQuantity:
     """Combine the gain from readings with the gain from motion; its deviation covers the difference of the two."""
     return replace(read, value=moved, std=float(np.hypot(read.std or 0.0, moved - read.value)))
 

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from armdyn.inspection.check import Check, Severity, amount
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
-from armdyn.recording.noise import DIFFERENCE_ORDERS, normalised_differences, quiet_std
+from armdyn.recording.noise import DIFFERENCE_ORDERS, noise_std_from_differences, normalised_differences
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -146,7 +146,7 @@ def stops(channel: Channel) -> list[Stand]:
     """Stretches in which a joint stops, with its full speed just before or just after."""
     value = channel.value
     step = np.abs(np.diff(value))
-    noise = resolution(value) + 3.0 * quiet_std(channel.time, value)
+    noise = resolution(value) + 3.0 * noise_std_from_differences(channel.time, value)
     usual = float(np.median(step[step > noise])) if np.any(step > noise) else float(np.median(step))
     if usual <= 0.0:
         return []

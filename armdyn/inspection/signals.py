@@ -9,9 +9,9 @@ from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
-from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, normalised_differences, quiet_std
-from armdyn.recording.spikes import ALLOWED_FAULTS, at_the_end, spikes_of
-from armdyn.recording.tracks import second_track
+from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, noise_std_from_differences, normalised_differences
+from armdyn.recording.spikes import ALLOWED_FAULTS, saturated_samples, spikes_of
+from armdyn.recording.tracks import samples_of_second_series
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
@@ -102,7 +102,7 @@ def second_publishers(run: Run) -> Iterator[Check]:
         if name.startswith("q."):
             by_time.setdefault(channel.time.tobytes(), []).append(name)
     for names in by_time.values():
-        second = second_track(np.column_stack([run.channels[name].value for name in names]))
+        second = samples_of_second_series(np.column_stack([run.channels[name].value for name in names]))
         if second.any():
             time = run.channels[names[0]].time[second]
             yield Check(
@@ -158,7 +158,7 @@ def ends_of_range(run: Run) -> Iterator[Check]:
     for name, channel in run.channels.items():
         if not channel_kind(name).measured:
             continue
-        bad = at_the_end(channel.value)
+        bad = saturated_samples(channel.value)
         if bad.mean() > MIN_CLIPPED_SHARE:
             top = float(np.abs(channel.value[bad]).max())
             yield Check(
@@ -199,7 +199,7 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     if n < 6 * beside:
         return None
     third = np.abs(np.nan_to_num(normalised_differences(time, value, 3)))
-    usual = quiet_std(time, value) + resolution(value) / np.sqrt(12.0)
+    usual = noise_std_from_differences(time, value) + resolution(value) / np.sqrt(12.0)
     at = int(np.clip(np.argmax(third) + 1, beside, n - beside - 2))
     longest = np.diff(time[at - beside + 1 : at + beside + 1]).max()
     steps_often = np.sum(third > 0.5 * LOST_COUNT_DEVIATES * usual) > MAX_STEPPED_DIFFERENCES
@@ -256,7 +256,9 @@ def moves(channel: Channel) -> bool:
     value = channel.value
     last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
     low, high = np.sort(value)[[last, -1 - last]]
-    return bool(high - low > max(MIN_MOTION_DEVIATES * quiet_std(channel.time, value), MIN_MOTION_SIZE))
+    return bool(
+        high - low > max(MIN_MOTION_DEVIATES * noise_std_from_differences(channel.time, value), MIN_MOTION_SIZE)
+    )
 
 
 def ranges(run: Run) -> Iterator[Check]:

@@ -30,9 +30,9 @@ from armdyn.inspection.mistakes import (
 )
 from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
-from armdyn.pendulum.start import swing_shown
+from armdyn.pendulum.start import swing_channel
 from armdyn.run import Run
-from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smoothed
+from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smooth_curve
 from armdyn.smoothing.spline import SplineCurve
 
 SWING_MOMENTS = 240
@@ -110,7 +110,7 @@ class SwingRun:
     @cached_property
     def swing(self) -> str | None:
         """The channel that measures the swing; None where there is none."""
-        return swing_shown(self.run)
+        return swing_channel(self.run)
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
@@ -132,7 +132,7 @@ class SwingRun:
             if name is not None and name in self.run.channels:
                 whole = self.run.channels[name]
                 c = whole.averaged(-(-len(whole) // MAX_SMOOTHED_SAMPLES))
-                found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
+                found[name] = smooth_curve(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
         return found
 
     def _stamps(self, r: CorrectedReading) -> np.ndarray:

@@ -24,7 +24,7 @@ ADDED_COMPLIANCE = 1e-12
 """Compliance, m/N, added to one by which is divided."""
 
 
-class Composition:
+class PendulumComposition:
     """A pendulum with effects; their order is the natural one, not that in which they were added.
 
     Attributes:
@@ -57,9 +57,12 @@ class Composition:
         x, v, z, phi, rate, pull = (ca.SX.sym(s) for s in ("x", "v", "z", "phi", "rate", "T"))
         self.recorded = {column: ca.SX.sym("recorded") for column in columns_of(self._effects)}
         at = self.at(ca.SX.sym("t"), self.recorded)
-        gripper, string = gripper_at(at, x, v, z, phi), string_at(at, phi, rate)
-        load = load_at(at, ca.SX.sym("q", 3), ca.SX.sym("qd", 3), phi, rate)
-        tension, sensor = tension_at(at, pull, phi, rate, string.length, ca.SX.sym("a")), sensor_at(at, pull, phi, rate)
+        gripper, string = gripper_stage(at, x, v, z, phi), string_stage(at, phi, rate)
+        load = load_stage(at, ca.SX.sym("q", 3), ca.SX.sym("qd", 3), phi, rate)
+        tension, sensor = (
+            tension_with_effects(at, pull, phi, rate, string.length, ca.SX.sym("a")),
+            sensor_stage(at, pull, phi, rate),
+        )
         self.compliance = ca.vertcat(string.compliance, gripper.compliance)
         damping = string.damped / (string.compliance + ADDED_COMPLIANCE)
         self.bounce = None if string.compliance.is_zero() else ca.vertcat(string.compliance * load.mass, damping)
@@ -89,34 +92,36 @@ class Composition:
         return Moment(time, self._by_name, {}, self._effects, self._by_name, recorded)
 
 
-def gripper_at(at: Moment, x: Expression, v: Expression, z: Expression, phi: Expression) -> Gripper:
+def gripper_stage(at: Moment, x: Expression, v: Expression, z: Expression, phi: Expression) -> Gripper:
     """The gripper with its effects, from measured position m, velocity m/s and height m, and swing angle phi, rad."""
     return at.stage("gripper", Gripper(at.time, x, v, z, phi, ca.vertcat(x, 0, z)))
 
 
-def string_at(at: Moment, phi: Expression, rate: Expression) -> String:
+def string_stage(at: Moment, phi: Expression, rate: Expression) -> String:
     """The string with its effects, from swing angle phi, rad, and rate, rad/s."""
     return at.stage("string", String(at.time, phi, rate, at["mass"], at["length"], at["gravity"]))
 
 
-def load_at(at: Moment, q: Expression, qd: Expression, phi: Expression, rate: Expression) -> Load:
+def load_stage(at: Moment, q: Expression, qd: Expression, phi: Expression, rate: Expression) -> Load:
     """The load with its effects, from position q (3,), m, and velocity qd (3,), m/s."""
     return at.stage("load", Load(at.time, at["mass"], q, qd, phi, rate))
 
 
-def tension_at(
+def tension_with_effects(
     at: Moment, value: Expression, phi: Expression, rate: Expression, length: Expression, acceleration: Expression
 ) -> Expression:
     """The tension, N, after effects on its formula; `acceleration`, m/s^2, is that of the gripper along its line."""
     return at.stage("tension", Tension(value, phi, rate, at["mass"], length, acceleration, at["gravity"])).value
 
 
-def sensor_at(at: Moment, tension: Expression, phi: Expression, rate: Expression) -> Sensor:
+def sensor_stage(at: Moment, tension: Expression, phi: Expression, rate: Expression) -> Sensor:
     """The sensors with their effects, from tension N, angle rad and rate rad/s."""
     return at.stage("sensor", Sensor(at.time, tension, phi, tension, phi, rate))
 
 
-def lagrangian(gripper: Gripper, string: String, load: Load, g: Expression, gd: Expression) -> tuple[Expression, ...]:
+def kinetic_and_potential_energy(
+    gripper: Gripper, string: String, load: Load, g: Expression, gd: Expression
+) -> tuple[Expression, ...]:
     """Kinetic and potential energy, J, of load and string; g (3,) m and gd (3,) m/s of the string's upper end.
 
     A uniform string has the kinetic energy of a rod whose ends move as gripper and load do.
@@ -127,22 +132,22 @@ def lagrangian(gripper: Gripper, string: String, load: Load, g: Expression, gd: 
         + load.inertia * load.rate**2 / 2
         + string.mass * (ca.sumsqr(qd) + ca.sumsqr(gd) + ca.dot(qd, gd)) / 6
     )
-    up = upwards(gripper)
+    up = up_direction(gripper)
     return kinetic, string.gravity * (load.mass * ca.dot(up, q) + string.mass * ca.dot(up, q + g) / 2)
 
 
-def upwards(gripper: Gripper) -> Expression:
+def up_direction(gripper: Gripper) -> Expression:
     """Unit vector (3,) against gravity, in the frame of the line."""
     return ca.vertcat(-ca.sin(gripper.tilt), 0, ca.cos(gripper.tilt))
 
 
-def direction(phi: Expression) -> Expression:
+def string_direction(phi: Expression) -> Expression:
     """Unit vector (3,) from the pivot to the load."""
     return ca.vertcat(-ca.sin(phi), 0, -ca.cos(phi))
 
 
-def quasi_static(
-    composition: Composition, at: Moment, position: Expression, length: Expression, phi: Expression
+def quasi_static_string(
+    composition: PendulumComposition, at: Moment, position: Expression, length: Expression, phi: Expression
 ) -> tuple[Expression, Expression]:
     """For control: the string's upper end (3,), m, and its length, m, with compliant parts displaced by the weight.
 

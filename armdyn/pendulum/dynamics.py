@@ -20,19 +20,19 @@ import numpy as np
 
 from armdyn.pendulum import transverse
 from armdyn.pendulum.composition import (
-    Composition,
-    direction,
-    gripper_at,
-    lagrangian,
-    load_at,
-    quasi_static,
-    sensor_at,
-    string_at,
-    tension_at,
-    upwards,
+    PendulumComposition,
+    gripper_stage,
+    kinetic_and_potential_energy,
+    load_stage,
+    quasi_static_string,
+    sensor_stage,
+    string_direction,
+    string_stage,
+    tension_with_effects,
+    up_direction,
 )
-from armdyn.pendulum.physics import Expression, smoothly_resisted
-from armdyn.pendulum.yielding import slow_manifold
+from armdyn.pendulum.physics import Expression, torque_with_smooth_friction
+from armdyn.pendulum.yielding import compliant_displacement
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
 from armdyn.physics.vibration import Vibration
@@ -65,7 +65,7 @@ class PendulumDynamics(System):
     rate: ca.Function
 
 
-def derive_dynamics(composition: Composition, *, planar: bool = False) -> PendulumDynamics:
+def derive_dynamics(composition: PendulumComposition, *, planar: bool = False) -> PendulumDynamics:
     """Derive the equations of motion, readings and tension of a composition.
 
     Args:
@@ -98,17 +98,17 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
 
     recorded = {} if planar else composition.recorded
     at = composition.at(t, recorded)
-    gripper = gripper_at(at, x - composition.gripper_lag * v if planar and composition.trails else x, v, z, phi)
-    string = string_at(at, phi, rate)
+    gripper = gripper_stage(at, x - composition.gripper_lag * v if planar and composition.trails else x, v, z, phi)
+    string = string_stage(at, phi, rate)
     g, length, mass = gripper.position, string.length, at["mass"]
     if planar:
-        g, length = quasi_static(composition, at, g, length, phi)
+        g, length = quasi_static_string(composition, at, g, length, phi)
     if yields:
         g += ca.vertcat(give, 0, 0)
-    q = g + (length + stretch) * direction(phi)
+    q = g + (length + stretch) * string_direction(phi)
     gd, qd = along_motion(g), along_motion(q)
-    load = load_at(at, q, qd, phi, rate)
-    kinetic, potential = lagrangian(gripper, string, load, g, gd)
+    load = load_stage(at, q, qd, phi, rate)
+    kinetic, potential = kinetic_and_potential_energy(gripper, string, load, g, gd)
 
     def on_string(expression: Expression) -> Expression:
         """The expression with zero stretch where the string is rigid; otherwise the stretch is substituted later."""
@@ -120,15 +120,15 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
     M = _without_needless(ca.jacobian(P, rate), phi)
     b = ca.substitute(P, rate, ca.SX(0))
     by_forces = on_string(ca.gradient(kinetic - potential, phi) + ca.dot(ca.jacobian(q, phi), load.force))
-    P_dot = by_forces + on_string(smoothly_resisted(string.torque, string.dry, rate))
+    P_dot = by_forces + on_string(torque_with_smooth_friction(string.torque, string.dry, rate))
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
     radial = _without_needless(on_string(ca.gradient(kinetic - potential, stretching)), rate)
     pulled = ca.gradient(kinetic - potential, stretch) + ca.dot(ca.jacobian(q, stretch), load.force)
     tension = on_string(pulled) - along_motion(radial, rate_of_rate)
     if composition.heavy:
         # The constraint force includes the string's mass by its stretching; the upper end carries all of the string.
-        weight = string.mass * (-string.gravity * upwards(gripper) - along_motion(gd, rate_of_rate))
-        tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
+        weight = string.mass * (-string.gravity * up_direction(gripper) - along_motion(gd, rate_of_rate))
+        tension += on_string(ca.dot(weight, string_direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
     s, w = [phi, momentum], [t, x, v, a, z, vz, az]
@@ -139,17 +139,17 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
     w += recorded.values()
     if yields:
         rigid = ca.substitute([rate_of_state], list(displaced), list(displaced.values()))[0]
-        slow = slow_manifold(composition, at, phi, rigid, a, jerk)
+        slow = compliant_displacement(composition, at, phi, rigid, a, jerk)
         displaced = {stretch: slow.stretch, stretching: slow.stretching, give: slow.give, giving: slow.giving}
         tension, impulse = tension + slow.correction, slow.impulse
     if crosses:
         s.append(moments)
-        extra, tension = transverse.tensions(moments, tension, mass, length)
-        across = transverse.shortening(moments, length)
+        extra, tension = transverse.moment_rates_and_tension(moments, tension, mass, length)
+        across = transverse.string_shortening(moments, length)
         displaced[stretch] += across.stretch
         displaced[stretching] += across.stretching
-    tension = tension_at(at, tension, phi, rate, length, a)
-    sensor = sensor_at(at, tension, phi, rate)
+    tension = tension_with_effects(at, tension, phi, rate, length, a)
+    sensor = sensor_stage(at, tension, phi, rate)
     if planar:
         displaced |= {m.symbol: m.start for m in at.memory}
     elif at.memory:

@@ -14,20 +14,27 @@ from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
-from armdyn.pendulum.composition import PENDULUM_STAGES, Composition
+from armdyn.pendulum.composition import PENDULUM_STAGES, PendulumComposition
 from armdyn.pendulum.dynamics import PendulumDynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath, run_path, trailing
+from armdyn.pendulum.path import GripperPath, gripper_path, lagged_path
 from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
-from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, start_values, swing_shown
+from armdyn.pendulum.start import (
+    cut_at_gripper_gaps,
+    free_swing_part,
+    possible_rate_errors,
+    possible_start_states,
+    start_parameters,
+    swing_channel,
+)
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulated import (
     LOCAL_FIT_PERIODS,
     SimulatedModel,
-    end_of_motion,
-    local_motion,
-    main_period,
-    measured_start,
+    dominant_period,
+    first_value_and_rate,
+    local_values_and_rates,
+    rest_time,
 )
 from armdyn.run import Channel, Run
 
@@ -59,15 +66,15 @@ class PendulumModel(SimulatedModel):
         """Start values at (J,) times, from the measured angle, or else from the rate and its derivative."""
         length = float(theta[self.names.index("length")])
         if "swing_angle" in run.channels:
-            motion = local_motion(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
+            motion = local_values_and_rates(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
         elif "swing_rate" in run.channels:
-            rate = local_motion(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
+            rate = local_values_and_rates(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
             mean = float(np.mean(run.channels["swing_rate"].value))
             pace = 2.0 * np.pi / swing
             motion = np.column_stack([np.arcsin(np.clip(-rate[:, 1] / pace**2, -1.0, 1.0)), rate[:, 0] - mean])
         else:
             return None
-        path = run_path(run)
+        path = gripper_path(run)
         speed = np.interp(times, path.time, path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
@@ -77,7 +84,7 @@ class PendulumModel(SimulatedModel):
         """Quantities on which a missing acceleration may depend; the load is the tension of a point mass."""
         del speed
         length, mass, gravity = (float(theta[self.names.index(name)]) for name in ("length", "mass", "gravity"))
-        path = run_path(run)
+        path = gripper_path(run)
         v, a = (np.interp(time, path.time, x) for x in (path.v, path.a))
         angle = motion[:, 0]
         rate = motion[:, 1] + v / length * np.cos(angle)
@@ -87,12 +94,12 @@ class PendulumModel(SimulatedModel):
 
     def comes_to_rest(self, run: Run, swing: float) -> float:
         """Time at which a swing below a fixed pivot has come to rest, s; see `SimulatedModel.comes_to_rest`."""
-        name = swing_shown(run)
-        return np.inf if name is None or "gripper_x" in run.channels else end_of_motion(run.channels[name], swing)
+        name = swing_channel(run)
+        return np.inf if name is None or "gripper_x" in run.channels else rest_time(run.channels[name], swing)
 
     def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
         """The length, nearly, from the period of a free swing; see `SimulatedModel.direct_estimates`."""
-        if "gripper_x" in run.channels or swing_shown(run) is None:
+        if "gripper_x" in run.channels or swing_channel(run) is None:
             return {}
         return {"length": float(theta[self.names.index("gravity")]) * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
 
@@ -101,23 +108,23 @@ class PendulumModel(SimulatedModel):
 
         A load that goes round and round has no period in its angle.
         """
-        name, small = swing_shown(run), self.start_window(theta)
-        return small if name is None else min(main_period(run.channels[name]), MAX_SWING_PERIODS * small)
+        name, small = swing_channel(run), self.start_window(theta)
+        return small if name is None else min(dominant_period(run.channels[name]), MAX_SWING_PERIODS * small)
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """Start angle and rate, where an angle was measured; see `Model.guess_start`."""
         if "swing_angle" not in run.channels:
             return {}
-        return start_values(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
+        return start_parameters(run, self.value("length"), [first_value_and_rate(run.channels["swing_angle"])])[0]
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
         """Start values to try: orbits in the phase plane, near the measured angle where there is one."""
         pace = 2.0 * np.pi / self.start_window(theta)
-        plane = phase_plane(pace)
+        plane = possible_start_states(pace)
         if "swing_angle" in run.channels:
-            angle, rate = measured_start(run.channels["swing_angle"])
-            plane = np.array([(angle, rate + change) for change in rates_near(pace)])
-        return start_values(run, float(theta[self.names.index("length")]), plane)
+            angle, rate = first_value_and_rate(run.channels["swing_angle"])
+            plane = np.array([(angle, rate + change) for change in possible_rate_errors(pace)])
+        return start_parameters(run, float(theta[self.names.index("length")]), plane)
 
     def start_window(self, theta: np.ndarray) -> float:
         """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""
@@ -125,8 +132,12 @@ class PendulumModel(SimulatedModel):
         return float(2 * np.pi * np.sqrt(length / gravity))
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """The run, cut at blind gaps of the gripper (`start.pieces`); below a fixed pivot its free swing."""
-        return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
+        """The run, cut at blind gaps of the gripper (`cut_at_gripper_gaps`); below a fixed pivot its free swing."""
+        return (
+            cut_at_gripper_gaps(run)
+            if "gripper_x" in run.channels
+            else (free_swing_part(run, self.swing(run, self.theta())),)
+        )
 
     @property
     def hangs_from_gripper(self) -> bool:
@@ -164,7 +175,7 @@ class PendulumModel(SimulatedModel):
     def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The path of the string's upper end, from the recorded path of the gripper; see `SimulatedModel`."""
         trails = self.system.input_lag is not None
-        return super().driven_by(trailing(path, self.gripper_lag(physics)) if trails else path, physics)
+        return super().driven_by(lagged_path(path, self.gripper_lag(physics)) if trails else path, physics)
 
     def gripper_lag(self, physics: np.ndarray) -> float:
         """Lag of the string's upper end behind the measured gripper, s; `physics` is (p,) as `physics_theta`."""
@@ -179,7 +190,7 @@ class PendulumModel(SimulatedModel):
 
     def path(self, run: Run) -> GripperPath:
         """The gripper's recorded path on an even grid; see `SimulatedModel.path`."""
-        return run_path(run)
+        return gripper_path(run)
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
         """The model without the effects that change nothing at these values."""
@@ -197,7 +208,7 @@ class PendulumModel(SimulatedModel):
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
         """Predicted swing angle and rate, and the gripper's motion; see `Model.covariates`."""
-        path = run_path(run)
+        path = gripper_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
         reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
@@ -220,19 +231,19 @@ class PendulumModel(SimulatedModel):
 
 @lru_cache(maxsize=128)
 def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> PendulumDynamics:
-    return derive_dynamics(Composition(effects), planar=planar)
+    return derive_dynamics(PendulumComposition(effects), planar=planar)
 
 
 @lru_cache(maxsize=256)
 def _brings(effect: Effect) -> tuple[bool, bool]:
     """Whether an effect adds states, and whether it adds inputs."""
-    with_it = Composition([effect])
+    with_it = PendulumComposition([effect])
     return with_it.crosses or with_it.remembers > 0, with_it.yields or with_it.trails
 
 
 @lru_cache(maxsize=64)
 def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
-    return derive_variational(Composition(effects))
+    return derive_variational(PendulumComposition(effects))
 
 
 def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:

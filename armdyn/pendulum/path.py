@@ -7,23 +7,23 @@ import numpy as np
 
 from armdyn.kept import cached_with_first_argument
 from armdyn.pendulum.dynamics import PENDULUM_OUTPUTS
-from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, elapsed, smoothed_input
+from armdyn.physics.recorded import MAX_GRID_STEP, MIN_GRID_STEP, InputPath, smoothed_input, time_since_recording_began
 from armdyn.readout import lagged
 from armdyn.run import Channel, Run
 from armdyn.smoothing.even import (
     WHITTAKER_ORDER,
     best_strength,
-    differentiated,
+    first_and_second_derivatives,
+    first_derivative,
     grid_size,
-    halfway,
-    penalised,
-    slope,
+    motion_at_midpoints,
+    penalised_least_squares,
 )  # fmt: skip
 
 STRENGTH_INTERVAL_SAMPLES, STRENGTH_WINDOW_SAMPLES = 100, 300
 """Number of samples after which the smoothing strength of a growing path is chosen again, and of the last samples
 used."""
-SETTLED_SAMPLES = 60
+SMOOTHING_DELAY_SAMPLES = 60
 """Number of samples after which later ones no longer change the smoothed path noticeably."""
 
 
@@ -104,12 +104,17 @@ class GripperPath(InputPath):
 
 def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Inputs at the nodes (8, K) and halfway between (8, K-1); the last row is the rate of the acceleration."""
-    jerk = slope(along[2], dt)
-    between = (t[:-1] + t[1:]) / 2, halfway(along, dt), halfway(level, dt), (jerk[:-1] + jerk[1:]) / 2
+    jerk = first_derivative(along[2], dt)
+    between = (
+        (t[:-1] + t[1:]) / 2,
+        motion_at_midpoints(along, dt),
+        motion_at_midpoints(level, dt),
+        (jerk[:-1] + jerk[1:]) / 2,
+    )
     return np.vstack([t, along, level, jerk]), np.vstack(between)
 
 
-def trailing(path: InputPath, lag: float) -> InputPath:
+def lagged_path(path: InputPath, lag: float) -> InputPath:
     """The path of a body that follows a gripper with a lag, and its derivative with respect to the lag.
 
     It solves tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
@@ -134,7 +139,7 @@ def trailing(path: InputPath, lag: float) -> InputPath:
     return InputPath(path.start, path.dt, *values, by_lag=by, extra=path.extra)
 
 
-def fixed_path(
+def fixed_pivot_path(
     start: float, end: float, dt: float, elapsed: float = 0.0, extra: Mapping[str, Channel] | None = None
 ) -> GripperPath:
     """Path of a pivot that does not move, from `start` to `end`, s; for the other arguments see `GripperPath`."""
@@ -142,8 +147,8 @@ def fixed_path(
     return GripperPath(start, dt, still, still, still, None, elapsed, extra)
 
 
-class GrowingPath:
-    """Smooths a path while it is measured: samples older than `SETTLED_SAMPLES` are smoothed once and cached.
+class OnlinePathSmoother:
+    """Smooths a path while it is measured: samples older than `SMOOTHING_DELAY_SAMPLES` are smoothed once and cached.
 
     Args:
         dt: interval between samples, s.
@@ -157,22 +162,22 @@ class GrowingPath:
 
     def extend(self, x: np.ndarray) -> np.ndarray:
         """Add new positions (k,), m; return position, velocity and acceleration of all so far, (3, n)."""
-        kept = max(0, self._smooth.shape[1] - SETTLED_SAMPLES)
+        kept = max(0, self._smooth.shape[1] - SMOOTHING_DELAY_SAMPLES)
         self._raw = np.concatenate([self._raw, x])
         n = len(self._raw)
         if n < 2 * WHITTAKER_ORDER:
             return np.vstack([self._raw, np.zeros((2, n))])
         if n >= 2 * self._chosen_at or n >= self._chosen_at + STRENGTH_INTERVAL_SAMPLES:
             self._strength, self._chosen_at = best_strength(self._raw[-STRENGTH_WINDOW_SAMPLES:]), n
-        first = max(0, kept - SETTLED_SAMPLES)
-        smooth = penalised(self._raw[first:], self._strength)
-        fresh = np.vstack([smooth, *differentiated(smooth, self._dt)])
+        first = max(0, kept - SMOOTHING_DELAY_SAMPLES)
+        smooth = penalised_least_squares(self._raw[first:], self._strength)
+        fresh = np.vstack([smooth, *first_and_second_derivatives(smooth, self._dt)])
         self._smooth = np.hstack([self._smooth[:, :kept], fresh[:, kept - first :]])
         return self._smooth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GrowingRun(Run):
+class RunInProgress(Run):
     """A run that is still being recorded, with the gripper's path smoothed as it grew.
 
     Attributes:
@@ -182,9 +187,9 @@ class GrowingRun(Run):
     path: GripperPath = field(kw_only=True)
 
 
-def run_path(run: Run) -> GripperPath:
+def gripper_path(run: Run) -> GripperPath:
     """The gripper's path in a run: smoothed where only positions were measured, at rest where there is no gripper."""
-    return run.path if isinstance(run, GrowingRun) else _recorded_path(run)
+    return run.path if isinstance(run, RunInProgress) else _recorded_path(run)
 
 
 @cached_with_first_argument
@@ -193,9 +198,9 @@ def _recorded_path(run: Run) -> GripperPath:
     timed = [x] if x is not None else [c for name, c in run.channels.items() if name in PENDULUM_OUTPUTS]
     start, end = float(min(c.time[0] for c in timed)), float(max(c.time[-1] for c in timed))
     interval = min(float(np.median(np.diff(c.time))) for c in timed)
-    dt, since = float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), elapsed(run, start)
+    dt, since = float(np.clip(interval, MIN_GRID_STEP, MAX_GRID_STEP)), time_since_recording_began(run, start)
     if x is None:
-        return fixed_path(start, end, dt, since, run.extra)
+        return fixed_pivot_path(start, end, dt, since, run.extra)
     grid = start + dt * np.arange(grid_size(start, end, dt))
     given = [run.channels[n] for n in ("gripper_x", "gripper_v", "gripper_a") if n in run.channels]
     if len(given) == 3:

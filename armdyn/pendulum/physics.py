@@ -13,10 +13,10 @@ from armdyn.physics.definition import ZERO, Expression, Stage
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
-    "smoothly_resisted", "speed",
+    "smooth_speed", "torque_with_smooth_friction",
 ]  # fmt: skip
 
-NO_VECTOR: Expression = ca.SX.zeros(3)
+ZERO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """Default gravity of a pendulum, m/s^2."""
 GRAVITY_SPREAD = 0.02
@@ -33,7 +33,7 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
     return ca.tanh(rate / width)
 
 
-def smoothly_resisted(torque: Expression, dry: Expression, rate: Expression) -> Expression:
+def torque_with_smooth_friction(torque: Expression, dry: Expression, rate: Expression) -> Expression:
     """A torque with smooth dry friction of size `dry`, N m, where derivatives are needed and slow creep is allowed."""
     return torque - dry * smooth_sign(rate, STANDSTILL_SWING_RATE)
 
@@ -162,14 +162,14 @@ class Load(Stage):
     velocity: Expression
     angle: Expression
     rate: Expression
-    force: Expression = NO_VECTOR
+    force: Expression = ZERO_VECTOR
     inertia: Expression = ZERO
-    transverse: Expression = NO_VECTOR
+    transverse: Expression = ZERO_VECTOR
 
     @property
     def speed(self) -> Expression:
         """Speed |velocity|, m/s."""
-        return speed(self.velocity)
+        return smooth_speed(self.velocity)
 
     def with_force(self, force: Expression) -> "Load":
         """Add a force on the load, (3,) N."""
@@ -232,8 +232,8 @@ class Sensor(Stage):
     force: Expression
     angle: Expression
     rate: Expression
-    lag: Expression = NO_VECTOR
-    delay: Expression = NO_VECTOR
+    lag: Expression = ZERO_VECTOR
+    delay: Expression = ZERO_VECTOR
 
     def with_lag(self, force: Expression = ZERO, angle: Expression = ZERO, rate: Expression = ZERO) -> "Sensor":
         """Give the readings of force, angle and rate a first-order lag each, s."""
@@ -256,6 +256,6 @@ class Sensor(Stage):
         return replace(self, rate=rate)
 
 
-def speed(velocity: Expression) -> Expression:
+def smooth_speed(velocity: Expression) -> Expression:
     """Speed |velocity|, m/s, with a derivative at rest."""
     return ca.sqrt(ca.sumsqr(velocity) + SPEED_FLOOR**2)

@@ -22,26 +22,26 @@ from armdyn.pendulum.physics import Expression
 TRANSVERSE_MOMENTS = 3
 
 
-class Across(NamedTuple):
+class StringShortening(NamedTuple):
     """Shortening of the string as seen along y: stretch, m, and its rate, m/s."""
 
     stretch: Expression
     stretching: Expression
 
 
-def shortening(moments: Expression, length: Expression) -> Across:
+def string_shortening(moments: Expression, length: Expression) -> StringShortening:
     """Shortening of the string in the plane of the line, by the moments (Y, Z, W)."""
     square, product, _ = ca.vertsplit(moments)
     visible = ca.sqrt(length**2 - square)
-    return Across(-square / (length + visible), -product / visible)
+    return StringShortening(-square / (length + visible), -product / visible)
 
 
-def tensions(
+def moment_rates_and_tension(
     moments: Expression, in_plane: Expression, mass: Expression, length: Expression
 ) -> tuple[Expression, Expression]:
     """Rates (3,) of the moments, and tension T, from N0."""
     square, product, square_rate = ca.vertsplit(moments)
-    visible = length + shortening(moments, length).stretch
+    visible = length + string_shortening(moments, length).stretch
     pull = (in_plane + mass * square_rate / visible + mass * product**2 / visible**3) / (1 + square / visible**2)
     stiffness = pull / (mass * visible)
     rates = ca.vertcat(2 * product, square_rate - stiffness * square, -2 * stiffness * product)

@@ -24,15 +24,15 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from armdyn.pendulum.composition import Composition
+from armdyn.pendulum.composition import PendulumComposition
 from armdyn.pendulum.physics import Expression
 from armdyn.physics.definition import Moment
 
-MIN_YIELD_TIME = 1e-4
+MIN_BOUNCE_TIME = 1e-4
 """Time, s, added in quadrature to the period of the bounce over 2 pi, so that derivatives exist for a rigid string."""
 
 
-class Yielding(NamedTuple):
+class CompliantDisplacement(NamedTuple):
     """Displacements of string and gripper, as expressions of angle, rate, gripper acceleration and jerk.
 
     Attributes:
@@ -52,9 +52,9 @@ class Yielding(NamedTuple):
     correction: Expression
 
 
-def slow_manifold(
-    composition: Composition, at: Moment, phi: Expression, rate: Expression, a: Expression, jerk: Expression
-) -> Yielding:
+def compliant_displacement(
+    composition: PendulumComposition, at: Moment, phi: Expression, rate: Expression, a: Expression, jerk: Expression
+) -> CompliantDisplacement:
     """Displacements of string and gripper; see the head of this file."""
     string, gripper = ca.vertsplit(composition.compliance)
     length, mass, gravity = at["length"], at["mass"], at["gravity"]
@@ -66,8 +66,8 @@ def slow_manifold(
     late = ca.SX(0)
     if composition.bounce is not None:
         square, damping = ca.vertsplit(composition.bounce)
-        late = 2 * damping * ca.sqrt(square + MIN_YIELD_TIME**2)
-    return Yielding(
+        late = 2 * damping * ca.sqrt(square + MIN_BOUNCE_TIME**2)
+    return CompliantDisplacement(
         stretch=string * (tension - late * tension_rate),
         stretching=stretching,
         give=-gripper * tension * sin,

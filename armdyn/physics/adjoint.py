@@ -16,8 +16,8 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.physics.recorded import InputPath
-from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
-from armdyn.smoothing.even import slope
+from armdyn.physics.simulate import STEPS_PER_CALL, System, state_after_step
+from armdyn.smoothing.even import first_derivative
 
 
 class Adjoint:
@@ -82,7 +82,7 @@ def _back(system: System, rows: list[int]) -> ca.Function:
     s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
     w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
     here, middle, there = ca.vertsplit(w, width)
-    following = advanced(system, s, (here, middle, there), theta, dt)
+    following = state_after_step(system, s, (here, middle, there), theta, dt)
     total = ca.dot(co, following) + ca.dot(c, system.output(s, here, theta)[rows])
     step = ca.Function(
         "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]
@@ -98,4 +98,4 @@ def _back(system: System, rows: list[int]) -> ca.Function:
 @lru_cache(maxsize=4)
 def _slope_matrix(size: int) -> csr_matrix:
     """(size, size) matrix that takes even samples to their first derivative, for a step of 1."""
-    return csr_matrix(slope(np.eye(size), 1.0))
+    return csr_matrix(first_derivative(np.eye(size), 1.0))

@@ -41,7 +41,7 @@ ZERO: Expression = ca.SX(0)
 """Zero, the value of an additive field of a stage before effects add to it."""
 
 
-class Memory(NamedTuple):
+class AddedState(NamedTuple):
     """A state that an effect adds to the model.
 
     Attributes:
@@ -63,7 +63,7 @@ class Stage:
         memory: states that effects have added.
     """
 
-    memory: tuple[Memory, ...] = field(default=(), kw_only=True)
+    memory: tuple[AddedState, ...] = field(default=(), kw_only=True)
 
     def with_state(self, rate: Callable[[Expression], Expression], start: Expression = 0) -> tuple[Self, Expression]:
         """The stage with one more state, such as a bristle's deflection, and the symbol of the state.
@@ -73,14 +73,14 @@ class Stage:
             start: value of the state at the start of a run.
         """
         symbol = ca.SX.sym("memory")
-        return replace(self, memory=(*self.memory, Memory(symbol, rate(symbol), ca.SX(start)))), symbol
+        return replace(self, memory=(*self.memory, AddedState(symbol, rate(symbol), ca.SX(start)))), symbol
 
 
 S = TypeVar("S", bound=Stage)
 
 
 @dataclass(frozen=True)
-class Timed(Stage):
+class SensorStage(Stage):
     """A stage that ends in a sensor with a lag and a delay, both of which depend on parameters only.
 
     Attributes:
@@ -101,7 +101,7 @@ class Timed(Stage):
 
 
 @dataclass(frozen=True)
-class Reading(Timed):
+class Reading(SensorStage):
     """Reading of a quantity by a sensor; return it as an output to give the quantity a lag and a delay.
 
     Attributes:
@@ -199,7 +199,7 @@ class Moment:
         recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
     ) -> None:
         self.time = time
-        self.memory: list[Memory] = []
+        self.memory: list[AddedState] = []
         self.stages: dict[str, list[str]] = {}
         self.kinds: dict[str, type] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name

@@ -20,7 +20,7 @@ import casadi as ca
 
 from armdyn.physics.definition import Expression
 
-COORDINATE, MOMENTUM = 0, 1
+COORDINATE_ROW, MOMENTUM_ROW = 0, 1
 """Rows of the state: the sliding coordinate, and its momentum."""
 REST_MOMENTUM_SHARE = 1e-6
 """Momentum that counts as zero, as a share of the friction's impulse in one step: far above rounding, and a friction
@@ -58,7 +58,7 @@ class DryFriction:
     ) -> Expression:
         """Rates of the states, with friction against a sliding in `direction`."""
         slowed = ca.SX(rate)
-        slowed[MOMENTUM] -= direction * self.size(s, w, theta)
+        slowed[MOMENTUM_ROW] -= direction * self.size(s, w, theta)
         return slowed
 
     def at_rest(self, s: Expression, w: Expression, theta: Expression) -> Expression:
@@ -96,9 +96,9 @@ class DryFriction:
         sticks = ca.logic_and(rests, stops)
         p = ca.if_else(stops, 0, p1 - ca.sign(p1) * impulse)
         state = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
-        moved = after[COORDINATE] + (p - p1) * remaining / (2 * self.inertia(after, there, theta))
-        state[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
-        state[MOMENTUM] = after[MOMENTUM]
+        moved = after[COORDINATE_ROW] + (p - p1) * remaining / (2 * self.inertia(after, there, theta))
+        state[COORDINATE_ROW] = ca.if_else(sticks, before[COORDINATE_ROW], moved)
+        state[MOMENTUM_ROW] = after[MOMENTUM_ROW]
         return self._with_sliding(p, state, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
@@ -107,5 +107,5 @@ class DryFriction:
     def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
         state = ca.SX(s)
         for _ in range(1 if self.linear else FIXED_POINT_STEPS):
-            state[MOMENTUM] += p - self.sliding(state, w, theta)
+            state[MOMENTUM_ROW] += p - self.sliding(state, w, theta)
         return state

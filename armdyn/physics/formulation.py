@@ -12,7 +12,7 @@ from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment,
 from armdyn.physics.simulate import System
 from armdyn.readout import Sensor
 
-ROWS_PER_INPUT = 3
+DERIVATIVES_PER_INPUT = 3
 """Value, rate and acceleration of every input."""
 
 
@@ -45,7 +45,7 @@ class Formulation(System):
 
 
 @lru_cache(maxsize=128)
-def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
+def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
     """Derive the equations of a physics together with its effects.
 
     Args:
@@ -61,7 +61,7 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     nothing = ca.SX(0, 1)
     own = {p.name: by_name[p.name] for p in physics.parameters}
     states = {name: ca.SX.sym(name) for name in physics.states}
-    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), ROWS_PER_INPUT) for channel in physics.inputs}
+    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), DERIVATIVES_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
     recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)

@@ -17,16 +17,22 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
-from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import InputPath, moves_in_steps, recorded_inputs
-from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
-from armdyn.physics.stiff import longest_step, stable_parts
+from armdyn.physics.formulation import Formulation, formulate
+from armdyn.physics.recorded import InputPath, is_piecewise_constant, recorded_inputs
+from armdyn.physics.simulated import (
+    LOCAL_FIT_PERIODS,
+    START_FIT_SECONDS,
+    SimulatedModel,
+    first_value_and_rate,
+    local_values_and_rates,
+)
+from armdyn.physics.stiff import stable_step, stable_step_divisions
 from armdyn.recording.channels import MIN_SAMPLES
-from armdyn.recording.spikes import MAX_COMPARED_RATE, clean
+from armdyn.recording.spikes import MAX_COMPARED_RATE, without_faulty_samples
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-START_LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
+START_VALUES_TRIED = {1: 9, 2: 7, 3: 5, 4: 3}
 """Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
 VALUE_CHANGE_SIZES = 0.01
 """Change of all values, in typical sizes, that shows which states depend on them."""
@@ -102,12 +108,12 @@ class PhysicsModel(SimulatedModel):
     def system(self) -> Formulation:
         """The equations with their effects; see `SimulatedModel.system`."""
         starts = set(self.start_names)
-        return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulate(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
         """Start values from measured states and from measured rates of states; see `Model.guess_start`."""
         states = self.physics.states
-        guess = self._shown(run, lambda channel: measured_start(channel, START_FIT_SECONDS * self.physics.period))
+        guess = self._shown(run, lambda channel: first_value_and_rate(channel, START_FIT_SECONDS * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
@@ -125,9 +131,9 @@ class PhysicsModel(SimulatedModel):
         del theta
         guess = self.guess_start(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in START_LEVELS:
+        if len(unknown) not in START_VALUES_TRIED:
             return []
-        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_LEVELS[len(unknown)])
+        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_VALUES_TRIED[len(unknown)])
         values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
@@ -207,7 +213,7 @@ class PhysicsModel(SimulatedModel):
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return clean(
+        return without_faulty_samples(
             run,
             names,
             self.physics.inputs,
@@ -222,7 +228,7 @@ class PhysicsModel(SimulatedModel):
 
     def _held(self, run: Run) -> list[str]:
         """Inputs that keep their value until the next sample."""
-        return [n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])]
+        return [n for n in self.physics.inputs if n in self.physics.held or is_piecewise_constant(run.channels[n])]
 
     @property
     def forced(self) -> Mapping[int, str | None]:
@@ -251,7 +257,7 @@ class PhysicsModel(SimulatedModel):
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
         """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
         del theta
-        found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
+        found = self._shown(run, lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
         return np.array([found[name] for name in self.physics.states]).reshape(-1, len(times)).T
@@ -280,11 +286,11 @@ class PhysicsModel(SimulatedModel):
 
     def path(self, run: Run) -> InputPath:
         """Recorded inputs on an even grid; see `SimulatedModel.path`."""
-        return _recorded(run, self.physics, longest_step(self.physics, self.effects))
+        return _recorded(run, self.physics, stable_step(self.physics, self.effects))
 
     def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
         """The inputs, with as many integration steps as are stable at these values; see `SimulatedModel.driven_by`."""
-        parts = stable_parts(self.system, self.physics, physics, path.dt)
+        parts = stable_step_divisions(self.system, self.physics, physics, path.dt)
         return replace(super().driven_by(path, physics), parts=parts)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
@@ -330,7 +336,7 @@ def physics_model(
 
 @lru_cache(maxsize=64)
 def _bare(physics: Physics) -> Formulation:
-    return formulated(physics, (), tuple(p.name for p in physics.parameters))
+    return formulate(physics, (), tuple(p.name for p in physics.parameters))
 
 
 @lru_cache(maxsize=512)
@@ -342,7 +348,7 @@ def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
     everything = (*(p.name for p in physics.parameters), *(n for ns in names.values() for n in ns))
-    depends = formulated(physics, (effect.on(),), everything).depends
+    depends = formulate(physics, (effect.on(),), everything).depends
     return tuple(joint for joint in joints if any(name in depends for name in names[joint]))
 
 
@@ -350,7 +356,7 @@ def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
 def _remembers(physics: Physics, effect: Effect) -> bool:
     joints = effect.joints or _bare(physics).stages[effect.acts_on]
     names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
-    with_it = formulated(physics, (effect,), (*(p.name for p in physics.parameters), *names))
+    with_it = formulate(physics, (effect,), (*(p.name for p in physics.parameters), *names))
     return with_it.states > _bare(physics).states
 
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.physics.recorded import InputPath
-from armdyn.physics.shooting import piece_simulator, shoot
+from armdyn.physics.shooting import piece_simulator, simulate_pieces
 from armdyn.physics.simulate import System
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
@@ -31,7 +31,7 @@ MIN_PIECE_NODES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearisedRun:
     """A run linearised around a motion of J pieces; n states, k parameters of the model.
 
     Attributes:
@@ -71,7 +71,7 @@ class ChannelSamples:
     by_theta: np.ndarray
 
 
-class Pieces:
+class MotionPieces:
     """A run cut into pieces of about equal length.
 
     Args:
@@ -114,7 +114,7 @@ class Pieces:
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
 
-    def of(self, model: SimulatedModel) -> "Pieces":
+    def of(self, model: SimulatedModel) -> "MotionPieces":
         """The same pieces for a model with other effects and the same states."""
         found = copy(self)
         found.model, found._driven = model, None
@@ -194,7 +194,7 @@ class Pieces:
         return starts, by_start
 
     def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `Linearised`."""
+        """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `LinearisedRun`."""
         result = np.zeros((*states.shape, len(wanted)))
         if len(wanted) and states.size and np.isfinite(states).all():
             own, of_physics = self._physical(wanted)
@@ -223,7 +223,7 @@ class Pieces:
             self._driven = physics.tobytes(), self.model.driven_by(self._path, physics)
         return self.model.system, physics, self._driven[1]
 
-    def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> Linearised:
+    def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> LinearisedRun:
         """Linearise the run at (J, n) states at the beginning of the pieces, and (q,) parameters.
 
         Args:
@@ -235,7 +235,7 @@ class Pieces:
         wanted = np.arange(len(theta)) if wanted is None else wanted
         simulator = piece_simulator(system, self.model.formulation, self.channels)
         n, q, J = system.states, len(physics), len(self)
-        shot = shoot(simulator, path, self.edges, physics, states)
+        shot = simulate_pieces(simulator, path, self.edges, physics, states)
         transition, ends = shot.transition, shot.ends
         signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
@@ -255,7 +255,7 @@ class Pieces:
         following = np.append(definition[0, 1:], definition[1, -1:], axis=0)
         join = _Join(transition, by_theta - definition[1] + following, ends - np.append(states[1:], ends[-1:], axis=0))
         samples = {c: self._samples(c, signal[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
-        return Linearised(transition, by_theta, ends, definition, samples)
+        return LinearisedRun(transition, by_theta, ends, definition, samples)
 
     def _physical(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of (k,) parameters belong to the physics, and where each of these is among the physics' parameters."""

@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
 from armdyn.run import Channel, Run
-from armdyn.smoothing.even import grid_size, halfway, smoothed_motion
+from armdyn.smoothing.even import grid_size, motion_at_midpoints, smoothed_motion
 
 MAX_STEP_RATIO = 1.5
 """Largest ratio of a coarse sensor's steps: where they are not all its resolution, one is twice that."""
@@ -118,7 +118,7 @@ def recorded_inputs(
     Args:
         run: the run with the channels.
         inputs: names of the channels that drive the motion.
-        held: inputs that keep their value until the next sample; so does an input that `moves_in_steps`.
+        held: inputs that keep their value until the next sample; so does an input that `is_piecewise_constant`.
         outputs: names of the predicted channels, as far as the run has them.
         step: longest grid step, s.
 
@@ -134,13 +134,13 @@ def recorded_inputs(
         start, end = min(float(c.time[0]) for c in measured), max(float(c.time[-1]) for c in measured)
     interval = min(float(np.median(np.diff(c.time))) for c in (*driving.values(), *measured))
     dt = min(step, max(interval, MIN_GRID_STEP / MAX_GRID_STEP * step))
-    steady = [name for name, channel in driving.items() if name in held or moves_in_steps(channel)]
+    steady = [name for name, channel in driving.items() if name in held or is_piecewise_constant(channel)]
     for every in (float(np.median(np.diff(driving[name].time))) for name in steady):
         dt = every / np.ceil(every / dt - 1e-6) if every > dt else dt  # the motion has a kink where a command steps
     if not end > start + 4 * dt:
         raise InputError(f"{run.name}: {', '.join(driving)} were not recorded at the same time: record them together")
     grid = start + dt * np.arange(grid_size(start, end, dt))
-    since = grid - grid[0] + elapsed(run, grid[0])
+    since = grid - grid[0] + time_since_recording_began(run, grid[0])
     nodes, middle, ends = [since[None]], [(since[None, 1:] + since[None, :-1]) / 2], [since[None, 1:]]
     for name, channel in driving.items():
         if name in steady:
@@ -156,7 +156,7 @@ def recorded_inputs(
             curve = BPoly.from_derivatives(own, motion.T)
             motion = np.vstack([curve(np.minimum(grid, own[-1]), nu=k) for k in range(3)])
         nodes.append(motion)
-        middle.append(halfway(motion, dt))
+        middle.append(motion_at_midpoints(motion, dt))
         ends.append(motion[:, 1:])
     return InputPath(start, dt, np.vstack(nodes), np.vstack(middle), extra=run.extra, ends=np.vstack(ends))
 
@@ -167,12 +167,12 @@ def smoothed_input(run: Run, name: str, time: np.ndarray, value: np.ndarray, dt:
     return smoothed_motion(time, value, dt, exact=exact, spread=spread)
 
 
-def elapsed(run: Run, start: float) -> float:
+def time_since_recording_began(run: Run, start: float) -> float:
     """Time from the beginning of a recording to `start`, s; 0 for a run that is no later piece of a recording."""
     return 0.0 if run.began is None else start - run.began
 
 
-def moves_in_steps(channel: Channel) -> bool:
+def is_piecewise_constant(channel: Channel) -> bool:
     """Whether a signal is constant except for single jumps of unequal sizes; no measured signal is.
 
     The steps of a coarse sensor that hardly moves all have the size of its resolution.

@@ -15,7 +15,7 @@ PIECES_PER_CALL = 64
 """Largest number of pieces per compiled call."""
 
 
-class Shots(NamedTuple):
+class SimulatedPieces(NamedTuple):
     """J pieces over K nodes; n states, c outputs, q parameters. A shared node belongs to the later piece.
 
     Attributes:
@@ -50,7 +50,9 @@ def _steps(simulator: Simulator, pieces: int) -> Buffered:
     return Buffered(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
 
 
-def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
+def simulate_pieces(
+    simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.ndarray, states: np.ndarray
+) -> SimulatedPieces:
     """Simulate each piece from its edge to the next.
 
     Args:
@@ -91,4 +93,4 @@ def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.nd
         ends[these] = state.T
         slopes[these][:, :, s.active] = sensitivity.reshape(n, size, len(s.active)).transpose(1, 0, 2)
     by_theta, by_state = sensitivities[::parts, :, :q], sensitivities[::parts, :, q:]
-    return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs[::parts], by_state, by_theta)
+    return SimulatedPieces(ends, slopes[:, :, q:], slopes[:, :, :q], outputs[::parts], by_state, by_theta)

@@ -10,11 +10,11 @@ import numpy as np
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.parameter import RecordedColumn
 from armdyn.physics.definition import Expression
-from armdyn.physics.dry import MOMENTUM, DryFriction
+from armdyn.physics.dry import MOMENTUM_ROW, DryFriction
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.vibration import Vibration
 from armdyn.readout import Sensor
-from armdyn.smoothing.even import slope
+from armdyn.smoothing.even import first_derivative
 
 STEPS_PER_BLOCK = 16
 """Number of steps that are compiled together; pieces of a motion are short."""
@@ -146,8 +146,8 @@ class Simulator:
         impulse, impulse_by_theta = outputs[:, -1], by_theta[:, -1]
         if self.system.impulse_rings is not None:
             impulse, impulse_by_theta = self.system.impulse_rings.passed(impulse, impulse_by_theta, theta, dt)
-        outputs[:, force] += slope(impulse[:, None], dt)[:, 0]
-        by_theta[:, force] += slope(impulse_by_theta, dt)
+        outputs[:, force] += first_derivative(impulse[:, None], dt)[:, 0]
+        by_theta[:, force] += first_derivative(impulse_by_theta, dt)
         return outputs[:, :-1], by_theta[:, :-1]
 
 
@@ -180,7 +180,7 @@ def _step(system: System, active: list[int], rows: list[int]) -> ca.Function:
 
         return of
 
-    following = advanced(system, ca.horzcat(s, S), (here, middle, there), theta, dt, with_derivatives)
+    following = state_after_step(system, ca.horzcat(s, S), (here, middle, there), theta, dt, with_derivatives)
     y = system.output(s, here[: system.inputs], theta)[rows]
     dy = ca.horzcat(_by_theta(y, theta, system, here), ca.SX(y.numel(), system.starts))
     dy[:, active] += ca.jacobian(y, s) @ S
@@ -196,7 +196,7 @@ def _repeated(steps: ca.Function, name: str, times: int) -> ca.Function:
     return ca.Function(name, [s, S, w, dt, theta], [after[:, -1], sensitivity[:, -S.size2() :], *outputs])
 
 
-def advanced(
+def state_after_step(
     system: System,
     z: Expression,
     inputs: tuple[Expression, ...],
@@ -217,17 +217,17 @@ def advanced(
     (here, _, there), dry = inputs, system.dry
     direction = 0 if dry is None else dry.direction(z[:, 0], here[: system.inputs], theta, dt)
     moving = lifted(lambda s, w, p, way: _rates(system, s, w, p, way), 1, 1)
-    following = runge_kutta(lambda s, w: moving(s, w, theta, direction), z, inputs, dt)
+    following = runge_kutta_step(lambda s, w: moving(s, w, theta, direction), z, inputs, dt)
     if dry is None:
         return following
     held = following
     if dry.followed:
         resting = lifted(lambda s, w, p, _: _rates_at_rest(system, dry, s, w, p), 1, 1)
-        held = runge_kutta(lambda s, w: resting(s, w, theta, 0), z, inputs, dt)
+        held = runge_kutta_step(lambda s, w: resting(s, w, theta, 0), z, inputs, dt)
     return lifted(dry.corrected, 3, 2)(z, following, held, here, there, theta, dt)
 
 
-def runge_kutta(
+def runge_kutta_step(
     rate: Callable[[Expression, Expression], Expression], z: Expression, inputs: tuple[Expression, ...], dt: Expression
 ) -> Expression:
     """One step of the classical Runge-Kutta method.
@@ -255,7 +255,7 @@ def _rates(system: System, s: Expression, w: Expression, theta: Expression, dire
 def _rates_at_rest(system: System, dry: DryFriction, s: Expression, w: Expression, theta: Expression) -> Expression:
     """Rates of the states that change while dry friction holds the load; 0 for the others."""
     rate = system.derivative(dry.at_rest(s, w, theta), w, theta)
-    rate[: MOMENTUM + 1] = 0
+    rate[: MOMENTUM_ROW + 1] = 0
     return rate
 
 

@@ -14,8 +14,8 @@ from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
-from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
-from armdyn.recording.spikes import clean
+from armdyn.recording.noise import NORMAL_MEDIAN, noise_std_from_differences
+from armdyn.recording.spikes import without_faulty_samples
 from armdyn.run import Run
 
 MIN_SAVED_STEPS = 70_000
@@ -152,7 +152,7 @@ class SimulatedModel(Model):
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run without faulty samples, at a reduced rate; see `Model.prepared`."""
         del beside
-        return clean(run, self.predicted_channels(run), self.inputs)
+        return without_faulty_samples(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Predict the channels of a run; see `Model.predict`."""
@@ -181,12 +181,12 @@ class SimulatedModel(Model):
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
 
 
-def with_motion(model: Model) -> SimulatedModel | None:
+def as_model_with_motion(model: Model) -> SimulatedModel | None:
     """The model, where it has a motion with states that begins somewhere; else None."""
     return model if isinstance(model, SimulatedModel) and model.start_names else None
 
 
-def simulated(model: Model) -> SimulatedModel:
+def as_simulated_model(model: Model) -> SimulatedModel:
     """The model as one that simulates; for code that is never called with another model."""
     assert isinstance(model, SimulatedModel), f"a model of base '{model.base}' does not simulate"
     return model
@@ -203,7 +203,7 @@ def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: 
     return Interpolated(start + dt * np.arange(size), channel.time, spread)
 
 
-def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
+def local_values_and_rates(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
     """(J, 2) value and rate of a channel at (J,) times, s, from local cubic polynomials.
 
     A local fit has twice the length `reach`, s, and at least eight samples.
@@ -219,7 +219,7 @@ def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarra
     return found
 
 
-def main_period(channel: Channel) -> float:
+def dominant_period(channel: Channel) -> float:
     """Period of the strongest oscillation of a channel about its mean, s."""
     time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))
     value = np.interp(time, channel.time, channel.value)
@@ -230,7 +230,7 @@ def main_period(channel: Channel) -> float:
     return float(ZERO_PADDING_FACTOR * len(value) * (time[1] - time[0]) / best)
 
 
-def end_of_motion(channel: Channel, swing: float) -> float:
+def rest_time(channel: Channel, swing: float) -> float:
     """Time at which an oscillation has come to rest, s: its amplitude stays below a share of the largest one.
 
     The amplitude is estimated from the median of the squares in every half period, which glitches do not change, less
@@ -242,13 +242,15 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     begins = np.flatnonzero(np.diff(part, prepend=-1))
     squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
     count = np.diff(begins, append=len(left))
-    noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count))
+    noise = noise_std_from_differences(channel.time, channel.value) ** 2 * (
+        NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count)
+    )
     moving = np.flatnonzero(squares > noise + REST_AMPLITUDE_SHARE**2 * squares.max())
     last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
     return float(channel.time[last])
 
 
-def measured_start(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
+def first_value_and_rate(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
     """Value and rate of a channel at its first sample, from a parabola through the first `stretch` s."""
     since = channel.time - channel.time[0]
     near = max(MIN_START_SAMPLES, int(np.searchsorted(since, stretch)))

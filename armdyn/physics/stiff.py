@@ -14,13 +14,13 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.physics.definition import Physics
-from armdyn.physics.formulation import Formulation, formulated
+from armdyn.physics.formulation import Formulation, formulate
 
 STABLE_STEP_RATE = 1.4
 """Step times the fastest rate: half of the stable limit, since an effect may be twice its typical size."""
 MAX_STEP_RATE = 2.1
 """Step times the fastest rate above which a step is cut at fitted values: three quarters of the stable limit."""
-SQUARINGS = 4
+EIGENVALUE_BOUND_SQUARINGS = 4
 """Squarings of a matrix in the bound of its largest eigenvalue: at 16 the bound is rarely half as large again."""
 MAX_STEP_DIVISION = 50.0
 """Largest factor by which steps are shortened; a faster motion needs a smoother law."""
@@ -30,7 +30,7 @@ varied."""
 
 
 @lru_cache(maxsize=512)
-def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
+def stable_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Step of the integration, s: the one that the physics declares, or a shorter one, stable with each effect."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
     return max(
@@ -41,7 +41,7 @@ def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
 @lru_cache(maxsize=512)
 def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Largest rate, 1/s, of decay or oscillation near the start of the states; 0 without states."""
-    bare = formulated(physics, (), tuple(p.name for p in physics.parameters))
+    bare = formulate(physics, (), tuple(p.name for p in physics.parameters))
     sizes = {p.name: p.value for p in physics.parameters}
     for one in effects:
         for joint in one.joints or bare.stages.get(one.acts_on, ()):
@@ -49,13 +49,13 @@ def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
                 p = quantity.parameter(one.name, short, joint)
                 on = p.null if p.null else p.null + p.typical
                 sizes[p.name] = float(np.clip(on, p.lower, p.upper))
-    system = formulated(physics, effects, tuple(sizes))
+    system = formulate(physics, effects, tuple(sizes))
     if not system.states:
         return 0.0
     return float(np.abs(np.linalg.eigvals(_slopes(system, physics, np.array(list(sizes.values()))))).max(initial=0.0))
 
 
-def stable_parts(system: Formulation, physics: Physics, theta: np.ndarray, step: float) -> int:
+def stable_step_divisions(system: Formulation, physics: Physics, theta: np.ndarray, step: float) -> int:
     """Number of equal parts, a power of two, of a `step`, s, in which an integration is stable at (p,) `theta`.
 
     A fit may make a value many times larger than its first guess or typical size.
@@ -64,10 +64,10 @@ def stable_parts(system: Formulation, physics: Physics, theta: np.ndarray, step:
         return 1
     slopes = _slopes(system, physics, theta)
     power = slopes
-    for _ in range(SQUARINGS):
+    for _ in range(EIGENVALUE_BOUND_SQUARINGS):
         power = power @ power
     # The root of the norm of a power is at least the largest rate, and near it (Gelfand 1941).
-    bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**SQUARINGS)
+    bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**EIGENVALUE_BOUND_SQUARINGS)
     near = slopes[bound * step > MAX_STEP_RATE]
     fastest = float(np.abs(np.linalg.eigvals(near)).max(initial=0.0))
     needed = min(fastest * step / MAX_STEP_RATE, MAX_STEP_DIVISION * step / physics.step)

@@ -69,14 +69,14 @@ MAX_SIZE_OF_OTHER_UNITS = 1e15
 """Largest plausible size in any other unit: a frequency of light, in Hz, is the largest that anybody records."""
 EXTRA_PREFIX = "extra"
 """Prefix, before the dot, of a column with any further quantity, such as ``extra.temperature``."""
-EXTRA_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
+EXTRA_CHANNEL_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
 MIN_SAMPLES = 10
 """Least number of samples that can distinguish a model from its noise."""
 
 
-def in_contract(name: str) -> bool:
+def is_channel_name(name: str) -> bool:
     """Whether `name` is the name of a channel in the contract."""
     quantity, dot, joint = name.partition(".")
     return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
@@ -95,10 +95,10 @@ def channel_kind(name: str, where: str = "channel") -> ChannelKind:
         UnknownNameError: there is no such channel; `where` names the kind of name in the message.
     """
     quantity, _, joint = name.partition(".")
-    if not in_contract(name):
+    if not is_channel_name(name):
         if quantity == EXTRA_PREFIX:
-            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_FORM}")
-        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_FORM}")
+            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_CHANNEL_FORM}")
+        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_CHANNEL_FORM}")
     if is_auxiliary(name):
         return ChannelKind(("1",))
     return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
@@ -125,7 +125,7 @@ class Conversion(NamedTuple):
         return value if (self.factor, self.zero) == (1.0, 0.0) else value * self.factor + self.zero
 
 
-def channel_unit(name: str, unit: str) -> Conversion:
+def unit_conversion(name: str, unit: str) -> Conversion:
     """Conversion from `unit` to the SI unit of the channel `name`; a further quantity may have any unit.
 
     Raises:

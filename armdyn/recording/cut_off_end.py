@@ -18,7 +18,7 @@ COMPARED_ROWS = 1000
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
 
 
-def is_whole(cells: Sequence[str]) -> bool:
+def is_complete_cell(cells: Sequence[str]) -> bool:
     """Whether the last cell of a column, which ends the file without a newline, is as complete as the others.
 
     Args:
@@ -45,7 +45,7 @@ def is_whole(cells: Sequence[str]) -> bool:
     return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS_CUT_ERROR * steps[len(steps) // 2])
 
 
-def cut_off(row: int, cell: str, column: str) -> str:
+def cut_off_message(row: int, cell: str, column: str) -> str:
     """Message about a file that ends in the middle of a row, or may do so."""
     return (
         f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "

@@ -38,12 +38,12 @@ def shortest_gap(time: FloatArray) -> float:
     return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS
 
 
-def until(run: Run, end: float) -> Run:
+def run_until(run: Run, end: float) -> Run:
     """The part of a run up to the time `end`, s."""
-    return replace(run, channels=between(run, -np.inf, end))
+    return replace(run, channels=channels_between(run, -np.inf, end))
 
 
-def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
+def channels_between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
     """Channels of a run from `begin` to `end`, s; those with fewer than `fewest` samples there are left out."""
     found = {}
     for name, channel in run.channels.items():
@@ -62,21 +62,21 @@ def cut_at_gaps(run: Run) -> tuple[Run, ...]:
     if not spans:
         return (run,)
     edges = [-np.inf, *(t for span in spans for t in span), np.inf]
-    parts = [between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
+    parts = [channels_between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
     whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_PIECE_SAMPLES]
     if not whole:
         return (run,)
-    return in_pieces(
-        run, whole, f"no samples {spans_in_words(spans)}: the run is cut there, each piece with its own start"
+    return runs_of_parts(
+        run, whole, f"no samples {time_spans_in_words(spans)}: the run is cut there, each piece with its own start"
     )
 
 
-def spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
+def time_spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
     """Time spans, s, in words."""
     return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
 
 
-def in_pieces(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
+def runs_of_parts(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
     """Make parts of a run to runs; the first gets the reason of the cut as a warning."""
     began = min(float(channel.time[0]) for channel in run.channels.values())
     return tuple(

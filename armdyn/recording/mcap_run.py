@@ -13,8 +13,8 @@ import numpy as np
 
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
-from armdyn.recording.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
-from armdyn.recording.mcap_records import sound_records
+from armdyn.recording.channels import Channel, SampleError, is_channel_name, name_and_unit, unit_conversion
+from armdyn.recording.mcap_records import intact_records
 from armdyn.recording.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -101,7 +101,7 @@ def _scan(data: bytes) -> tuple[dict[str, _Samples], Sidecar, str]:
     samples, sidecar, problems = dict[str, _Samples](), Sidecar(), list[str]()
     labels: dict[int, dict[str, tuple[str, str]]] = {}
     try:
-        for record in sound_records(data, problems):
+        for record in intact_records(data, problems):
             if isinstance(record, Topic):
                 labels[record.id] = {
                     key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
@@ -130,9 +130,9 @@ def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples
 
 def _channel(name: str, samples: _Samples) -> Channel:
     time, value = np.array(samples.time), np.array(samples.value)
-    if not in_contract(name):
+    if not is_channel_name(name):
         return Channel(time, value, samples.unit)  # a further quantity, in its own unit
-    to_si = channel_unit(name, samples.unit)
+    to_si = unit_conversion(name, samples.unit)
     try:
         return Channel(time, to_si(value), to_si.unit)
     except SampleError as error:

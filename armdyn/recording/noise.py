@@ -18,7 +18,7 @@ a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8
 it is 0.3."""
 MIN_NOISE_SHARE = 0.1
 """Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
-NO_JUMPS = np.zeros(0)
+NO_JUMP_TIMES = np.zeros(0)
 
 
 def normalised_differences(
@@ -54,7 +54,7 @@ def normalised_differences(
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
 
 
-def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
+def noise_std_from_differences(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
     """Standard deviation of white noise on smooth samples, robust against glitches: from the median difference.
 
     Args:
@@ -71,7 +71,7 @@ def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: f
     return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= MIN_DIFFERENCES else unknown
 
 
-def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMPS) -> float:
+def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMP_TIMES) -> float:
     """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
@@ -107,11 +107,13 @@ def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.n
     return float(np.sqrt(np.mean(whole**2))) if len(whole) >= 5 else None
 
 
-def quiet_noise(channel: Channel, noise: float) -> float:
+def smallest_noise_std(channel: Channel, noise: float) -> float:
     """Smallest white noise that a channel can have, from its third differences; a few glitches do not change it.
 
     Args:
         channel: its samples.
         noise: noise as stated or estimated otherwise; an upper limit of the result.
     """
-    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise)
+    return max(
+        min(noise, noise_std_from_differences(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise
+    )

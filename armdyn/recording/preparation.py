@@ -36,7 +36,7 @@ class Preparation:
     smoothed: float | None = None
 
 
-def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
+def combined_preparations(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
     """Combine several runs by channel: the lowest cut-offs and rates, and the total numbers of samples."""
     by_channel: dict[str, list[Preparation]] = {}
     for run in runs:
@@ -45,7 +45,7 @@ def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparat
     return {channel: _together(every) for channel, every in by_channel.items()}
 
 
-def sentence(prepared: Mapping[str, Preparation]) -> str:
+def preparation_sentence(prepared: Mapping[str, Preparation]) -> str:
     """Band, rate and left-out samples in one sentence, for a reader; empty where nothing was done."""
     if not prepared:
         return ""

@@ -23,8 +23,8 @@ from pathlib import Path
 
 from armdyn.errors import InputError, at
 from armdyn.quoting import toml_string
-from armdyn.recording.channels import channel_kind, channel_unit, in_contract, is_auxiliary
-from armdyn.recording.units import Known, parse_quantity
+from armdyn.recording.channels import channel_kind, is_auxiliary, is_channel_name, unit_conversion
+from armdyn.recording.units import KnownQuantity, parse_quantity
 from armdyn.toml_file import read_toml
 from urdf.table_file import TableFileError, parse_table
 
@@ -44,8 +44,8 @@ class Sidecar:
     """Known facts on a recording, in SI units; the time of the recording, UTC; and open questions on its import."""
 
     description: str = ""
-    noise: Mapping[str, Known] = field(default_factory=dict)
-    known: Mapping[str, Known] = field(default_factory=dict)
+    noise: Mapping[str, KnownQuantity] = field(default_factory=dict)
+    known: Mapping[str, KnownQuantity] = field(default_factory=dict)
     recorded: datetime | None = None
     asked: Mapping[str, str] = field(default_factory=dict)
 
@@ -88,11 +88,11 @@ def sidecar_of(table: Mapping[str, object]) -> Sidecar:
     noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
     known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
     asked = {name: str(value) for name, value in _entries(table, "asked").items()}
-    recorded = utc(table["recorded"], "recorded") if "recorded" in table else None
+    recorded = utc_time(table["recorded"], "recorded") if "recorded" in table else None
     return Sidecar(description, noise, known, recorded, asked)
 
 
-def utc(value: object, where: str) -> datetime:
+def utc_time(value: object, where: str) -> datetime:
     """Convert a day or time, in TOML or ISO 8601, to UTC; without a zone it is UTC, and a day is its beginning.
 
     Args:
@@ -124,7 +124,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
             continue
         if key in POSITIVE_VALUES:
             raise InputError(f"'{key}' stands outside every table: put it below a line '[known]'")
-        if in_contract(key):
+        if is_channel_name(key):
             raise InputError(f"'{key}' stands outside every table: put it below a line '[noise]'")
         close = difflib.get_close_matches(key.lower(), SIDECAR_KEYS, n=1, cutoff=MISSPELLING_SIMILARITY)
         if close:
@@ -162,7 +162,7 @@ def _flat(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, 
             yield prefix + name, value
 
 
-def _quantity(where: str, value: object, unit: str | None) -> Known:
+def _quantity(where: str, value: object, unit: str | None) -> KnownQuantity:
     if not isinstance(value, str):
         example = f"{value} {unit or 'kg'}" if isinstance(value, int | float) else f"1 {unit or 'kg'}"
         raise InputError(f'{where}: {value!r} has no unit: write it as text, such as "{example}"')
@@ -170,18 +170,18 @@ def _quantity(where: str, value: object, unit: str | None) -> Known:
         return parse_quantity(value, unit)
 
 
-def _noise(name: str, value: object) -> Known:
+def _noise(name: str, value: object) -> KnownQuantity:
     where = f"[noise] {name}"
     choices = channel_kind(name, "channel in [noise]").units
     parsed = _quantity(where, value, None if is_auxiliary(name) or len(choices) > 1 else choices[0])
     if parsed.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
     with at(where):
-        unit, factor, _ = channel_unit(name, parsed.unit)
-    return Known(parsed.value * factor, None, unit)
+        unit, factor, _ = unit_conversion(name, parsed.unit)
+    return KnownQuantity(parsed.value * factor, None, unit)
 
 
-def _known(name: str, value: object) -> Known:
+def _known(name: str, value: object) -> KnownQuantity:
     where = f"[known] {name}"
     known = _quantity(where, value, POSITIVE_VALUES.get(name))
     if name in POSITIVE_VALUES and known.value <= 0.0:

@@ -49,7 +49,7 @@ SAMPLES_BESIDE_SATURATION = 2
 """Samples to either side of a saturated one that are left out as well, because noise decided which ones saturated."""
 
 
-def clean(
+def without_faulty_samples(
     run: Run,
     measured: Iterable[str],
     driving: Iterable[str],
@@ -78,7 +78,10 @@ def clean(
 def without_saturation(run: Run, names: Iterable[str]) -> Run:
     """The run without samples of these channels that are at the end of the sensor's range."""
     return _without(
-        run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", SAMPLES_BESIDE_SATURATION
+        run,
+        {n: saturated_samples(run.channels[n].value) for n in names},
+        "at the end of its range",
+        SAMPLES_BESIDE_SATURATION,
     )
 
 
@@ -104,7 +107,7 @@ def without_spikes(run: Run, names: Iterable[str]) -> Run:
     return replace(kept, warnings=(*kept.warnings, *told)) if told else kept
 
 
-def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
+def outlier_counts(runs: Iterable[Run]) -> dict[str, int]:
     """Number of samples that were left out as faulty, by channel, of several runs."""
     counts: dict[str, int] = {}
     for run in runs:
@@ -115,7 +118,7 @@ def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
 
 def outlier_sentence(runs: Iterable[Run]) -> str:
     """A sentence on the number of samples that were left out, which follows another sentence; empty where none was."""
-    counts = outliers_of(runs)
+    counts = outlier_counts(runs)
     return f" Left out as outliers: {', '.join(f'{n} of {name}' for name, n in counts.items())}." if counts else ""
 
 
@@ -137,7 +140,7 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
     return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
 
 
-def at_the_end(value: np.ndarray) -> np.ndarray:
+def saturated_samples(value: np.ndarray) -> np.ndarray:
     """(n,) bool: samples with the largest or smallest value, where these are suspiciously many."""
     levels, counts = np.unique(value, return_counts=True)
     found = np.zeros(len(value), dtype=bool)

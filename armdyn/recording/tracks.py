@@ -17,7 +17,7 @@ MAX_RETURN_SHORTFALL = 0.2
 """Share of the way to the other series and back that may be missing, because both series have moved on."""
 
 
-def second_track(values: FloatArray) -> npt.NDArray[np.bool_]:
+def samples_of_second_series(values: FloatArray) -> npt.NDArray[np.bool_]:
     """(n, k) bool: samples that belong to a second series; all False where there is only one series.
 
     A second series is there where single samples leave and return, again and again, to values that follow each other.

@@ -32,7 +32,7 @@ _SUPERSCRIPT = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+")
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownQuantity:
     """A number with its unit and, where it was measured, its standard deviation.
 
     Attributes:
@@ -75,7 +75,7 @@ def si_factor(unit: str, expected: str) -> float:
     return given.factor / wanted.factor
 
 
-def parse_quantity(text: str, expected: str | None = None) -> Known:
+def parse_quantity(text: str, expected: str | None = None) -> KnownQuantity:
     """Parse a quantity such as ``"80 g +/- 0.4 g"``, ``"3 mN"`` or ``"0.368 ± 0.001 m"``.
 
     Args:
@@ -104,7 +104,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
     if not is_sane(value * scale):
         raise InputError(f"'{text}' is too large or too small for anything: write a number, such as '80 g'")
     if len(numbers) == 1:
-        return Known(value * scale, None, si)
+        return KnownQuantity(value * scale, None, si)
     spread, spread_unit = numbers[1]
     spread_unit = spread_unit or ("1" if expected == "1" else "")
     if "%" in spread_unit and spread_unit != "%":
@@ -116,7 +116,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
     if not is_sane(std):
         raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
-    return Known(value * scale, std, si)
+    return KnownQuantity(value * scale, std, si)
 
 
 def si_unit(unit: str) -> str:

@@ -29,7 +29,7 @@ ORDER_PREFERENCE = 20.0
 """Twice the log-likelihood by which another order must exceed the preferred one."""
 
 
-class Choice(NamedTuple):
+class SmoothingChoice(NamedTuple):
     """A choice of smoothing: cut-off in Hz, standard deviation of the noise, and order."""
 
     cutoff: float
@@ -37,7 +37,7 @@ class Choice(NamedTuple):
     order: int = PENALTY_ORDER
 
 
-def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> Choice:
+def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> SmoothingChoice:
     """Find the smoothing under which a signal is most probable.
 
     Args:
@@ -47,7 +47,7 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     """
     span = float(np.std(values))
     if span == 0.0:
-        return Choice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
+        return SmoothingChoice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
     scaled = values / span  # so that orders with different numbers of free coefficients can be compared
     rounding = resolution(scaled) / np.sqrt(12.0)
     first = _best_cutoff(time, scaled, rounding, orders[0])
@@ -70,7 +70,7 @@ def resolution(values: np.ndarray) -> float:
     return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 
-def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> Choice:
+def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> SmoothingChoice:
     """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
     samples = SplineSamples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
@@ -84,7 +84,7 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order
         low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
-def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> Choice:
+def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> SmoothingChoice:
     """The most probable of the cut-offs near `around`, Hz."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
     low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
@@ -92,7 +92,7 @@ def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_
     return _best_of(cutoffs, samples, values, least_noise)
 
 
-def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, least_noise: float) -> Choice:
+def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, least_noise: float) -> SmoothingChoice:
     """The most probable of (k,) cut-offs, or one between it and its neighbours.
 
     Every third is tried, then the neighbours of the best so far; the first one is tried only where it could be the
@@ -105,10 +105,10 @@ def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, le
         best = min(scores, key=lambda i: (scores[i], i))
         new = {i for i in (best - 1, best + 1) if 0 <= i < len(cutoffs)} - scores.keys()
     cutoff = _vertex(cutoffs, scores, best)
-    return Choice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], samples.order)
+    return SmoothingChoice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], samples.order)
 
 
-def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
+def derivative_noise(choice: SmoothingChoice, interval: float, derivative: int) -> float:
     """Standard deviation of a smoothed signal's derivative, in 1/s^k.
 
     It is sigma^2 dt 2 int (2 pi f)^(2k) / (1 + (f/f_c)^2m) df: the part of the spectrum that the samples do not
@@ -138,7 +138,7 @@ def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> floa
     return float(cutoffs[best] * (cutoffs[1] / cutoffs[0]) ** shift)
 
 
-class Rates(NamedTuple):
+class MeasuredDerivative(NamedTuple):
     """Measured derivatives of a signal: (n,) times in s, (n,) values, and the order of the derivative."""
 
     time: np.ndarray
@@ -146,7 +146,9 @@ class Rates(NamedTuple):
     derivative: int
 
 
-def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequence[Rates] = ()) -> SplineCurve:
+def smooth_curve(
+    time: np.ndarray, values: np.ndarray, choice: SmoothingChoice, rates: Sequence[MeasuredDerivative] = ()
+) -> SplineCurve:
     """Fit a curve through a noisy signal and its measured derivatives, each weighted by its agreement.
 
     The noise of a derivative is its difference from the curve through the other signals: a derivative that is filtered

@@ -21,8 +21,8 @@ from armdyn.recording.channels import (
     Conversion,
     FloatArray,
     channel_kind,
-    channel_unit,
     check_joint_units,
+    unit_conversion,
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
@@ -176,7 +176,7 @@ def _conversion(entry: Entry, unit: str) -> Conversion:
     elif entry.quantity == "tau" and fits(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
-        si, factor, zero = channel_unit(entry.channel, unit)
+        si, factor, zero = unit_conversion(entry.channel, unit)
     if entry.gear_ratio != 1.0 and entry.quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
     factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(entry.quantity, 0)

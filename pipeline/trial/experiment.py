@@ -18,7 +18,7 @@ from armdyn.errors import ArmdynError, sentence_of
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import GripperPath, run_path
+from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Channel
 from ik.torque import JointTorque
 from pipeline.interrupts import noted_signals
@@ -304,7 +304,7 @@ class Experiment:
         """
         model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
         self.measurement.update_path()
-        path = run_path(self.measurement.run())
+        path = gripper_path(self.measurement.run())
         path = _waiting(path, at - begun) if self._real else path
         speed, angle, rate = model.swing_at_the_end(path)
         # With a gripper lag the string's upper end follows the gripper late, and has another speed.

@@ -13,7 +13,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
-from armdyn.recording.channels import FloatArray, channel_unit, name_and_unit
+from armdyn.recording.channels import FloatArray, name_and_unit, unit_conversion
 from armdyn.run import Run, read_run
 from armdyn.watch.sound import Sample, samples_of
 from pipeline.interrupts import noted_signals
@@ -73,7 +73,7 @@ def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> I
             f"{name}: its first line has no {', '.join(missing)}: write the heads of a recording, time [s], q.<joint> "
             "[rad] and tau.<joint> [N m] of every joint"
         )
-    units = {head: channel_unit(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
+    units = {head: unit_conversion(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
     for line in stream:
         cells = line.strip().split(",")
         try:

@@ -16,7 +16,7 @@ from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.identify.state_space.output_error import AroundMotion
 from armdyn.physics.pieces import pseudo_inverse
-from armdyn.physics.simulated import simulated, with_motion
+from armdyn.physics.simulated import as_model_with_motion, as_simulated_model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 
@@ -116,12 +116,12 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     The values are those optimised with process noise: a simulation without it would follow the recording by a wrong
     length as far as it can.
     """
-    if with_motion(fit.problem.model) is None:
+    if as_model_with_motion(fit.problem.model) is None:
         return []
     acting = fit.free | (fit.values != fit.problem.null)
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
     problem = Problem(fit.problem.model.with_only(needed), fit.problem.runs, fit.problem.noise)
-    model = simulated(problem.model)
+    model = as_simulated_model(problem.model)
     values = transferred(fit.values, fit.problem, problem)
     free = transferred_mask(fit.free, fit.problem, problem)
     swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]

@@ -20,10 +20,10 @@ from armdyn.identify.state_space.innovations import (
     filtered,
     smoothed,
 )
-from armdyn.physics.pieces import Pieces, pseudo_inverse
-from armdyn.physics.simulated import simulated
-from armdyn.recording.gaps import until
-from armdyn.recording.noise import quiet_noise
+from armdyn.physics.pieces import MotionPieces, pseudo_inverse
+from armdyn.physics.simulated import as_simulated_model
+from armdyn.recording.gaps import run_until
+from armdyn.recording.noise import smallest_noise_std
 
 PIECE_PERIODS = 0.5
 """Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
@@ -75,13 +75,13 @@ class GreyRun:
     """
 
     def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
-        model = simulated(problem.model)
+        model = as_simulated_model(problem.model)
         self.problem, self.index, self.swing = problem, index, swing
-        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
-        self.pieces = Pieces(model, self.run, share * swing)
+        self.run = run_until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
+        self.pieces = MotionPieces(model, self.run, share * swing)
         self.places = problem.places(index)
         self.channels = self.pieces.channels
-        self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
+        self.quiet = [smallest_noise_std(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def initial_states(self, values: np.ndarray) -> np.ndarray:
@@ -165,14 +165,14 @@ class GreyRun:
         ]
         return LinearisedRun(self, states, chain, rows, definition, wanted)
 
-    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
+    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[MotionPieces, np.ndarray]:
         """The pieces of a model without effects that have no influence here, and the unknowns of its parameters.
 
         Effects that add states are kept, so that all sets of effects have the same states.
         """
         model = self.pieces.model
         lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
-        return self.pieces.of(simulated(lean)), self.places[places]
+        return self.pieces.of(as_simulated_model(lean)), self.places[places]
 
 
 class LinearisedRun:

@@ -9,7 +9,7 @@ from armdyn.arm.drive import smoothing_drives
 from armdyn.arm.model import arm_model
 from armdyn.arm.prepared import FREQUENCIES, recorded
 from armdyn.readout import LowPassed
-from armdyn.recording.preparation import of_all_runs, sentence
+from armdyn.recording.preparation import combined_preparations, preparation_sentence
 
 
 def drives_of(seed, cut=None):
@@ -57,9 +57,9 @@ def test_a_torque_that_was_not_smoothed_is_taken_as_it_is(seed):
 def test_what_is_compared_ends_well_below_the_cut_off_and_is_said():
     robot, model, (run,), _ = drives_of(16)
     prepared = model.prepared(run)
-    done = of_all_runs([prepared.done])
+    done = combined_preparations([prepared.done])
     assert all(one.cutoff <= 0.55 * robot.worlds[0].drive.smoothing for one in done.values())
-    assert "The drives smoothed their torques below" in sentence(done)
+    assert "The drives smoothed their torques below" in preparation_sentence(done)
 
 
 def test_what_steps_is_predicted_as_the_drive_smoothed_it():

@@ -17,7 +17,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.channels import Channel
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wind", "path_tilt")]
@@ -25,7 +25,7 @@ FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wi
 
 def study_of(hidden, effects=FRICTIONS, seed=5, noise=5e-3):
     run = record("a.csv", Setup(hidden=hidden, duration=6.0, force_noise=noise), np.random.default_rng(seed))
-    run = weighed(run, Known(0.08, 8e-4, "kg"), Known(0.368, 3e-3, "m"))
+    run = weighed(run, KnownQuantity(0.08, 8e-4, "kg"), KnownQuantity(0.368, 3e-3, "m"))
     return Study.of(pendulum_model(0.36, 0.08), [run], [], effects)
 
 

@@ -8,7 +8,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError
 from armdyn.parameter import quantity
-from armdyn.pendulum.composition import Composition
+from armdyn.pendulum.composition import PendulumComposition
 from armdyn.pendulum.dynamics import derive_dynamics
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
@@ -39,7 +39,7 @@ def path(duration, dt=0.01, motion=moving):
 
 @pytest.fixture(scope="module")
 def dynamics():
-    return derive_dynamics(Composition([]))
+    return derive_dynamics(PendulumComposition([]))
 
 
 def test_tension_equals_weight_at_rest(dynamics):
@@ -55,7 +55,7 @@ def test_tension_is_the_textbook_formula(dynamics):
 
 
 def test_small_swing_has_the_period_of_the_analytic_pendulum():
-    run = Simulator(derive_dynamics(Composition([])), "test").rollout(path(20.0, motion=still), THETA, 0.02)
+    run = Simulator(derive_dynamics(PendulumComposition([])), "test").rollout(path(20.0, motion=still), THETA, 0.02)
     angle = run.states[:, 0]
     up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
     crossings = 0.01 * (up - angle[up] / (angle[up + 1] - angle[up]))
@@ -76,7 +76,7 @@ def test_energy_is_kept_without_friction(dynamics):
 
 
 def test_drag_takes_the_energy_that_the_force_does_work_for():
-    dynamics = derive_dynamics(Composition([CATALOGUE["linear_drag"]]))
+    dynamics = derive_dynamics(PendulumComposition([CATALOGUE["linear_drag"]]))
     theta = np.array([LENGTH, MASS, G, 0.02])
     states = Simulator(dynamics, "test_drag").rollout(path(5.0, dt=0.005, motion=still), theta, 1.0).states
     energy, rate = energy_and_rate(dynamics, states, theta)
@@ -117,7 +117,7 @@ def test_swing_under_a_moving_gripper_agrees_with_mujoco():
     start = moving(0.0)
     # MuJoCo's hinge about +y turns a hanging load towards -x, as the angle does here.
     data.qvel[:] = [start[2], start[2] / LENGTH]
-    simulated = Simulator(derive_dynamics(Composition([])), "test").rollout(path(3.0), THETA)
+    simulated = Simulator(derive_dynamics(PendulumComposition([])), "test").rollout(path(3.0), THETA)
     angles = []
     for k in range(30001):
         if k % 100 == 0:
@@ -139,13 +139,13 @@ def test_rollout_agrees_with_an_eighth_order_integrator():
     start = moving(0.0)
     times = np.arange(0.0, 5.005, 0.01)
     reference = solve_ivp(slow, (0, 5.0), [0.0, start[2] / LENGTH], "DOP853", times[:501], rtol=1e-12, atol=1e-12)
-    run = Simulator(derive_dynamics(Composition([])), "test").rollout(path(5.0), THETA)
+    run = Simulator(derive_dynamics(PendulumComposition([])), "test").rollout(path(5.0), THETA)
     assert np.abs(run.states[:, 0] - reference.y[0]).max() < 1e-6  # it swings up to 1.2 rad at resonance
 
 
 @pytest.mark.parametrize("column", range(7))
 def test_sensitivities_match_finite_differences(column):
-    simulator = Simulator(derive_dynamics(Composition(DRAG)), "test_drag_gain")
+    simulator = Simulator(derive_dynamics(PendulumComposition(DRAG)), "test_drag_gain")
     point = np.array([LENGTH, MASS, G, 0.02, 0.01, 0.2, 0.3])
     run = simulator.rollout(path(4.0), point[:5], point[5], point[6])
 
