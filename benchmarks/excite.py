@@ -31,8 +31,8 @@ from _hidden_table import generator
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
-from armdyn.experiments.goal import Goal, determining, separating
-from armdyn.experiments.series import Series
+from armdyn.experiments.goal import MotionGoal, goal_to_determine, goal_to_separate
+from armdyn.experiments.series import FourierSeries
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
@@ -62,7 +62,7 @@ SIZES = {"gravity_spring": 0.02, "torque_offset": 0.2, "payload": 0.05, "link_in
 class Moved:
     """A motion for the plant."""
 
-    series: Series
+    series: FourierSeries
     coefficients: np.ndarray
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -79,12 +79,12 @@ def contenders(found: Excitation) -> Iterator[tuple[str, Expectation]]:
         yield "least condition number", found.conditioned
 
 
-def goal_of(name: str) -> Goal:
+def goal_of(name: str) -> MotionGoal:
     model = arm_model(robot="baxter")
     if name in DETERMINE:
-        return determining(model, [find(n) for n in DETERMINE[name].split()], RATE)
+        return goal_to_determine(model, [find(n) for n in DETERMINE[name].split()], RATE)
     first, second = map(find, SEPARATE[name])
-    return separating(model, first, second, RATE)
+    return goal_to_separate(model, first, second, RATE)
 
 
 def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: float, seed: int, encoder: float) -> Run:

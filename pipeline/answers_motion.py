@@ -12,12 +12,12 @@ import numpy as np
 from pipeline.fields import fields, plain
 
 if TYPE_CHECKING:
-    from armdyn.experiments.plan import Plan, Proposal
+    from armdyn.experiments.plan import ExperimentPlan, ProposedExperiment
     from pipeline.motion.excitation import Excitation
     from pipeline.trial.investigation import Investigation
 
 
-def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
+def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
     """JSON ``armdyn.next/1``.
 
     Args:
@@ -38,7 +38,7 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
     }
 
 
-def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str, Any]:
+def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
     """One experiment."""
     e, motion = proposal.experiment, proposal.experiment.motion
     answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")

@@ -11,11 +11,11 @@ from typing import Protocol
 
 import numpy as np
 
-from armdyn.experiments.columns import Columns
-from armdyn.experiments.criteria import Criterion
-from armdyn.experiments.limits import MotionLimits, two_sided
-from armdyn.experiments.search import Evaluated, MotionProblem
-from armdyn.experiments.series import Basis, Series
+from armdyn.experiments.columns import TorqueRegressor
+from armdyn.experiments.criteria import InformationCriterion
+from armdyn.experiments.limits import MotionLimits, two_sided_excess
+from armdyn.experiments.search import EvaluatedMotion, MotionProblem
+from armdyn.experiments.series import FourierSeries, SeriesBasis
 
 INSTANTS_PER_SECOND = 8.0
 """Instants per second at which information and torques are computed: eight times the highest frequency."""
@@ -25,13 +25,13 @@ ARM_ROUND_STEPS = (20, 40, 40, 30, 20, 15)
 """Numbers of L-BFGS steps of the rounds."""
 ARM_STARTS = 3
 """Number of random motions from which the search starts; see `MotionProblem.starts`."""
-WATCHED_MARGIN = 0.3
-"""Margin of a posture below which its distance is constrained; see `Postures.margin`."""
+MAX_CONSTRAINED_MARGIN = 0.3
+"""Margin of a posture below which its distance is constrained; see `PostureConstraint.margin`."""
 MIN_MARGIN = -0.4
 """Margin below which a posture is too deep inside an obstacle to be led out of it."""
 MARGIN_DIFFERENCE = 1e-4
 """Step of the finite differences of margins, rad or m."""
-COLLISION_EXCESS = 0.03
+FORBIDDEN_POSTURE_EXCESS = 0.03
 """Excess of a motion with a forbidden posture: a random motion with one is made smaller in such steps."""
 CENTRE_RANGE_SHARE = 0.7
 """Share of the range of positions from which the centre of a random motion is drawn."""
@@ -39,7 +39,7 @@ MAX_CENTRES = 200
 """Number of centres that are drawn before the arm counts as unable to stand anywhere."""
 
 
-class Postures(Protocol):
+class PostureConstraint(Protocol):
     """Decides which postures are allowed, for example free of collisions."""
 
     def free(self, q: np.ndarray) -> bool:
@@ -65,23 +65,23 @@ class ArmProblem(MotionProblem):
             normals (n, nj), 0 where nothing is near, and bounds (n,), -infinity there; None where there are none.
     """
 
-    columns: Columns
-    criterion: Criterion
-    series: Series
+    columns: TorqueRegressor
+    criterion: InformationCriterion
+    series: FourierSeries
     limits: MotionLimits
-    postures: Postures
+    postures: PostureConstraint
     cuts: tuple[np.ndarray, np.ndarray] | None = None
 
     steps, starts = ARM_ROUND_STEPS, ARM_STARTS
 
     @cached_property
-    def grid(self) -> Basis:
+    def grid(self) -> SeriesBasis:
         """The series at (n,) instants of one period, at which information and torques are computed."""
         count = max(ceil(INSTANTS_PER_SECOND * self.series.period), 4 * self.series.harmonics)
         return self.series.at(self.series.period * np.arange(count) / count)
 
     @cached_property
-    def finer(self) -> Basis:
+    def finer(self) -> SeriesBasis:
         """The series at instants `KINEMATIC_REFINEMENT` times as dense as in `grid`."""
         count = KINEMATIC_REFINEMENT * len(self.grid.time)
         return self.series.at(self.series.period * np.arange(count) / count)
@@ -107,14 +107,14 @@ class ArmProblem(MotionProblem):
         return max(self.kinematic_excess(x), float(np.max(np.abs(torque) / self.limits.effort)) - 1.0)
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit is exceeded; `COLLISION_EXCESS` where only a posture is not allowed."""
+        """Largest share by which a limit is exceeded; `FORBIDDEN_POSTURE_EXCESS` for a forbidden posture alone."""
         excess = self.grid_excess(x)
         if excess > 0.0:
             return excess
         q = self.grid.motion(x).q
         # Postures far apart are tested first: a motion that is too large mostly fails there at once.
         order = np.argsort(np.arange(len(q)) * 0.6180339887 % 1.0)
-        return excess if all(self.postures.free(posture) for posture in q[order]) else COLLISION_EXCESS
+        return excess if all(self.postures.free(posture) for posture in q[order]) else FORBIDDEN_POSTURE_EXCESS
 
     def centre(self, rng: np.random.Generator) -> np.ndarray | None:
         """A posture that is allowed and that the joints' torques can hold."""
@@ -132,7 +132,7 @@ class ArmProblem(MotionProblem):
         normal, bound = np.zeros(finer.shape), np.full(len(finer), -np.inf)
         for i, q in enumerate(self.grid.motion(x).q):
             here = margin(q)
-            if here > WATCHED_MARGIN:
+            if here > MAX_CONSTRAINED_MARGIN:
                 continue
             steps = MARGIN_DIFFERENCE * np.eye(len(q))
             slope = np.array([margin(q + step) - here for step in steps]) / MARGIN_DIFFERENCE
@@ -153,14 +153,14 @@ class ArmProblem(MotionProblem):
                 return np.asarray(x)
         return before
 
-    def effect(self, x: np.ndarray) -> Evaluated:
+    def effect(self, x: np.ndarray) -> EvaluatedMotion:
         """Criterion, torques and postures of a motion, with their gradient."""
         effort = self.limits.effort
         columns, torque, by_motion = self.columns.with_slopes(self.grid.motion(x))
         X = columns.reshape(-1, columns.shape[2])
         value, by_information = self.criterion(self.weight * X.T @ X)
         by_columns = (2.0 * self.weight * X @ by_information).reshape(columns.shape)
-        beyond = [two_sided(torque / effort)]
+        beyond = [two_sided_excess(torque / effort)]
         if self.cuts is not None:
             normal, bound = self.cuts
             beyond.append(bound - np.einsum("nj,nj->n", normal, self.finer.motion(x).q))
@@ -171,4 +171,4 @@ class ArmProblem(MotionProblem):
                 total -= (weights[1][:, None] * normal).T @ self.finer.functions[0]
             return total
 
-        return Evaluated(value, beyond, gradient)
+        return EvaluatedMotion(value, beyond, gradient)

@@ -22,19 +22,20 @@ SLOW_SPEED_SHARE = 0.02
 information."""
 REGRESSION_PRIOR_SIZE = 10.0
 """Prior standard deviation of an unknown before the recording, in typical sizes, as in a repair's fits."""
-PROBED_STATES = 50
+RANDOM_STATES_FOR_ACTIVE_PARAMETERS = 50
 """Number of random states; an unknown that changes no torque at any of them acts through another one."""
 STATE_DIFFERENCE = 1e-5
 """Step of finite differences, rad, rad/s, rad/s^2."""
-Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+MotionGradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class TorqueRegressor:
     """The unknowns of an arm's model as columns of one linear regression per joint.
 
     Attributes:
-        model: model with every effect that is wanted or may be present, at values with derivatives; see `present`.
+        model: model with every effect that is wanted or may be present, at the values of
+            `at_active_values`.
         rate: sampling rate of the recording, Hz.
     """
 
@@ -94,7 +95,7 @@ class Columns:
         drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a
         return states.described + drives + springs
 
-    def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, Gradient]:
+    def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, MotionGradient]:
         """Columns (n, nj, P) and torques (n, nj), and a function for the gradient of any number that depends on them.
 
         Returns:
@@ -120,13 +121,13 @@ class Columns:
         return columns[0], torque[0], gradient
 
 
-def present(model: ArmModel) -> ArmModel:
+def at_active_values(model: ArmModel) -> ArmModel:
     """The model at values at which all parameters of its effects have derivatives.
 
     Effects are at their null values, except where a parameter acts through another one, as a payload's place acts
     through its mass: then the other one is at its typical size.
     """
-    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED_STATES))
+    columns = TorqueRegressor(model, 1.0).at(random_joint_states(model.arm, RANDOM_STATES_FOR_ACTIVE_PARAMETERS))
     acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
@@ -139,7 +140,7 @@ def present(model: ArmModel) -> ArmModel:
     return model.with_values(changed) if changed else model
 
 
-def random_states(arm: Arm, count: int) -> AxisMotion:
+def random_joint_states(arm: Arm, count: int) -> AxisMotion:
     """Random states, (count, nj), all over the arm's limits, from a fixed seed."""
     rng, limits = np.random.default_rng(0), arm.robot.limits
     shape = (count, len(arm.joints))

@@ -14,15 +14,15 @@ from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.linear.solve import marginal_information
 
-Valued: TypeAlias = tuple[float, np.ndarray]
+ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
 """Value of a criterion, and its (P, P) symmetric derivatives by the information."""
-Criterion: TypeAlias = Callable[[np.ndarray], Valued]
+InformationCriterion: TypeAlias = Callable[[np.ndarray], ValueAndGradient]
 """A function of a (P, P) information matrix that is to be minimised."""
 NEGLIGIBLE_RISE = 1e-4
 """Rise of chi2 that counts as zero: it keeps the logarithm finite where two effects are still the same."""
 
 
-def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
+def posterior_covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """Covariance K (P, P) of the unknowns after a motion.
 
     Args:
@@ -35,13 +35,13 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
-def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> Valued:
+def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> ValueAndGradient:
     r"""Mean logarithm of the standard deviations of the wanted unknowns, over all directions: D-optimality.
 
     For (P, P) information F, (P,) prior standard deviations and indices W it is log det K_{WW} / (2 |W|), a constant
     less twice the expected gain of information (Chaloner & Verdinelli, Statistical Science 10(3), 1995).
     """
-    K = covariance(information, prior)
+    K = posterior_covariance(information, prior)
     block, columns = K[np.ix_(wanted, wanted)], K[:, wanted]
     size = 2.0 * len(wanted)
     return float(np.linalg.slogdet(block)[1]) / size, -columns @ np.linalg.solve(block, columns.T) / size
@@ -85,7 +85,9 @@ class RivalSeparation:
         return max(float(np.linalg.eigvalsh(self.refitted(information, prior)[0])[0]), 0.0)
 
 
-def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]) -> Valued:
+def log_harmonic_separation(
+    information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]
+) -> ValueAndGradient:
     r"""Logarithm of the harmonic sum of all separations, which the smallest one dominates.
 
     For (P, P) information and (P,) prior standard deviations it is log \sum_A tr L_A^{-1}, over every case A that may
@@ -102,7 +104,7 @@ def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: S
     return float(np.log(total)), slopes / total
 
 
-def log_condition(information: np.ndarray, typical: np.ndarray, independent: np.ndarray) -> Valued:
+def log_condition(information: np.ndarray, typical: np.ndarray, independent: np.ndarray) -> ValueAndGradient:
     """Logarithm of the condition number of the regression on base parameters, in SI units: the common criterion.
 
     It is minimised by Gautier & Khalil, IJRR 11(4), 1992, and by FloBaRoID and FIGAROH.

@@ -10,25 +10,30 @@ from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.columns import Columns, present
+from armdyn.experiments.columns import TorqueRegressor, at_active_values
 from armdyn.experiments.criteria import (
-    Criterion,
+    InformationCriterion,
     RivalSeparation,
     d_optimality,
     log_condition,
     log_harmonic_separation,
 )
-from armdyn.experiments.structure import distinguishable, hopeless, independent, random_rows
+from armdyn.experiments.structure import (
+    distinguishable_changes,
+    independent_columns,
+    regressor_at_random_states,
+    unidentifiable_unknowns,
+)
 from armdyn.threads import one_thread
 
 USUAL_EFFECTS = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
 """Effects that every arm may have: nuisance beside the wanted ones, or wanted themselves where none is named."""
 
-NONE = np.zeros(0, dtype=int)
+NO_INDICES = np.zeros(0, dtype=int)
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class MotionGoal:
     """The goal of a motion.
 
     Attributes:
@@ -41,11 +46,11 @@ class Goal:
         rivals: names of two effects to distinguish; empty where unknowns are to be determined.
         hidden: with rivals, the effects that may be the true one.
         inseparable: sentences on what no motion can distinguish.
-        rows: (N, P) regressor at random states; see `random_rows`.
+        rows: (N, P) regressor at random states; see `regressor_at_random_states`.
     """
 
-    columns: Columns
-    criterion: Criterion
+    columns: TorqueRegressor
+    criterion: InformationCriterion
     wanted: np.ndarray
     hopeless: np.ndarray
     beside: tuple[str, ...]
@@ -56,13 +61,13 @@ class Goal:
     rows: np.ndarray = field(repr=False, kw_only=True)
 
     @property
-    def conditioned(self) -> Criterion:
+    def conditioned(self) -> InformationCriterion:
         """The common criterion (condition number) for the same unknowns."""
-        return partial(log_condition, typical=self.columns.typical, independent=independent(self.rows))
+        return partial(log_condition, typical=self.columns.typical, independent=independent_columns(self.rows))
 
 
 @one_thread
-def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
+def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) -> MotionGoal:
     """Build the goal to determine unknowns of effects, by default `USUAL_EFFECTS`; `rate` of the recording in Hz.
 
     Raises:
@@ -70,23 +75,25 @@ def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
     """
     effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.reachable(find(name))]
     columns = _columns(model, effects, USUAL_EFFECTS, rate)
-    rows, own = random_rows(columns), _indices(columns, effects)
-    alone = hopeless(rows, own, NONE)
+    rows, own = regressor_at_random_states(columns), _indices(columns, effects)
+    alone = unidentifiable_unknowns(rows, own, NO_INDICES)
 
     def confused(beside: Sequence[str]) -> str | None:
         others = np.setdiff1d(np.concatenate([columns.of(name) for name in beside]), own)
-        lost = np.setdiff1d(hopeless(rows, own, others), alone)
+        lost = np.setdiff1d(unidentifiable_unknowns(rows, own, others), alone)
         return f"no motion could tell it from {columns.unknowns[lost[0]].name}" if len(lost) else None
 
     beside, left_out = _nuisance([n for n in USUAL_EFFECTS if len(np.setdiff1d(columns.of(n), own))], confused)
     columns = _columns(model, effects, beside, rate)
-    rows, own = random_rows(columns), _indices(columns, effects)
+    rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     criterion = partial(d_optimality, prior=columns.prior, wanted=own)
-    return Goal(columns, criterion, own, hopeless(rows, own, NONE), beside, left_out, rows=rows)
+    return MotionGoal(
+        columns, criterion, own, unidentifiable_unknowns(rows, own, NO_INDICES), beside, left_out, rows=rows
+    )
 
 
 @one_thread
-def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
+def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float) -> MotionGoal:
     """Build the goal to distinguish two effects, whichever is present, by a recording with a sampling rate in Hz.
 
     Raises:
@@ -97,7 +104,7 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair, names = (first, second), (first.name, second.name)
     columns = _columns(model, pair, USUAL_EFFECTS, rate)
-    rows = random_rows(columns)
+    rows = regressor_at_random_states(columns)
 
     def ranks(beside: Sequence[str]) -> list[int]:
         return [case.directions.shape[1] for case in _cases(columns, rows, pair, beside)]
@@ -110,7 +117,7 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     usual = [name for name in USUAL_EFFECTS if name not in names and len(columns.of(name))]
     beside, left_out = _nuisance(usual, confused)
     columns = _columns(model, pair, beside, rate)
-    rows, own = random_rows(columns), _indices(columns, pair)
+    rows, own = regressor_at_random_states(columns), _indices(columns, pair)
     cases = _cases(columns, rows, pair, beside)
     hidden = tuple(case for case in cases if case.directions.shape[1])
     inseparable = tuple(
@@ -121,8 +128,8 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     if not hidden:
         raise TaskFailedError(f"no motion can tell {first.name} from {second.name}: {inseparable[0]}")
     criterion = partial(log_harmonic_separation, prior=columns.prior, cases=hidden)
-    lost = hopeless(rows, own, NONE)
-    return Goal(columns, criterion, own, lost, beside, left_out, names, hidden, inseparable, rows=rows)
+    lost = unidentifiable_unknowns(rows, own, NO_INDICES)
+    return MotionGoal(columns, criterion, own, lost, beside, left_out, names, hidden, inseparable, rows=rows)
 
 
 def _nuisance(
@@ -140,24 +147,24 @@ def _nuisance(
     return beside, left_out
 
 
-def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
+def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> TorqueRegressor:
     """Regressor of wanted effects, and of nuisance effects on all joints on which they can act."""
     for effect in effects:
         model = model.with_effect(effect)
     for effect in map(find, beside):
         if model.reachable(effect) and model.lacks(effect):
             model = model.with_effect(effect)
-    return Columns(present(model), rate)
+    return TorqueRegressor(at_active_values(model), rate)
 
 
-def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
+def _indices(columns: TorqueRegressor, effects: Sequence[Effect]) -> np.ndarray:
     """Column indices of the unknowns of these effects, on their joints."""
     found = [columns.of(e.name, joint) for e in effects for joint in e.joints or columns.model.joints_with(e.name)]
     return np.unique(np.concatenate(found))
 
 
 def _cases(
-    columns: Columns, rows: np.ndarray, pair: tuple[Effect, Effect], beside: Sequence[str]
+    columns: TorqueRegressor, rows: np.ndarray, pair: tuple[Effect, Effect], beside: Sequence[str]
 ) -> tuple[RivalSeparation, ...]:
     """Each effect on each of its joints, against the other effect on all of its joints."""
     found = []
@@ -166,6 +173,6 @@ def _cases(
         for joint in truth.joints or columns.model.joints_with(truth.name):
             own = columns.of(truth.name, joint)
             fitted = np.setdiff1d(every, own)
-            directions = distinguishable(rows, own, fitted)
+            directions = distinguishable_changes(rows, own, fitted)
             found.append(RivalSeparation(truth.name, joint, rival.name, own, fitted, directions))
     return tuple(found)

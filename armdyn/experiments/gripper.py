@@ -18,10 +18,17 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.experiments.limits import GripperLimits, two_sided
-from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrink
-from armdyn.experiments.separation import Rival, linear_separation
-from armdyn.experiments.series import Basis, Series
+from armdyn.experiments.limits import GripperLimits, two_sided_excess
+from armdyn.experiments.search import (
+    EvaluatedMotion,
+    MotionProblem,
+    ReportProgress,
+    best_motion,
+    random_motions,
+    shrink_within_limits,
+)
+from armdyn.experiments.separation import RefittedRival, linear_separation
+from armdyn.experiments.series import FourierSeries, SeriesBasis
 from armdyn.pendulum.path import GripperPath
 
 GRIPPER_BAND_HZ = 2.5
@@ -51,21 +58,21 @@ REFIT_STEPS = 2
 """Steps of a rival's refit at every motion; it starts from the refit at the motion before."""
 PAIRS_PER_ROUND = 4
 """Number of pairs that a round optimises: those that its start separates least."""
-BLIND_RISE = 0.05
+MAX_INSEPARABLE_CHI2_RISE = 0.05
 """Rise of chi2 that even the best random motion does not exceed for a pair that no motion separates: the design gains a
 factor of 10 to 1000, and pairs that can be separated start at 0.3."""
-ADDED_RISE = 1e-6
+ADDED_CHI2_RISE = 1e-6
 """Added to a rise of chi2, so that pairs that no motion separates have a logarithm."""
 NEGLIGIBLE_PAIR_SHARE = 5e-4
 """Share in the smooth minimum below which the gradient of a pair is left out: it costs a reverse pass."""
-SLACK_EXCESS = 0.05
+SLACK_STRING_EXCESS = 0.05
 """Excess of a motion along which the string goes slack: the motion is made smaller in such steps."""
 
-Pair = tuple[int, int]
+HypothesisPair = tuple[int, int]
 """Indices of the hypothesis that is true and of the rival that is refitted."""
 
 
-def motion_series(seconds: float) -> Series:
+def motion_series(seconds: float) -> FourierSeries:
     """The series of which a gripper's motion consists.
 
     Raises:
@@ -73,7 +80,9 @@ def motion_series(seconds: float) -> Series:
     """
     if not MIN_MOTION_SECONDS <= seconds <= MAX_MOTION_SECONDS:
         raise InputError(f"a motion of {seconds:g} s: give {MIN_MOTION_SECONDS:g} to {MAX_MOTION_SECONDS:g} s")
-    return Series(NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True)
+    return FourierSeries(
+        NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True
+    )
 
 
 class GripperProblem(MotionProblem):
@@ -89,7 +98,7 @@ class GripperProblem(MotionProblem):
         self,
         hypotheses: Sequence[Hypothesis],
         experiment: PlannedExperiment,
-        series: Series,
+        series: FourierSeries,
         limits: GripperLimits,
         step: float = COARSE_NODE_SECONDS,
     ) -> None:
@@ -97,11 +106,11 @@ class GripperProblem(MotionProblem):
         self._nodes = round(series.seconds / step) + 1
         still = self.motion(np.zeros((1, series.size)))
         self._predicted = [PredictedExperiment(h, experiment.along(still)) for h in hypotheses]
-        self.pairs: tuple[Pair, ...] = tuple(permutations(range(len(hypotheses)), 2))
-        self._values: dict[Pair, np.ndarray] = {}
+        self.pairs: tuple[HypothesisPair, ...] = tuple(permutations(range(len(hypotheses)), 2))
+        self._values: dict[HypothesisPair, np.ndarray] = {}
 
     @cached_property
-    def finer(self) -> Basis:
+    def finer(self) -> SeriesBasis:
         """The nodes themselves, at which positions, velocities and accelerations are limited."""
         return self.series.at(np.linspace(0.0, self.series.seconds, self._nodes))
 
@@ -128,10 +137,13 @@ class GripperProblem(MotionProblem):
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the smallest separation, by linearisation."""
-        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_RISE))
+        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_CHI2_RISE))
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit of gripper or swing is exceeded; `SLACK_EXCESS` where a string goes slack."""
+        """Largest share by which a motion exceeds a limit of gripper or swing.
+
+        It is `SLACK_STRING_EXCESS` where the motion exceeds no limit, but a string goes slack.
+        """
         excess = self.kinematic_excess(x)
         if excess > 0.0:
             return excess
@@ -140,7 +152,7 @@ class GripperProblem(MotionProblem):
         if not widest <= 0.0:
             return widest
         taut = all(float(p.tension(p.start).min()) > 0.0 for p in here)
-        return max(excess, widest) if taut else SLACK_EXCESS
+        return max(excess, widest) if taut else SLACK_STRING_EXCESS
 
     def centre(self, rng: np.random.Generator) -> np.ndarray:
         """Position at which the motion starts."""
@@ -152,7 +164,7 @@ class GripperProblem(MotionProblem):
         here = self.along(x)
         hardest = self.only(np.argsort(self.separations(x))[:PAIRS_PER_ROUND])
         hardest._values = {
-            (i, j): Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[1] for i, j in hardest.pairs
+            (i, j): RefittedRival(here[j], here[i].predict(here[i].start)[0]).refitted()[1] for i, j in hardest.pairs
         }
         return hardest
 
@@ -162,20 +174,22 @@ class GripperProblem(MotionProblem):
         other.pairs = tuple(self.pairs[k] for k in which)
         return other
 
-    def effect(self, x: np.ndarray) -> Evaluated:
+    def effect(self, x: np.ndarray) -> EvaluatedMotion:
         """Negative smooth minimum of the logarithm of the separations, and the swings, with their gradient."""
         here = self.along(x)
         truths = [p.predict(p.start)[0] for p in here]
         rises, residuals = np.empty(len(self.pairs)), []
         for k, (i, j) in enumerate(self.pairs):
-            rises[k], values = Rival(here[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
+            rises[k], values = RefittedRival(here[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
             self._values[i, j] = values
             residuals.append(truths[i] - here[j].predict(values)[0])
-        logs = np.log(rises + ADDED_RISE)
+        logs = np.log(rises + ADDED_CHI2_RISE)
         shares = np.exp(-MINIMUM_SHARPNESS * (logs - logs.min()))
         smallest = float(logs.min() - np.log(shares.sum()) / MINIMUM_SHARPNESS)
         shares /= shares.sum()
-        pulls = [2.0 * share / (rise + ADDED_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)]
+        pulls = [
+            2.0 * share / (rise + ADDED_CHI2_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)
+        ]
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
             total = np.zeros(x.size)
@@ -190,7 +204,7 @@ class GripperProblem(MotionProblem):
                     total += here[j].by_coefficients(self._values[i, j], self.finer, pull)
             return total[None]
 
-        return Evaluated(-smallest, [two_sided(p.swing(p.start) / self.swing) for p in here], gradient)
+        return EvaluatedMotion(-smallest, [two_sided_excess(p.swing(p.start) / self.swing) for p in here], gradient)
 
 
 def design_motion(
@@ -199,7 +213,7 @@ def design_motion(
     seconds: float,
     limits: GripperLimits | None = None,
     seed: int = 0,
-    say: Say = lambda _: None,
+    say: ReportProgress = lambda _: None,
 ) -> tuple[GripperPath, float]:
     """Find the motion of a duration, s, that maximises the smallest separation between any two hypotheses.
 
@@ -219,10 +233,12 @@ def design_motion(
     rises = np.array([problem.separations(x) for x in starts])
     # A pair that no random motion separates is left to other experiments, unless it is the only one.
     widest = dict(zip(problem.pairs, rises.max(axis=0), strict=True))
-    wanted = [k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > BLIND_RISE]
+    wanted = [
+        k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > MAX_INSEPARABLE_CHI2_RISE
+    ]
     if wanted:
         problem, rises = problem.only(wanted), rises[:, wanted]
-    found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
+    found = best_motion(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
     fine = GripperProblem(hypotheses, experiment, series, limits, NODE_SECONDS)
-    inside = shrink(fine, found)
+    inside = shrink_within_limits(fine, found)
     return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

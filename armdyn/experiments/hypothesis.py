@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from scipy.linalg import block_diag
 
-from armdyn.experiments.series import Basis
+from armdyn.experiments.series import SeriesBasis
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
@@ -20,8 +20,8 @@ from armdyn.run import Run
 from armdyn.smoothing.even import first_derivative, motion_at_midpoints
 
 T = TypeVar("T")
-CHANNELS = ("load_force", "swing_angle")
-START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
+EXPERIMENT_CHANNELS = ("load_force", "swing_angle")
+START_STD = {"initial_angle": 0.01, "initial_rate": 0.03}
 """Standard deviation of the start of a load that is said to hang at rest, rad and rad/s."""
 
 
@@ -86,7 +86,7 @@ class PlannedExperiment:
         time = self.motion.time
         rows = [
             *zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, ("m", "m/s", "m/s^2"), strict=True),
-            *((name, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, ("N", "rad"), strict=True)),
+            *((name, np.zeros(len(time)), unit) for name, unit in zip(EXPERIMENT_CHANNELS, ("N", "rad"), strict=True)),
         ]
         return Run("experiment", {name: Channel(time, row, unit) for name, row, unit in rows})
 
@@ -112,7 +112,7 @@ class PredictedExperiment:
         hangs = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
         begin = hangs | {name: value for name, (value, _) in changed.items()}
         self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
-        stds = [changed[name][1] if name in changed else START_SPREAD[name] for name in own]
+        stds = [changed[name][1] if name in changed else START_STD[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
         self.spread = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
@@ -152,7 +152,7 @@ class PredictedExperiment:
         readings, slopes = [np.zeros(0)], [np.zeros((0, len(self.names)))]
         if e.run is not None and e.motion is not None:
             measured, whole = tuple(self.weights), self.rollout(values)
-            rows = [CHANNELS.index(channel) for channel in measured]
+            rows = [EXPERIMENT_CHANNELS.index(channel) for channel in measured]
             rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
             found = model.readings(e.run, e.motion, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
@@ -173,7 +173,7 @@ class PredictedExperiment:
         """One over the noise of every channel that the experiment measures, in the order of the readings."""
         e = self.experiment
         per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
-        return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
+        return {channel: per_node / e.noise[channel] for channel in EXPERIMENT_CHANNELS if channel in e.noise}
 
     @property
     def motion(self) -> GripperPath:
@@ -184,19 +184,21 @@ class PredictedExperiment:
     def rollout(self, values: np.ndarray) -> Rollout:
         """Both channels along the motion."""
         return self._at(
-            values, "rollout", lambda at: self.hypothesis.model.rollout(self.motion, self.theta(at), CHANNELS)
+            values,
+            "rollout",
+            lambda at: self.hypothesis.model.rollout(self.motion, self.theta(at), EXPERIMENT_CHANNELS),
         )
 
     def swing(self, values: np.ndarray) -> np.ndarray:
         """(K,) angle of the load along the motion, rad."""
-        return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("swing_angle")])
+        return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")])
 
     def tension(self, values: np.ndarray) -> np.ndarray:
         """(K,) tension of the string along the motion, N."""
-        return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("load_force")])
+        return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("load_force")])
 
     def by_coefficients(
-        self, values: np.ndarray, basis: Basis, readings: np.ndarray, swing: np.ndarray | None = None
+        self, values: np.ndarray, basis: SeriesBasis, readings: np.ndarray, swing: np.ndarray | None = None
     ) -> np.ndarray:
         """(size,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
 
@@ -209,34 +211,36 @@ class PredictedExperiment:
         model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
         sampler, count = Interpolated(motion.time, motion.time), len(motion.time)
-        outputs = np.zeros((count, len(CHANNELS)))
+        outputs = np.zeros((count, len(EXPERIMENT_CHANNELS)))
         for i, (channel, weight) in enumerate(self.weights.items()):
             part = readings[i * count : (i + 1) * count] * weight
             sensor = model.system.sensors[channel]
-            outputs[:, CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
+            outputs[:, EXPERIMENT_CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
-            outputs[:, CHANNELS.index("swing_angle")] += swing
+            outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")] += swing
         path, adjoint = model.driven_by(motion, physics), _adjoint(model.system, model.formulation)
         by_input = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         driving = _driving(basis, model.gripper_lag(physics))
         total = np.zeros(basis.functions.shape[2])
         for rows, functions in zip(by_input, driving, strict=True):
-            inputs = rows[list(DRIVING_ROWS if len(rows) > DRIVING_ROWS[-1] else DRIVING_ROWS[:-1])].ravel()
+            inputs = rows[
+                list(GRIPPER_MOTION_ROWS if len(rows) > GRIPPER_MOTION_ROWS[-1] else GRIPPER_MOTION_ROWS[:-1])
+            ].ravel()
             total += inputs @ functions[: len(inputs)]
         return total
 
 
-DRIVING_ROWS = (1, 2, 3, 7)
+GRIPPER_MOTION_ROWS = (1, 2, 3, 7)
 """Rows of a path with position, velocity, acceleration and jerk of the gripper; only some models have a jerk."""
 
 
 @lru_cache(maxsize=32)
 def _adjoint(system: System, name: str) -> Adjoint:
-    return Adjoint(system, name, CHANNELS)
+    return Adjoint(system, name, EXPERIMENT_CHANNELS)
 
 
 @lru_cache(maxsize=8)
-def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
+def _driving(basis: SeriesBasis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     """Position, velocity, acceleration and jerk of the string's upper end for each coefficient, stacked.
 
     The shapes are (4 K, size) at the nodes and (4 (K - 1), size) halfway between.

@@ -15,7 +15,7 @@ KINEMATIC_LIMIT_SHARE, TORQUE_LIMIT_SHARE = 0.97, 0.93
 follow its command exactly, and its torques are not exactly those of its description."""
 
 
-def two_sided(share: np.ndarray) -> np.ndarray:
+def two_sided_excess(share: np.ndarray) -> np.ndarray:
     """(2, ...) excess of signed shares of a limit beyond 1, and beyond -1; negative inside."""
     return np.stack([share - 1.0, -share - 1.0])
 
@@ -66,7 +66,7 @@ class MotionLimits:
     def beyond(self, motion: AxisMotion) -> list[np.ndarray]:
         """(2, n, axes) excess of position, velocity and acceleration over their limits, as shares; negative inside."""
         away = (motion.q - self.middle, motion.v, motion.a)
-        return [two_sided(part / size) for part, size in zip(away, self.sizes, strict=True)]
+        return [two_sided_excess(part / size) for part, size in zip(away, self.sizes, strict=True)]
 
     def narrower(self, limit: str, joint: int, factor: float) -> "MotionLimits":
         """Reduce one limit of one joint by a factor; positions are reduced towards the middle."""

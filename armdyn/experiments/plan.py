@@ -16,8 +16,8 @@ from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
-from armdyn.experiments.search import Say
-from armdyn.experiments.separation import ExpectedOutcome, Rival, beliefs, outlook
+from armdyn.experiments.search import ReportProgress
+from armdyn.experiments.separation import ExpectedOutcome, RefittedRival, expected_outcome, hypothesis_probabilities
 from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
 from armdyn.shown import Displayable
@@ -52,7 +52,7 @@ ROOM_FIXED_EFFECTS = ("wind",)
 
 
 @dataclass(frozen=True)
-class Inseparable:
+class InseparablePair:
     """A pair of effects that a designed motion does not separate.
 
     Attributes:
@@ -64,21 +64,21 @@ class Inseparable:
     why: str
 
 
-def inseparable(
+def inseparable_pairs(
     hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: PlannedExperiment
-) -> tuple[Inseparable, ...]:
+) -> tuple[InseparablePair, ...]:
     """All pairs that the motion designed for them does not separate in either direction."""
     rises = np.maximum(outlook.chi2_increase, outlook.chi2_increase.T)
     pairs = [pair for pair in combinations(range(len(hypotheses)), 2) if rises[pair] < INSEPARABLE_RISE]
     both = [(hypotheses[i], hypotheses[j]) for i, j in pairs]
-    return tuple(Inseparable((one.name, other.name), _why(one, other, experiment)) for one, other in both)
+    return tuple(InseparablePair((one.name, other.name), _why(one, other, experiment)) for one, other in both)
 
 
 def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -> str:
     """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     readings, _ = truth.predict(truth.start)
-    rise, best = Rival(rival, readings).refitted()
+    rise, best = RefittedRival(rival, readings).refitted()
     said = (
         f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
         f"({float(np.sqrt(rise / max(len(readings), 1))):.1g} of the noise apart)"
@@ -108,7 +108,7 @@ def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
+class ProposedExperiment:
     """An experiment with its expected result.
 
     Attributes:
@@ -128,7 +128,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Displayable):
+class ExperimentPlan(Displayable):
     """Result of planning: which experiment to do next.
 
     Attributes:
@@ -138,8 +138,8 @@ class Plan(Displayable):
     """
 
     rivals: Rivals
-    proposals: tuple[Proposal, ...]
-    inseparable: tuple[Inseparable, ...]
+    proposals: tuple[ProposedExperiment, ...]
+    inseparable: tuple[InseparablePair, ...]
 
     def __str__(self) -> str:
         return self.sentence
@@ -196,10 +196,10 @@ class Plan(Displayable):
     @property
     def belief(self) -> list[float]:
         """Probability of each rival, given the runs so far."""
-        return [float(b) for b in beliefs(self.rivals.hypotheses)]
+        return [float(b) for b in hypothesis_probabilities(self.rivals.hypotheses)]
 
     @property
-    def motion(self) -> Proposal | None:
+    def motion(self) -> ProposedExperiment | None:
         """The designed motion; None where none is proposed."""
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
 
@@ -211,22 +211,26 @@ def _moved(run: Run) -> list[Curve]:
 
 
 @one_thread
-def plan(
-    rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
-) -> Plan:
+def plan_experiment(
+    rivals: Rivals,
+    seconds: float = 8.0,
+    limits: GripperLimits | None = None,
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> ExperimentPlan:
     """Design a motion of a duration, s, and compare it with every other kind of experiment."""
     moving = designed_motion(rivals, seconds, limits, seed, say)
-    pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
+    pairs = inseparable_pairs(rivals.hypotheses, moving.outlook, moving.experiment)
     proposals = [moving]
-    for experiment in other_kinds(rivals, seconds):
-        if not safe(rivals, experiment, limits.swing if limits is not None else np.inf):
+    for experiment in other_experiments(rivals, seconds):
+        if not is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
             continue
         say(f"weighing up: {experiment.kind}")
-        proposals.append(Proposal(experiment, outlook(rivals.hypotheses, experiment, seed)))
-    return Plan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
+        proposals.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
+    return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
 
 
-def safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
+def is_safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
     """Whether every rival predicts a taut string and a swing within `swing`, rad, for an experiment.
 
     The last run itself, which was made, may exceed that limit.
@@ -244,16 +248,20 @@ def safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
 
 
 def designed_motion(
-    rivals: Rivals, seconds: float, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
-) -> Proposal:
+    rivals: Rivals,
+    seconds: float,
+    limits: GripperLimits | None = None,
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> ProposedExperiment:
     """The motion that separates the rivals best; pairs that no motion separates are not counted."""
     experiment = PlannedExperiment("motion", "swing along the designed motion", noise=rivals.noise)
     motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
     experiment = experiment.along(motion)
-    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), random)
+    return ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed), random)
 
 
-def other_kinds(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
+def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     """All other experiments that could be done, along the last run's motion, except those already done."""
     best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
     mass, length = best.value("mass"), OTHER_LENGTH_RATIO * best.value("length")
@@ -296,7 +304,9 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     return found
 
 
-def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str) -> Proposal:
+def along_other_motion(
+    proposal: ProposedExperiment, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str
+) -> ProposedExperiment:
     """The proposal along another motion, such as one that an arm can follow, with its expected result."""
     experiment = replace(proposal.experiment.along(motion), what=what)
-    return replace(proposal, experiment=experiment, outlook=outlook(hypotheses, experiment))
+    return replace(proposal, experiment=experiment, outlook=expected_outcome(hypotheses, experiment))

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
+from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, converged
@@ -23,7 +23,7 @@ from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-LIKELY_DEVIATES = 2.0
+UNSEEN_EFFECT_DEVIATES = 2.0
 """Size that an unseen effect may well have, in standard deviations."""
 MAX_RIVALS = 5
 """Largest number of rivals in a plan; the most plausible ones are used."""
@@ -63,12 +63,14 @@ def require_gripper(study: Study) -> None:
     for run in study.runs:
         if "gripper_x" not in run.channels:
             raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
-        if not any(channel in run.channels for channel in CHANNELS):
-            raise InputError(f"{run.name}: has none of {', '.join(CHANNELS)}, by which an experiment would be judged")
+        if not any(channel in run.channels for channel in EXPERIMENT_CHANNELS):
+            raise InputError(
+                f"{run.name}: has none of {', '.join(EXPERIMENT_CHANNELS)}, by which an experiment would be judged"
+            )
 
 
 @one_thread
-def undecided(
+def rivals_of_study(
     study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[str, str, Rivals | None]:
     """Verdict and sentence of the diagnosis, and the rivals to distinguish; None where there are none.
@@ -76,16 +78,16 @@ def undecided(
     `names` are those of the effects to distinguish, in place of those that the diagnosis leaves.
 
     Raises:
-        InputError: see `require_gripper` and `named`.
+        InputError: see `require_gripper` and `rivals_by_name`.
         TaskFailedError: the fit has failed.
     """
     require_gripper(study)
     if names is not None:
-        return "", "", named(study, names)
+        return "", "", rivals_by_name(study, names)
     found = diagnose(study, say)
     if found.verdict is Verdict.LOST:
         raise TaskFailedError(found.sentence)
-    rivals = of_diagnosis(study, found) or weakest(study, found)
+    rivals = rivals_of_diagnosis(study, found) or rival_values_of_worst_parameter(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:
         said = f"{found.sentence} Nothing is left to be told apart, and all values are known well."
@@ -106,7 +108,7 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     return sets
 
 
-def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
+def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     """The rivals that a diagnosis leaves; None where it leaves none."""
     sets = tied_sets(found)
     if len(sets) < 2:
@@ -114,7 +116,7 @@ def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     return _fitted(study, sets, found.search.steps[0].fit)
 
 
-def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
+def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
     """The effect that a diagnosis names first, and others that are not certainly worse; None where all are.
 
     An effect is believed where it is certainly better than none. Here the same certainty is required against similar
@@ -141,7 +143,7 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
 
-def named(study: Study, names: Sequence[str]) -> Rivals:
+def rivals_by_name(study: Study, names: Sequence[str]) -> Rivals:
     """Rivals that a user names: each alone, added to the model as given; a single name is compared with no effect.
 
     Raises:
@@ -157,13 +159,13 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
     return _fitted(study, sets if len(sets) > 1 else [*sets, ()], study.first())
 
 
-def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
+def rivals_refitted_to(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
     """The same rivals, by the names of their effects, fitted to the runs of another study."""
     by_name = _by_name(study)
     return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
-def weakest(study: Study, found: Diagnosis) -> Rivals | None:
+def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | None:
     """The value that the runs determine worst and a second possible value of it; None where all are well known.
 
     Two values of one parameter are rivals like others: their separation is the information on the parameter, with all
@@ -181,7 +183,11 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     if shares[worst] < WELL_KNOWN_STD_SIZES:
         return None
     p, std = parameters[worst], float(stds[worst])
-    away = LIKELY_DEVIATES * std if p.value + LIKELY_DEVIATES * std <= p.upper else -LIKELY_DEVIATES * std
+    away = (
+        UNSEEN_EFFECT_DEVIATES * std
+        if p.value + UNSEEN_EFFECT_DEVIATES * std <= p.upper
+        else -UNSEEN_EFFECT_DEVIATES * std
+    )
     rest = [i for i in range(len(best.free)) if i != worst]
     # With the parameter at the other value, the others change with it, as the runs correlate them.
     moved = [(parameters[i], parameters[i].value + covariance[i, worst] / std**2 * away) for i in rest]
@@ -191,7 +197,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
         information=best.information[np.ix_(rest, rest)],
     )  # fmt: skip
     name = f"{p.name} = {p.value + away:.4g} {p.unit}"
-    second = replace(first, name=name, model=best.model.with_values(values), misfit=LIKELY_DEVIATES**2)
+    second = replace(first, name=name, model=best.model.with_values(values), misfit=UNSEEN_EFFECT_DEVIATES**2)
     return Rivals((first, second), noise, study.runs[-1])
 
 
@@ -247,7 +253,7 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     if abs(value - p.null) >= std:
         return value
     side = -1.0 if value < p.null or p.upper <= p.null else 1.0
-    return float(np.clip(p.null + side * min(p.typical, LIKELY_DEVIATES * std), p.lower, p.upper))
+    return float(np.clip(p.null + side * min(p.typical, UNSEEN_EFFECT_DEVIATES * std), p.lower, p.upper))
 
 
 def last_motion(run: Run, seconds: float) -> GripperPath:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.series import MIN_HARMONICS, Basis, Series
+from armdyn.experiments.series import MIN_HARMONICS, FourierSeries, SeriesBasis
 
 FIRST_PENALTY = 0.5
 """Penalty of the first round: an excess of 5 % at 20 instants costs as much as a standard deviation 1 % larger."""
@@ -33,11 +33,11 @@ LIMIT_CLEARANCE_SHARE = 1e-9
 MIN_MOTION_SCALE = 1.0 / 64.0
 """Smallest factor on a motion; one that must be made smaller is given up."""
 
-Say = Callable[[str], None]
+ReportProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluated:
+class EvaluatedMotion:
     """Cost and limits of a motion.
 
     Attributes:
@@ -60,7 +60,7 @@ class MotionProblem(ABC):
         starts: number of random motions, the best of all, from which a search starts; the best after one round goes on.
     """
 
-    series: Series
+    series: FourierSeries
     limits: MotionLimits
     starts: int
 
@@ -71,7 +71,7 @@ class MotionProblem(ABC):
 
     @property
     @abstractmethod
-    def finer(self) -> Basis:
+    def finer(self) -> SeriesBasis:
         """The series at the instants at which positions, velocities and accelerations are limited."""
 
     @abstractmethod
@@ -79,7 +79,7 @@ class MotionProblem(ABC):
         """Exact cost of a motion, for comparing motions."""
 
     @abstractmethod
-    def effect(self, x: np.ndarray) -> Evaluated:
+    def effect(self, x: np.ndarray) -> EvaluatedMotion:
         """Cost of a motion, and its limits except the kinematic ones, with their gradient."""
 
     @abstractmethod
@@ -106,7 +106,7 @@ class MotionProblem(ABC):
         reach = self.limits.velocity * self.series.period / (np.pi * self.series.harmonics)
         return np.minimum(self.limits.half, reach)
 
-    def evaluate(self, x: np.ndarray) -> Evaluated:
+    def evaluate(self, x: np.ndarray) -> EvaluatedMotion:
         """Cost and all limits of a motion, with their gradient."""
         inner, beyond = self.effect(x), self.limits.beyond(self.finer.motion(x))
 
@@ -114,25 +114,25 @@ class MotionProblem(ABC):
             parts = [(w[0] - w[1]) / size for w, size in zip(weights, self.limits.sizes, strict=False)]
             return np.asarray(inner.gradient(weights[len(parts) :]) + self.finer.gradient(*parts))
 
-        return Evaluated(inner.cost, [*beyond, *inner.beyond], gradient)
+        return EvaluatedMotion(inner.cost, [*beyond, *inner.beyond], gradient)
 
     def kinematic_excess(self, x: np.ndarray) -> float:
         """Largest share by which a position, velocity or acceleration exceeds its limit."""
         return float(np.max(self.limits.beyond(self.finer.motion(x))))
 
 
-def scale(x: np.ndarray, size: float) -> np.ndarray:
+def scale_about_centre(x: np.ndarray, size: float) -> np.ndarray:
     """Scale a motion about its centre."""
     smaller = size * x
     smaller[:, 0] = x[:, 0]
     return smaller
 
 
-def shrink(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.ndarray | None:
+def shrink_within_limits(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.ndarray | None:
     """Make a motion smaller until its limits hold on the grid; None where almost nothing would remain."""
     size = 1.0
     while size >= MIN_MOTION_SCALE:
-        smaller = scale(x, size)
+        smaller = scale_about_centre(x, size)
         excess = problem.excess(smaller)
         if excess <= tolerance:
             return smaller
@@ -140,7 +140,9 @@ def shrink(problem: MotionProblem, x: np.ndarray, tolerance: float = 0.0) -> np.
     return None
 
 
-def random_motions(problem: MotionProblem, most: int, rng: np.random.Generator, say: Say) -> list[np.ndarray]:
+def random_motions(
+    problem: MotionProblem, most: int, rng: np.random.Generator, say: ReportProgress
+) -> list[np.ndarray]:
     """Random motions inside the limits, as large as these allow; fewer than `most` where some could not be made."""
     found = []
     for k in range(most):
@@ -169,10 +171,12 @@ def random_motion(problem: MotionProblem, rng: np.random.Generator) -> np.ndarra
     room = np.array([apart, limits.velocity, limits.acceleration]) / peaks
     x *= (1.0 - LIMIT_CLEARANCE_SHARE) * room.min(axis=0)[:, None]
     x[:, 0] = centre
-    return shrink(problem, x)
+    return shrink_within_limits(problem, x)
 
 
-def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence[float], say: Say) -> np.ndarray:
+def best_motion(
+    problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence[float], say: ReportProgress
+) -> np.ndarray:
     """(axes, size) coefficients of the best motion from the best of (axes, size) starts, nearly inside the limits."""
     rounds, done = len(problem.steps) + min(problem.starts, len(starts)) - 1, count(1)
 
@@ -181,14 +185,14 @@ def search(problem: MotionProblem, starts: Sequence[np.ndarray], costs: Sequence
 
     tried = []
     for k, i in enumerate(np.argsort(costs)[: problem.starts]):
-        x = improve(problem, starts[i], last=1, done=one_more)
-        inside = shrink(problem, x, COMPARED_EXCESS)
+        x = optimise_motion(problem, starts[i], last=1, done=one_more)
+        inside = shrink_within_limits(problem, x, COMPARED_EXCESS)
         tried.append((np.inf if inside is None else problem.cost(inside), k, x))
     _, _, x = min(tried)
-    return improve(problem, x, first=1, done=one_more)
+    return optimise_motion(problem, x, first=1, done=one_more)
 
 
-def improve(
+def optimise_motion(
     problem: MotionProblem,
     start: np.ndarray,
     *,
@@ -208,7 +212,7 @@ def improve(
     multipliers: list[np.ndarray] | None = None
     unit, x = problem.unit[:, None], start
     for k in range(first, len(problem.steps) if last is None else last):
-        lagrangian = Lagrangian(problem.about(x), FIRST_PENALTY * PENALTY_GROWTH**k, multipliers)
+        lagrangian = AugmentedLagrangian(problem.about(x), FIRST_PENALTY * PENALTY_GROWTH**k, multipliers)
         found = minimize(
             lambda point, cost=lagrangian: cost(point.reshape(start.shape)), (x / unit).ravel(), jac=True,
             method="L-BFGS-B", options={"maxiter": problem.steps[k], "maxcor": 20},
@@ -220,7 +224,7 @@ def improve(
 
 
 @dataclass(frozen=True, eq=False)
-class Lagrangian:
+class AugmentedLagrangian:
     """The augmented Lagrangian f + (rho/2) sum max(0, c + lambda/rho)^2, in units of `MotionProblem.unit`.
 
     Attributes:

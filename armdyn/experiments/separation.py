@@ -36,7 +36,7 @@ MAX_REFIT_STEPS = 12
 """Largest number of steps of a refit of the rival."""
 
 
-class Rival:
+class RefittedRival:
     """A hypothesis that is fitted to the prediction of another one; it is also the cost that `descend` minimises."""
 
     def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
@@ -92,14 +92,14 @@ class ExpectedOutcome:
         return float(self.belief @ self.right)
 
 
-def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+def hypothesis_probabilities(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
     """(h,) probability of each hypothesis from its fit to the runs so far."""
     misfit = np.array([h.misfit for h in hypotheses])
     weight = np.exp(-0.5 * (misfit - misfit.min()))
     return np.asarray(weight / weight.sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, seed: int = 0) -> ExpectedOutcome:
+def expected_outcome(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, seed: int = 0) -> ExpectedOutcome:
     """Predict the result of an experiment, with every rival refitted nonlinearly."""
     predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
     count = len(predicted)
@@ -116,12 +116,12 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, see
         for j, rival in enumerate(predicted):
             if i == j:
                 continue
-            rises[i, j], best = Rival(rival, readings).refitted()
+            rises[i, j], best = RefittedRival(rival, readings).refitted()
             other = _rise(rival, best, (readings - rival.predict(best)[0])[:, None] + off)
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > TIE_CHI2
         right[i] = float(np.mean(wins))
-    return ExpectedOutcome(rises, right, beliefs(hypotheses))
+    return ExpectedOutcome(rises, right, hypothesis_probabilities(hypotheses))
 
 
 def _rise(rival: PredictedExperiment, values: np.ndarray, rest: np.ndarray) -> np.ndarray:

@@ -42,7 +42,7 @@ class AxisMotion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
+class SeriesBasis:
     """The functions of a series at some instants; a motion is a linear combination of them.
 
     Attributes:
@@ -64,7 +64,7 @@ class Basis:
 
 
 @dataclass(frozen=True)
-class Series:
+class FourierSeries:
     """The Fourier series of which the position of an axis consists.
 
     Attributes:
@@ -120,9 +120,9 @@ class Series:
             values -= np.concatenate([[1.0], np.zeros(sines.shape[1]), cosines.sum(axis=0)])
         return values
 
-    def at(self, time: np.ndarray) -> Basis:
+    def at(self, time: np.ndarray) -> SeriesBasis:
         """The functions and their derivatives at (n,) times, s."""
-        return Basis(time, np.stack([self.functions(time, k) for k in range(3)]))
+        return SeriesBasis(time, np.stack([self.functions(time, k) for k in range(3)]))
 
     def low(self, harmonics: int) -> np.ndarray:
         """(size, size) projection of coefficients onto the first `harmonics` harmonics; the centre stays."""

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import orth, qr
 
-from armdyn.experiments.columns import Columns, random_states
+from armdyn.experiments.columns import TorqueRegressor, random_joint_states
 
 RANDOM_STATES = 300
 """Number of random states that represent all states; each gives a row per joint, many times the number of unknowns."""
@@ -14,27 +14,27 @@ MIN_VISIBLE_CHANGE = 0.5
 """Root mean square over random states, all joints together, of a change that a motion can reveal, in units of the
 noise. A designed motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out by 5
 standard deviations."""
-ROUNDING_TORQUE = 1e-6
+ROUNDING_TORQUE_DEVIATES = 1e-6
 """Change of a torque, in units of the noise, that is only rounding."""
 MIN_CHANGE_SHARE = 1e-3
 """Least share of an unknown in a change that no motion reveals, if it takes part in the change at all."""
 
 
-def random_rows(columns: Columns) -> np.ndarray:
+def regressor_at_random_states(columns: TorqueRegressor) -> np.ndarray:
     """(N, P) regressor at random states all over the arm's limits, in typical sizes of the unknowns."""
-    found = columns.at(random_states(columns.arm, RANDOM_STATES))
+    found = columns.at(random_joint_states(columns.arm, RANDOM_STATES))
     rows = found.reshape(-1, found.shape[2])
-    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE] = 0.0
+    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_DEVIATES] = 0.0
     return rows
 
 
-def distinguishable(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+def distinguishable_changes(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
     """(len(own), k) orthonormal changes of the `own` unknowns that some motion distinguishes from the `others`.
 
     A change of typical size that the noise hides even at full speed and acceleration counts as indistinguishable.
 
     Args:
-        rows: (N, P) see `random_rows`.
+        rows: (N, P) see `regressor_at_random_states`.
         own: indices of some unknowns.
         others: indices of other unknowns.
     """
@@ -45,7 +45,7 @@ def distinguishable(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np
     return np.asarray(directions[shows].T)
 
 
-def hopeless(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+def unidentifiable_unknowns(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Indices of the `own` unknowns that no motion distinguishes from the rest of them and from `others`."""
     X = rows[:, np.concatenate([own, others])]
     lengths = np.linalg.norm(X, axis=0)
@@ -54,7 +54,7 @@ def hopeless(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarra
     return np.asarray(own[np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_CHANGE_SHARE])
 
 
-def independent(rows: np.ndarray) -> np.ndarray:
+def independent_columns(rows: np.ndarray) -> np.ndarray:
     """Indices of independent columns that span all others: base parameters by a QR decomposition.
 
     Source: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic Systems 8(4), 1991.

@@ -16,8 +16,8 @@ from armdyn.arm.prepared import interior
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
-from armdyn.inspection.kinematics import averages
+from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
+from armdyn.inspection.kinematics import local_averages
 from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
 from armdyn.readout import lagged
@@ -37,7 +37,7 @@ LARGE_EFFECT_SIZES = {
     "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
 }  # fmt: skip
 """Size that an effect often has, in typical sizes; Baxter's spring is 3.5 times as large as a spring typically is."""
-SIGN_ROUNDS = 3
+SIGN_ESTIMATION_ROUNDS = 3
 """Number of times that the signs of torques recorded without sign are decided anew."""
 SLIGHT_TORQUE_SHARE = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
@@ -69,7 +69,7 @@ IGNORED_MOMENTS_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class Description:
+class DescriptionCorrection:
     """Possible errors of a model's description, rather than of a recording.
 
     Attributes:
@@ -91,7 +91,7 @@ class Description:
 
     def of(self, model: pin.Model) -> pin.Model:
         """The arm's model with these errors corrected."""
-        if replace(self, lag=0.0, magnitudes=False, compensated=False) == Description():
+        if replace(self, lag=0.0, magnitudes=False, compensated=False) == DescriptionCorrection():
             return model
         changed = model.copy()
         if self.gravity is not None:
@@ -124,14 +124,14 @@ def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
     return np.moveaxis(found.reshape(series.shape), 0, 1)
 
 
-AS_DESCRIBED = Description()
-NO_DESCRIPTION = Description(mass=0.0)
+AS_DESCRIBED = DescriptionCorrection()
+MASSLESS = DescriptionCorrection(mass=0.0)
 """A description without mass: it explains no torque."""
 
 
-Meaning: TypeAlias = tuple[Correction, Description]
+RecordingHypothesis: TypeAlias = tuple[Correction, DescriptionCorrection]
 """A hypothesis: how the recording is to be read, and with which description it is compared."""
-Positions: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
+PositionReadings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
 """How positions are to be read, by channel."""
 
 
@@ -181,7 +181,7 @@ class ArmRun:
         """(n,) averages of a torque around the moments, with the delay and the rate error of its stamps corrected."""
         recorded = self.run.channels[channel]
         stamps = CorrectedReading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
-        return averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
+        return local_averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
 
     @cached_property
     def measured(self) -> np.ndarray:
@@ -204,7 +204,7 @@ class ArmRun:
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample of the torques as recorded."""
         residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
-        return independent(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
+        return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
 
     def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
@@ -217,7 +217,7 @@ class ArmRun:
         factor, offset = np.array([(r.factor, r.offset) for r in readings]).T
         return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
 
-    def described(self, motion: Motion, description: Description = AS_DESCRIBED) -> np.ndarray:
+    def described(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
         """(J, n) torques of the model as it is, with its own or another description."""
         changed = description.of(self.model.arm.model)
         if self._own.effects:
@@ -243,7 +243,7 @@ class ArmRun:
         limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.of_joint, None]
         return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
-    def screen(self, meanings: Sequence[Meaning]) -> np.ndarray:
+    def screen(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
         """(h,) log evidence without inertias, springs and payloads, in a hundredth of the time of `log_evidence`.
 
         Every joint has friction, a rotor, an offset and a model error of a tenth of its torque.
@@ -270,7 +270,9 @@ class ArmRun:
         return np.asarray(total - cost - self._too_strong(y))
 
     @cached_with_first_argument
-    def _coarse(self, positions: Positions, description: Description) -> tuple[np.ndarray, np.ndarray, float]:
+    def _coarse(
+        self, positions: PositionReadings, description: DescriptionCorrection
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
         m = self.moved(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_MOMENT_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
@@ -287,7 +289,10 @@ class ArmRun:
         return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(log_factor))
 
     def log_evidence(
-        self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
+        self,
+        correction: Correction,
+        description: DescriptionCorrection = AS_DESCRIBED,
+        weight: np.ndarray | None = None,
     ) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
         m = self.moved(correction)
@@ -300,21 +305,23 @@ class ArmRun:
             f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
             f, columns = description.read(m.time, f, columns)
-        found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
-        for _ in range(SIGN_ROUNDS if description.magnitudes else 0):  # the effects also decide the sign of a torque
+        found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+        for _ in range(
+            SIGN_ESTIMATION_ROUNDS if description.magnitudes else 0
+        ):  # the effects also decide the sign of a torque
             f, columns = with_sign_of_total(f + columns @ found.sizes, f, columns)
-            found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+            found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
     def nothing(self) -> float:
         """Log evidence of a description that explains nothing; a mistake must explain more than it."""
-        return self.log_evidence(Correction(), NO_DESCRIPTION).value
+        return self.log_evidence(Correction(), MASSLESS).value
 
     def gravity(self, correction: Correction) -> np.ndarray:
         """(3,) gravity, m/s^2, that explains the torques best, fitted together with friction and offsets."""
         m = self.moved(correction)
         y, *_ = self.read(correction)
-        gap = y - self.described(m, Description((0.0, 0.0, 0.0)))
+        gap = y - self.described(m, DescriptionCorrection((0.0, 0.0, 0.0)))
         X = np.concatenate([self._per_gravity(m), self._of_drives(m)[:, :, :3]], axis=2)
         turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(y**2, axis=1), 1e-12)[:, None, None]
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]

@@ -12,7 +12,7 @@ from armdyn.errors import TaskFailedError
 from armdyn.inspection.correction import Correction
 from armdyn.run import Run
 
-Kind: TypeAlias = Literal[
+CheckKind: TypeAlias = Literal[
     "angle_unit", "torque_unit", "torque_sign", "position_sign", "joints_swapped", "position_offset", "clock_shift",
     "gravity_direction", "scale", "gap", "glitch", "counts_lost", "saturated", "frozen", "repeated_samples", "rate",
     "noise_misstated", "no_motion", "implausible_model", "samples_dropped", "second_publisher", "joint_left_out",
@@ -55,7 +55,7 @@ class Check:
         correction: correction of the recording; None where only a new recording helps.
     """
 
-    kind: Kind
+    kind: CheckKind
     severity: Severity
     run: str | None
     channels: tuple[str, ...]
@@ -120,17 +120,17 @@ class Inspection:
         return found
 
 
-def listed(names: Sequence[str]) -> str:
+def names_in_words(names: Sequence[str]) -> str:
     """Names for a sentence; of many names the first ones and the number of all."""
     return ", ".join(names) if len(names) <= MAX_LISTED_NAMES else f"{names[0]} and {len(names) - 1} more"
 
 
-def by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:
+def sorted_by_severity(checks: Sequence[Check]) -> tuple[Check, ...]:
     """Sort findings, the worst first; equal ones keep their order."""
     return tuple(sorted(checks, key=lambda check: list(Severity).index(check.severity)))
 
 
-def amount(value: float) -> str:
+def rounded(value: float) -> str:
     """Format a number with its significant digits."""
     return f"{float(np.format_float_positional(value, 3, fractional=False)):g}"
 

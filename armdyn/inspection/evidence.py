@@ -20,7 +20,7 @@ import numpy as np
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import log_det, solve_bounded
 
-LACK_SIZES = (0.1, 0.3, 1.0, 3.0)
+MISSING_EFFECT_SIZES = (0.1, 0.3, 1.0, 3.0)
 """Values of s that are tried: size of what a description lacks, in typical sizes of effects."""
 MODEL_ERROR_FLOOR = 0.1
 """Model error that every model may have, as a share of a channel's root mean square. A mistake makes a larger one; with
@@ -28,12 +28,12 @@ MODEL_ERROR_FLOOR = 0.1
 exchanged joints."""
 MIN_INDEPENDENT_SHARE_OF_SAMPLES = 0.1
 """Least number of independent samples per sample of a reading that changes."""
-SIGMA_ROUNDS = 3
+NOISE_ESTIMATION_ROUNDS = 3
 """Rounds in which sigma is estimated; the evidence then changes by less than a nat."""
 
 
 @dataclass(frozen=True, eq=False)
-class Channels:
+class ChannelReadings:
     """Readings of J channels at n moments, with the prediction of a model.
 
     Attributes:
@@ -74,22 +74,22 @@ class Evidence:
     sizes: np.ndarray
 
 
-def evidence(given: Channels) -> Evidence:
-    """The evidence at the best of `LACK_SIZES`, all of which are evaluated at once."""
+def evidence(given: ChannelReadings) -> Evidence:
+    """The evidence at the best of `MISSING_EFFECT_SIZES`, all of which are evaluated at once."""
     gap = given.measured - given.described
     scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
-    size = np.array(LACK_SIZES)[:, None]
+    size = np.array(MISSING_EFFECT_SIZES)[:, None]
     lower = np.where(given.positive, 0.0, -np.inf)
-    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(LACK_SIZES), 1))
+    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(MISSING_EFFECT_SIZES), 1))
 
     def spread() -> np.ndarray:
         """(s, p, p) information of the readings on the sizes, with their prior."""
         G = np.tensordot(given.weight / variance, grams, axes=1)
         return np.asarray(np.eye(G.shape[1]) + size[:, :, None] ** 2 * G)
 
-    for _ in range(SIGMA_ROUNDS):
+    for _ in range(NOISE_ESTIMATION_ROUNDS):
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
         residual = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
@@ -102,14 +102,13 @@ def evidence(given: Channels) -> Evidence:
     return Evidence(float(value[best]), residual[best], np.mean(residual[best] ** 2, axis=1) / scale**2, theta[best])
 
 
-def independent(
+def independent_sample_share(
     measured: np.ndarray, residual: np.ndarray, min_rms: np.ndarray, after: np.ndarray | None = None
 ) -> np.ndarray:
     """(J,) independent samples per sample of (J, n) readings as recorded.
 
     The model's error changes as slowly as the residual (J, n), and where a reading is constant, many samples count as
-    one; `min_rms` as in `Channels`. The readings shortly `after`, (J, n), show by their correlation whether a reading
-    changes; without them the next moments are used.
+    one.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in residual])
     centred = measured - measured.mean(axis=1, keepdims=True)

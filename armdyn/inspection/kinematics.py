@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.inspection import signals
-from armdyn.inspection.check import Check, Kind, Severity, amount, listed
+from armdyn.inspection.check import Check, CheckKind, Severity, names_in_words, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
@@ -33,7 +33,7 @@ MIN_EXPLAINED_REST = 0.4
 """Share of the unexplained part of a rate that another position or clock must explain."""
 MAX_UNRELATED_CORRELATION = 0.5
 """Correlation below which a rate does not belong to its position."""
-RATE_FACTORS: tuple[tuple[float, Kind, str], ...] = (
+RATE_FACTORS: tuple[tuple[float, CheckKind, str], ...] = (
     (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
     (0.5 / np.pi, "angle_unit", "are in turns per second and called rad/s"),
@@ -44,12 +44,12 @@ RATE_FACTORS: tuple[tuple[float, Kind, str], ...] = (
 RATE_OF_POSITION = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
-Meaning = tuple[Kind, str, CorrectedReading]
+RateMistake = tuple[CheckKind, str, CorrectedReading]
 """A mistake: its kind, the mistake in words, and how the rate is to be read."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class RateAndSlope:
     """A rate and the slope of the position that it should belong to, at common moments.
 
     Attributes:
@@ -77,8 +77,8 @@ class Pair:
 
 def rate_checks(run: Run) -> Iterator[Check]:
     """Find mistakes in the rates of a recording."""
-    found: dict[tuple[Kind, str], dict[Pair, CorrectedReading]] = {}
-    pairs, moments = moving_pairs(run)
+    found: dict[tuple[CheckKind, str], dict[RateAndSlope, CorrectedReading]] = {}
+    pairs, moments = rates_and_slopes(run)
     for pair in pairs:
         meaning = _elsewhere(run, pair, pairs, moments) or _in_another_unit(pair)
         if meaning is not None:
@@ -89,32 +89,32 @@ def rate_checks(run: Run) -> Iterator[Check]:
             said = f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})"
             remedy = f"leave {pair.rate} out, or find out what it is"
         elif pair.alike > MIN_RATE_CORRELATION and not _is_one(pair.factor):
-            said = f"{pair.rate} is {amount(pair.factor)} times the derivative of {pair.position}: "
+            said = f"{pair.rate} is {rounded(pair.factor)} times the derivative of {pair.position}: "
             said += "a gear ratio, or stamps of the wrong rate"
-            remedy = f"divide {pair.rate} by {amount(pair.factor)}, or check the unit of 'time'"
+            remedy = f"divide {pair.rate} by {rounded(pair.factor)}, or check the unit of 'time'"
         else:
             continue
         yield Check("rate", Severity.SUSPECT, run.name, (pair.rate, pair.position), said, remedy)
     for (kind, said), readings in found.items():
         names = [pair.rate for pair in readings]
         yield Check(
-            kind, Severity.WRONG, run.name, tuple(names), f"{listed(names)} {said}",
+            kind, Severity.WRONG, run.name, tuple(names), f"{names_in_words(names)} {said}",
             f"armdyn inspect {run.source or run.name} --fix fixed",
             evidence=min(_nats(pair, reading) for pair, reading in readings.items()),
             correction=Correction({pair.rate: reading for pair, reading in readings.items()}),
         )  # fmt: skip
 
 
-def consistent(run: Run) -> Run:
+def without_inconsistent_rates(run: Run) -> Run:
     """The run without rates and accelerations that contradict its positions."""
-    pairs, _ = moving_pairs(run)
+    pairs, _ = rates_and_slopes(run)
     wrong = {p.rate for p in pairs if p.alike < MIN_RATE_CORRELATION or not _is_one(p.factor)}
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
 
 @cached_with_first_argument
-def moving_pairs(run: Run) -> tuple[list[Pair], np.ndarray]:
+def rates_and_slopes(run: Run) -> tuple[list[RateAndSlope], np.ndarray]:
     """Every rate with the position to which it should belong, where that moves, and the (n,) moments."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(RATE_OF_POSITION.items())
     named = [(q, v) for q, v in named if q in run.channels and v in run.channels]
@@ -124,13 +124,13 @@ def moving_pairs(run: Run) -> tuple[list[Pair], np.ndarray]:
     moments = np.linspace(begin, end, RATE_MOMENTS)
     found = []
     for q, v in named if begin < end else ():
-        slope, noise = slopes(run.channels[q], moments)
-        if float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.moves(run.channels[q]):
-            found.append(Pair(q, v, slope, averages(run.channels[v], moments)))
+        slope, noise = local_slopes(run.channels[q], moments)
+        if float(np.std(slope)) > MIN_SPEED_DEVIATES * noise and signals.changes_beyond_noise(run.channels[q]):
+            found.append(RateAndSlope(q, v, slope, local_averages(run.channels[v], moments)))
     return found, moments
 
 
-def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
+def local_slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     """(n,) slopes of a channel around moments, from fitted lines, and the standard deviation of their noise."""
     near = max(SLOPE_SECONDS, 1.6 * float(np.median(np.diff(channel.time))))
     time, value = channel.time - channel.time[0], channel.value - channel.value.mean()
@@ -143,7 +143,7 @@ def slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
     return (one * tx - t * x) / spread, noise
 
 
-def averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS) -> np.ndarray:
+def local_averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS) -> np.ndarray:
     """(n,) averages of a channel over `near` s to either side of moments."""
     near = max(near, 1.6 * float(np.median(np.diff(channel.time))))
     total = np.concatenate([[0.0], np.cumsum(channel.value)])
@@ -162,7 +162,7 @@ def _is_one(ratio: float) -> bool:
     return RATE_RATIO_RANGE[0] < ratio < RATE_RATIO_RANGE[1]
 
 
-def _nats(pair: Pair, reading: CorrectedReading) -> float:
+def _nats(pair: RateAndSlope, reading: CorrectedReading) -> float:
     """Log ratio of a rate's probability under `reading` to that as it is; a tenth of the moments are independent."""
     size = float(np.mean(pair.value**2))
     stands = float(np.mean((pair.value - pair.slope) ** 2))
@@ -171,7 +171,7 @@ def _nats(pair: Pair, reading: CorrectedReading) -> float:
     return 0.05 * len(pair.value) * float(np.log(max(stands / max(left, 1e-300), 1.0)))
 
 
-def _in_another_unit(pair: Pair) -> Meaning | None:
+def _in_another_unit(pair: RateAndSlope) -> RateMistake | None:
     """The unit or sign that a rate has; None for its own."""
     meant = (
         (kind, said, CorrectedReading(pair.rate, 1.0 / factor))
@@ -181,7 +181,7 @@ def _in_another_unit(pair: Pair) -> Meaning | None:
     return next(meant, None)
 
 
-def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> Meaning | None:
+def _elsewhere(run: Run, pair: RateAndSlope, pairs: list[RateAndSlope], moments: np.ndarray) -> RateMistake | None:
     """Another position, or another clock, that a rate fits; None where there is none."""
     if pair.alike >= CERTAIN_RATE_CORRELATION:
         return None
@@ -193,7 +193,7 @@ def _elsewhere(run: Run, pair: Pair, pairs: list[Pair], moments: np.ndarray) -> 
         return "joints_swapped", "are exchanged: each is the rate of another joint", CorrectedReading(best)
     channel = run.channels[pair.rate]
     shifted = {
-        s: _correlation(pair.slope, averages(Channel(channel.time - s, channel.value, channel.unit), moments))
+        s: _correlation(pair.slope, local_averages(Channel(channel.time - s, channel.value, channel.unit), moments))
         for s in RATE_CLOCK_SHIFTS.tolist()
     }
     late = max(shifted, key=lambda s: shifted[s])

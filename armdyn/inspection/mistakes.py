@@ -6,8 +6,8 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, Description
-from armdyn.inspection.check import MODEL_PLACEHOLDER, Kind
+from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, DescriptionCorrection
+from armdyn.inspection.check import MODEL_PLACEHOLDER, CheckKind
 from armdyn.inspection.correction import CorrectedReading, Correction
 
 ANGLE_UNITS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
@@ -67,12 +67,12 @@ class Mistake:
         clock: sentence on a clock, with a placeholder for its error, which is fitted; empty for other mistakes.
     """
 
-    kind: Kind
+    kind: CheckKind
     channels: tuple[str, ...]
     said: str
     remedy: str = ""
     correction: Correction = field(default_factory=Correction)
-    description: Description = AS_DESCRIBED
+    description: DescriptionCorrection = AS_DESCRIBED
     price: float = 0.0
     correctable: bool = True
     is_effect: bool = False
@@ -86,29 +86,29 @@ class Mistake:
     def with_clock(self, late: float, pace: float) -> "Mistake":
         """A copy of the mistake with another clock error of all its channels."""
         readings = {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
-        return replace(self, said=self.clock.format(stamps(late, pace)), correction=Correction(readings))
+        return replace(self, said=self.clock.format(clock_error_in_words(late, pace)), correction=Correction(readings))
 
 
-def stamps(late: float, pace: float) -> str:
+def clock_error_in_words(late: float, pace: float) -> str:
     """The error of stamps in words, for a sentence."""
     shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
     drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
     return drift if pace and abs(late) < MIN_CLOCK_SHIFT else f"{shift} and {drift}" if pace else shift
 
 
-def read_as(
-    kind: Kind, channels: Iterable[str], said: str, factor: float = 1.0, *, offset: float = 0.0, price: float = 0.0
+def scaled_channels_mistake(
+    kind: CheckKind, channels: Iterable[str], said: str, factor: float = 1.0, *, offset: float = 0.0, price: float = 0.0
 ) -> Mistake:
     """The mistake that some channels have a factor and an offset."""
     readings = {name: CorrectedReading(name, factor, offset) for name in channels}
     return Mistake(kind, tuple(readings), said, correction=Correction(readings), price=price)
 
 
-def stamped(
+def shifted_clock_mistakes(
     channels: Iterable[str], said: str, price: float, shifts: Iterable[float], rates: Iterable[float] = ()
 ) -> Iterator[Mistake]:
     """Mistakes of the clock of some channels: delays, s, those of `SENSOR_LAGS` being effects, and rate errors."""
-    of_channels = replace(read_as("clock_shift", channels, said, price=price), clock=said)
+    of_channels = replace(scaled_channels_mistake("clock_shift", channels, said, price=price), clock=said)
     for late, pace in (*((late, 0.0) for late in shifts), *((0.0, pace) for pace in rates)):
         yield replace(of_channels.with_clock(late, pace), is_effect=late in SENSOR_LAGS)
 
@@ -117,24 +117,28 @@ def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
     return [name for kind in kinds for joint in joints if (name := f"{kind}.{joint}") in run.run.channels]
 
 
-def angle_units(run: ArmRun) -> Iterator[Mistake]:
+def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Degrees are declared as rad, or the reverse."""
     turning = [joint for joint in run.model.arm.joints if not run.slides(joint)]
     for factor, said in ANGLE_UNITS:
-        yield read_as("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
+        yield scaled_channels_mistake("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
         for joint in run.joints if len(run.joints) > 1 else ():
             if not run.slides(joint) and (own := _recorded(run, "qva", (joint,))):
-                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS)
+                yield scaled_channels_mistake(
+                    "angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS
+                )
 
 
-def torque_units(run: ArmRun) -> Iterator[Mistake]:
+def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Torques of all joints or of one are in another unit, or are currents."""
     every = tuple(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
-        yield read_as("torque_unit", every, f"torques are in {unit} and called N m", factor, price=price)
+        yield scaled_channels_mistake(
+            "torque_unit", every, f"torques are in {unit} and called N m", factor, price=price
+        )
         for name in every if len(every) > 1 and unit in SINGLE_JOINT_UNITS else ():
             said = f"{name} is in {unit} and called N m"
-            yield read_as("torque_unit", (name,), said, factor, price=SINGLE_JOINT_PRICE_NATS)
+            yield scaled_channels_mistake("torque_unit", (name,), said, factor, price=SINGLE_JOINT_PRICE_NATS)
     products, squares = np.sum(run.described(run.motion) * run.measured, axis=1), np.sum(run.measured**2, axis=1)
     constants = products / np.maximum(squares, 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
@@ -147,7 +151,7 @@ def torque_units(run: ArmRun) -> Iterator[Mistake]:
         size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
         said = f"torques are about {size}: those of the motors before their gears, or in a unit of their own"
         yield replace(
-            read_as("torque_unit", every, said, whole, price=OWN_FACTOR_PRICE_NATS),
+            scaled_channels_mistake("torque_unit", every, said, whole, price=OWN_FACTOR_PRICE_NATS),
             remedy="give gear_ratio, or scale, in the map of 'armdyn import'", correctable=False,
         )  # fmt: skip
     if TORQUE_CONSTANT_RANGE[0] < likely < TORQUE_CONSTANT_RANGE[1]:
@@ -160,18 +164,22 @@ def torque_units(run: ArmRun) -> Iterator[Mistake]:
         )  # fmt: skip
 
 
-def signs(run: ArmRun) -> Iterator[Mistake]:
+def sign_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Torques or positions have the opposite sign."""
     torques, several = list(run.channels), len(run.joints) > 1
-    yield read_as("torque_sign", torques, "all torques have the wrong sign", -1.0)
+    yield scaled_channels_mistake("torque_sign", torques, "all torques have the wrong sign", -1.0)
     for name in torques if len(torques) > 1 else ():
-        yield read_as("torque_sign", (name,), f"{name} has the wrong sign", -1.0)
-    yield read_as("position_sign", _recorded(run, "qva", run.joints), "all positions have the wrong sign", -1.0)
+        yield scaled_channels_mistake("torque_sign", (name,), f"{name} has the wrong sign", -1.0)
+    yield scaled_channels_mistake(
+        "position_sign", _recorded(run, "qva", run.joints), "all positions have the wrong sign", -1.0
+    )
     for joint in run.joints if several else ():
-        yield read_as("position_sign", _recorded(run, "qva", (joint,)), f"q.{joint} counts the other way", -1.0)
+        yield scaled_channels_mistake(
+            "position_sign", _recorded(run, "qva", (joint,)), f"q.{joint} counts the other way", -1.0
+        )
 
 
-def orders(run: ArmRun) -> Iterator[Mistake]:
+def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """The columns of two joints are exchanged, or all joints are in another order."""
     joints = run.joints
     by_name = tuple(sorted(joints))
@@ -201,23 +209,27 @@ def orders(run: ArmRun) -> Iterator[Mistake]:
                 )  # fmt: skip
 
 
-def zeros(run: ArmRun) -> Iterator[Mistake]:
+def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """The zero of one joint is off by a quarter or half a turn."""
     for joint in run.joints:
         for said, offset in () if run.slides(joint) else ZERO_OFFSETS.items():
             name = f"q.{joint}"
-            yield read_as("position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset)
+            yield scaled_channels_mistake(
+                "position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset
+            )
 
 
-def clocks(run: ArmRun) -> Iterator[Mistake]:
+def clock_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Torques have another clock than positions; early torques may be commands."""
     said, price = "torques are stamped {} against the positions", LATE_CLOCK_PRICE_NATS
-    yield from stamped(run.channels, said, price, (*SENSOR_LAGS, *TORQUE_CLOCK_SHIFTS), CLOCK_RATE_ERRORS)
+    yield from shifted_clock_mistakes(
+        run.channels, said, price, (*SENSOR_LAGS, *TORQUE_CLOCK_SHIFTS), CLOCK_RATE_ERRORS
+    )
     commands = f"{said}, or are commands, which the drive follows later"
-    yield from stamped(run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS))
+    yield from shifted_clock_mistakes(run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS))
 
 
-def mountings(run: ArmRun) -> Iterator[Mistake]:
+def gravity_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Gravity has another direction than described, or was subtracted from the torques."""
     g = run.model.gravity()
     size = float(np.linalg.norm(g))
@@ -232,7 +244,7 @@ def mountings(run: ArmRun) -> Iterator[Mistake]:
         if way @ g > np.cos(MIN_MOUNTING_ANGLE) * size:
             continue
         there = size * way + 0.0
-        roll, pitch = rolled(there)
+        roll, pitch = roll_and_pitch(there)
         recording = run.run.source or run.run.name
         yield Mistake(
             "gravity_direction", run.channels,
@@ -241,53 +253,64 @@ def mountings(run: ArmRun) -> Iterator[Mistake]:
             f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
             f"'armdyn add {MODEL_PLACEHOLDER} base_tilt {recording} --trust-data' "
             f"(roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
-            description=Description(gravity=tuple(there.tolist())), price=3.0,
+            description=DescriptionCorrection(gravity=tuple(there.tolist())), price=3.0,
         )  # fmt: skip
-    for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
+    for out in (DescriptionCorrection(gravity=(0.0, 0.0, 0.0)), DescriptionCorrection(compensated=True)):
         yield Mistake(
             "without_gravity", run.channels, "gravity is already taken out of the torques",
             "record the whole measured torque (libfranka: tau_J, not tau_J_d)", description=out,
         )  # fmt: skip
 
 
-def rolled(gravity: np.ndarray) -> tuple[float, float]:
+def roll_and_pitch(gravity: np.ndarray) -> tuple[float, float]:
     """Roll and pitch of a base, rad, in whose frame gravity is (3,): g_base = (R_y(pitch) R_x(roll))' g."""
     up = -gravity / np.linalg.norm(gravity)
     # R_x(-roll) R_y(-pitch) e_z = (-sin p, cos p sin r, cos p cos r)
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
 
 
-def readings(run: ArmRun) -> Iterator[Mistake]:
+def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Torques were low-passed or lost their sign, which no correction can undo."""
     for lag in TIME_CONSTANTS:
         yield Mistake(
             "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
-            description=Description(lag=lag), price=LATE_CLOCK_PRICE_NATS,
+            description=DescriptionCorrection(lag=lag), price=LATE_CLOCK_PRICE_NATS,
         )  # fmt: skip
     lowest, largest = np.quantile(run.measured, IGNORED_MOMENTS_SHARE, axis=1), np.max(np.abs(run.measured), axis=1)
     if np.all(lowest >= -IGNORED_MOMENTS_SHARE * largest):
         yield Mistake(
             "sign_missing", run.channels, "torques are magnitudes: their signs are lost",
-            "record torques with their signs", description=Description(magnitudes=True),
+            "record torques with their signs", description=DescriptionCorrection(magnitudes=True),
         )  # fmt: skip
 
 
-def descriptions(run: ArmRun) -> Iterator[Mistake]:
+def description_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Masses or lengths of the description are in another unit."""
     for unit, factor in MASS_UNITS.items():
         yield Mistake(
             "scale", run.channels, f"masses of the description are in {unit} and read as kg",
-            f"multiply every mass and inertia of the URDF by {factor:g}", description=Description(mass=factor),
+            f"multiply every mass and inertia of the URDF by {factor:g}",
+            description=DescriptionCorrection(mass=factor),
         )  # fmt: skip
     for unit, factor in LENGTH_UNITS.items():
         yield Mistake(
             "scale", run.channels, f"lengths of the description are in {unit} and read as m",
-            f"multiply every length of the URDF by {factor:g}", description=Description(length=factor),
+            f"multiply every length of the URDF by {factor:g}", description=DescriptionCorrection(length=factor),
         )  # fmt: skip
 
 
-ARM_MISTAKES = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, readings, descriptions)
+ARM_MISTAKES = (
+    angle_unit_mistakes,
+    torque_unit_mistakes,
+    sign_mistakes,
+    joint_order_mistakes,
+    zero_position_mistakes,
+    clock_mistakes,
+    gravity_mistakes,
+    torque_reading_mistakes,
+    description_mistakes,
+)
 """All kinds of mistakes; a new kind is a further function here."""
 
 

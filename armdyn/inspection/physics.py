@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
-from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, amount
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.mistakes import Mistake
 from armdyn.inspection.swing import SwingRun
@@ -41,7 +41,7 @@ CLOCK_SEARCH_RANGE = 4.0
 """Range of that search, in first steps, to either side of the best value tried."""
 MAX_CLOCKS_TRIED = 80
 """Number of clock errors that such a search tries."""
-Modelled = TypeVar("Modelled", ArmRun, SwingRun)
+ComparedRun = TypeVar("ComparedRun", ArmRun, SwingRun)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,11 @@ class FoundMistake:
         return self.mistake.correction if known and self.mistake.correction.readings else None
 
 
-def find_mistakes(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake]]) -> Iterator[FoundMistake]:
+def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[FoundMistake]:
     """Find the mistakes of a recording; each is corrected before the next one is searched."""
     reported: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(MAX_MISTAKES):
-        found = most_probable(run, list(mistakes(run)))
+        found = most_probable_mistakes(run, list(mistakes(run)))
         for one in found:
             m = one.mistake
             if (m.kind, m.channels) in reported:
@@ -90,7 +90,7 @@ def find_mistakes(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake
             return
 
 
-def most_probable(run: Modelled, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
+def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
     """The mistake, or the two mistakes, that explain a recording; empty where it is best explained as it stands."""
     screened = run.screen([(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)])
     least, values = float(screened[0]) - MAX_FIRST_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
@@ -134,7 +134,7 @@ def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> 
     return near
 
 
-def _best(run: Modelled, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> tuple[FoundMistake, ...]:
+def _best(run: ComparedRun, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> tuple[FoundMistake, ...]:
     """The best of several sets of mistakes; empty where it does not explain the recording."""
     if not sets:
         return ()
@@ -159,7 +159,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> t
     return tuple(FoundMistake(m, values[best] - least, lead, rival) for m in chosen)
 
 
-def _with_fitted_clock(run: Modelled, chosen: tuple[Mistake, ...], which: int) -> Mistake:
+def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int) -> Mistake:
     """A clock mistake with the shift and rate error that explain best, in place of the nearest ones tried."""
     m = chosen[which]
     if not m.clock:
@@ -185,12 +185,12 @@ def _with_fitted_clock(run: Modelled, chosen: tuple[Mistake, ...], which: int) -
     return m.with_clock(FIRST_SHIFT_STEP * late, FIRST_RATE_STEP * pace)
 
 
-def checks(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake]]) -> Iterator[Check]:
+def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[Check]:
     """Findings on a recording from its comparison with the model."""
     for found in find_mistakes(run, mistakes):
         m, certain = found.mistake, found.certain
-        lead = f"{amount(found.lead)} more than anything else"
-        sure = f"{amount(found.gain)} nats more probable than as it stands, {lead}"
+        lead = f"{rounded(found.lead)} more than anything else"
+        sure = f"{rounded(found.gain)} nats more probable than as it stands, {lead}"
         rival = "" if found.rival is None else f", or {found.rival.said}: this recording does not tell which"
         remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.run.source or run.run.name} --fix fixed"
         remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"

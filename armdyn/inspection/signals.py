@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from armdyn.inspection.check import Check, Kind, Severity, amount
+from armdyn.inspection.check import Check, CheckKind, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
+from armdyn.inspection.holds import encoder_channels, least_noise, sticking_joint_checks, stuck_sensor_checks
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
 from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, noise_std_from_differences, normalised_differences
@@ -35,7 +35,7 @@ low-pass makes these differences too small, so only noise that is stated too sma
 MIN_MOTION_DEVIATES = 20.0
 """Least size of a motion, in standard deviations of the noise; also at least `MIN_MOTION_SIZE`."""
 MIN_MOTION_SIZE = 2e-3
-PLAUSIBLE_RANGES: Mapping[str, tuple[float, Kind, str]] = {
+PLAUSIBLE_RANGES: Mapping[str, tuple[float, CheckKind, str]] = {
     "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
     "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
 }  # fmt: skip
@@ -48,7 +48,7 @@ MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
-def gaps(run: Run) -> Iterator[Check]:
+def gap_checks(run: Run) -> Iterator[Check]:
     """Find gaps: samples of every channel are missing for a while."""
     for begin, end in gaps_of(run):
         yield Check(
@@ -68,7 +68,7 @@ def _clocks(run: Run) -> Iterator[tuple[str, Channel, np.ndarray, float]]:
             seen.add(channel.time.tobytes())
 
 
-def dropped(run: Run) -> Iterator[Check]:
+def dropped_sample_checks(run: Run) -> Iterator[Check]:
     """Find single samples, or a few, that are missing from a regular clock's sequence."""
     for name, channel, steps, usual in _clocks(run):
         counts = np.round(steps / usual)
@@ -83,7 +83,7 @@ def dropped(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def rates(run: Run) -> Iterator[Check]:
+def jitter_checks(run: Run) -> Iterator[Check]:
     """Find stamps with jitter."""
     for name, _, steps, usual in _clocks(run):
         spread = float(np.std(steps[steps < GAP_INTERVALS * usual])) / usual
@@ -95,7 +95,7 @@ def rates(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def second_publishers(run: Run) -> Iterator[Check]:
+def second_publisher_checks(run: Run) -> Iterator[Check]:
     """Find positions of two publishers that were recorded as one signal."""
     by_time: dict[bytes, list[str]] = {}
     for name, channel in run.channels.items():
@@ -113,7 +113,7 @@ def second_publishers(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def glitches(run: Run) -> Iterator[Check]:
+def glitch_checks(run: Run) -> Iterator[Check]:
     """Find glitches: single samples far from their neighbours."""
     found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
     found = {name: when for name, when in found.items() if len(when)}
@@ -126,10 +126,10 @@ def glitches(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def repetitions(run: Run) -> Iterator[Check]:
+def repetition_checks(run: Run) -> Iterator[Check]:
     """Find slower signals whose samples were recorded repeatedly."""
     for name, channel in run.channels.items():
-        held = repeated(channel)
+        held = repetitions_per_value(channel)
         if held > 1:
             rate = (len(channel) - 1) / (channel.time[-1] - channel.time[0])
             yield Check(
@@ -140,7 +140,7 @@ def repetitions(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def repeated(channel: Channel) -> int:
+def repetitions_per_value(channel: Channel) -> int:
     """Number of times that each value is repeated; 1 for a signal that was recorded as often as it was measured."""
     change = np.flatnonzero(np.diff(channel.value) != 0.0)
     if len(change) < MIN_SAMPLES:
@@ -153,7 +153,7 @@ def repeated(channel: Channel) -> int:
     return held if held > 1 and regular > 0.8 and not coarse else 1
 
 
-def ends_of_range(run: Run) -> Iterator[Check]:
+def saturation_checks(run: Run) -> Iterator[Check]:
     """Find saturation: many samples have the largest or smallest value."""
     for name, channel in run.channels.items():
         if not channel_kind(name).measured:
@@ -163,34 +163,34 @@ def ends_of_range(run: Run) -> Iterator[Check]:
             top = float(np.abs(channel.value[bad]).max())
             yield Check(
                 "saturated", Severity.SUSPECT, run.name, (name,),
-                f"{100 * bad.mean():.0f} % of {name} stand at {amount(top)} {channel.unit}, the end of its range",
+                f"{100 * bad.mean():.0f} % of {name} stand at {rounded(top)} {channel.unit}, the end of its range",
                 "they are left out; record with a larger range, or move more gently",
                 float(channel.time[bad][0]), float(channel.time[bad][-1]),
             )  # fmt: skip
 
 
-def lost_counts(run: Run) -> Iterator[Check]:
+def lost_count_checks(run: Run) -> Iterator[Check]:
     """Find encoders whose zero steps during the recording."""
-    for name, channel in encoders(run):
-        found = step_of(channel)
+    for name, channel in encoder_channels(run):
+        found = largest_step(channel)
         if found is not None:
             at, size = found
             yield Check(
                 "counts_lost", Severity.SUSPECT, run.name, (name,),
-                f"{name} steps by {amount(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
+                f"{name} steps by {rounded(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
                 "were lost",
                 f"cut the recording at {channel.time[at]:.4g} s, or subtract the step from what follows",
                 float(channel.time[at]), float(channel.time[-1]),
             )  # fmt: skip
 
 
-def steps_of(run: Run) -> list[float]:
+def encoder_step_times(run: Run) -> list[float]:
     """Times, s, at which an encoder's zero steps."""
-    found = ((channel, step_of(channel)) for _, channel in encoders(run))
+    found = ((channel, largest_step(channel)) for _, channel in encoder_channels(run))
     return [float(channel.time[step[0]]) for channel, step in found if step is not None]
 
 
-def step_of(channel: Channel) -> tuple[int, float] | None:
+def largest_step(channel: Channel) -> tuple[int, float] | None:
     """Index after the largest step that is neither motion nor spike, and its size; None where there is none.
 
     The size is the distance of the parabolas through the samples before and after it.
@@ -225,7 +225,7 @@ def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
     return ends[1] - ends[0], max(residuals)
 
 
-def noises(run: Run) -> Iterator[Check]:
+def stated_noise_checks(run: Run) -> Iterator[Check]:
     """Find noise that is stated much smaller than it is."""
     for name, stated in run.noise.items():
         if name not in run.channels or stated <= 0.0:
@@ -240,10 +240,10 @@ def noises(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def motions(run: Run) -> Iterator[Check]:
+def motion_checks(run: Run) -> Iterator[Check]:
     """Find recordings in which nothing moves."""
     moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
-    if moving and not any(moves(run.channels[name]) for name in moving):
+    if moving and not any(changes_beyond_noise(run.channels[name]) for name in moving):
         yield Check(
             "no_motion", Severity.SUSPECT, run.name, tuple(moving),
             f"nothing moves: {', '.join(moving[:4])} stay where they are",
@@ -251,7 +251,7 @@ def motions(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def moves(channel: Channel) -> bool:
+def changes_beyond_noise(channel: Channel) -> bool:
     """Whether a position changes by more than its noise."""
     value = channel.value
     last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
@@ -261,7 +261,7 @@ def moves(channel: Channel) -> bool:
     )
 
 
-def ranges(run: Run) -> Iterator[Check]:
+def range_checks(run: Run) -> Iterator[Check]:
     """Find values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
         most, kind, unit = PLAUSIBLE_RANGES.get(channel.unit, (np.inf, "scale", ""))
@@ -269,12 +269,12 @@ def ranges(run: Run) -> Iterator[Check]:
         if top > most:
             yield Check(
                 kind, Severity.SUSPECT, run.name, (name,),
-                f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
+                f"{name} reaches {rounded(top)} {channel.unit}, more than {rounded(most)}: is it in {unit}?",
                 f"write '{name} [{unit}]' in the header if it is",
             )  # fmt: skip
 
 
-def wraps(run: Run) -> Iterator[Check]:
+def wrapped_angle_checks(run: Run) -> Iterator[Check]:
     """Find endless joints whose angle wraps around after a turn."""
     for name, channel in run.channels.items():
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
@@ -287,7 +287,7 @@ def wraps(run: Run) -> Iterator[Check]:
             continue
         yield Check(
             "wrapped", Severity.WRONG, run.name, (name,),
-            f"{name} counts from the other end again after {amount(turn)} rad, {wrapped.sum()} times: no joint turns "
+            f"{name} counts from the other end again after {rounded(turn)} rad, {wrapped.sum()} times: no joint turns "
             "that fast",
             f"armdyn inspect {run.source or run.name} --fix fixed",
             float(channel.time[1:][wrapped][0]), float(channel.time[-1]),
@@ -316,7 +316,8 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
-    second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
-    rates, noises, unconfirmed_mappings,
+    second_publisher_checks, motion_checks, gap_checks, dropped_sample_checks, stuck_sensor_checks,
+    sticking_joint_checks, repetition_checks, saturation_checks, lost_count_checks, glitch_checks, jitter_checks,
+    stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
 """All checks of signals; a new check is a further function here."""

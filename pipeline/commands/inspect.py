@@ -35,7 +35,7 @@ def inspect(
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
     from armdyn.checked_study import ModelWithCatalogue
-    from armdyn.inspection.inspect import inspected
+    from armdyn.inspection.inspect import inspect_runs
     from armdyn.run import read_run
     from pipeline.answers import inspection_answer
     from pipeline.report.inspection import inspection_document, inspection_report
@@ -49,7 +49,7 @@ def inspect(
         runs = [read_run(path) for path in run_files]
         known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")
-        found = inspected(runs) if known is None else known.inspect(runs)
+        found = inspect_runs(runs) if known is None else known.inspect(runs)
         written = write_fixed(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:

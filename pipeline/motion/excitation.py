@@ -8,11 +8,19 @@ import numpy as np
 import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.experiments.arm import ArmProblem
-from armdyn.experiments.criteria import covariance
-from armdyn.experiments.goal import Goal
+from armdyn.experiments.criteria import posterior_covariance
+from armdyn.experiments.goal import MotionGoal
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import COMPARED_EXCESS, Say, improve, random_motions, scale, search, shrink
-from armdyn.experiments.series import AxisMotion, Series
+from armdyn.experiments.search import (
+    COMPARED_EXCESS,
+    ReportProgress,
+    best_motion,
+    optimise_motion,
+    random_motions,
+    scale_about_centre,
+    shrink_within_limits,
+)
+from armdyn.experiments.series import AxisMotion, FourierSeries
 from armdyn.run import Channel, Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
@@ -88,8 +96,8 @@ class Excitation:
         torque: (n, nj) of the motors along the trajectory [N m or N].
     """
 
-    goal: Goal
-    series: Series
+    goal: MotionGoal
+    series: FourierSeries
     trajectory: JointTrajectory
     check: FeasibilityReport
     expected: Expectation
@@ -125,13 +133,13 @@ SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
 
 @one_thread
 def excitation(
-    goal: Goal,
+    goal: MotionGoal,
     seconds: float,
     *,
     random: int = 100,
     compare: bool = True,
     seed: int = 0,
-    say: Say = lambda _: None,
+    say: ReportProgress = lambda _: None,
 ) -> Excitation:
     """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
 
@@ -143,7 +151,7 @@ def excitation(
     """
     robot = goal.columns.arm.robot
     postures = FreePostures(robot, MIN_CLEARANCE)
-    problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
+    problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError(
@@ -153,13 +161,13 @@ def excitation(
     informations = [problem.information(x) for x in starts]
     costs = [goal.criterion(information)[0] for information in informations]
     best = starts[int(np.argmin(costs))]
-    x, trajectory, check = _feasible(problem, search(problem, starts, costs, say), best, say)
+    x, trajectory, check = _feasible(problem, best_motion(problem, starts, costs, say), best, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
         rival = replace(problem, criterion=goal.conditioned)
-        other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
-        inside = shrink(rival, other, COMPARED_EXCESS)
+        other = best_motion(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
+        inside = shrink_within_limits(rival, other, COMPARED_EXCESS)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
@@ -174,10 +182,10 @@ def excitation(
     )
 
 
-def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
+def expectation(problem: ArmProblem, goal: MotionGoal, x: Array) -> Expectation:
     """Expected results from a recording of the motion with (nj, size) coefficients."""
     information, prior = problem.information(x), goal.columns.prior
-    K = covariance(information, prior)
+    K = posterior_covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
     separations = tuple(case.separation(information, prior) for case in goal.hidden)
     return Expectation(x, std, separations)
@@ -191,7 +199,9 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 
-def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Array, JointTrajectory, FeasibilityReport]:
+def _feasible(
+    problem: ArmProblem, x: Array, best: Array, say: ReportProgress
+) -> tuple[Array, JointTrajectory, FeasibilityReport]:
     """The motion if the check passes, otherwise one designed again for narrower limits.
 
     Where that motion breaks a limit too, it or the `best` random motion is scaled down, whichever determines more.
@@ -212,14 +222,14 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].broken}")
-        x = improve(problem, x, first=len(problem.steps) - 2)
+        x = optimise_motion(problem, x, first=len(problem.steps) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
     if check.feasible:
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scale(motion, size) for size in REDUCED_SIZES):
+        for small in (scale_about_centre(motion, size) for size in REDUCED_SIZES):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))

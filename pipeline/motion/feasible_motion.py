@@ -8,8 +8,8 @@ import numpy as np
 
 import urdf
 from armdyn.atomic import write_text
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, with_motion
+from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, along_other_motion
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
@@ -68,7 +68,7 @@ def fit_to_arm(
     return None
 
 
-def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, FeasibleMotion | None]:
+def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[ExperimentPlan, FeasibleMotion | None]:
     """The plan with a motion that Baxter can make, or without one; expected results are computed again after a change.
 
     The radius of the load is in m.
@@ -82,7 +82,7 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
     if found is None:
         return replace(plan, proposals=rest), None
     if found.factor != 1.0:
-        moving = with_motion(moving, plan.rivals.hypotheses, found.motion, moving.experiment.what)
+        moving = along_other_motion(moving, plan.rivals.hypotheses, found.motion, moving.experiment.what)
     return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
 
 
@@ -95,7 +95,7 @@ def write_motion(motion: GripperPath, file: Path) -> None:
 def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> PlannedSwing:
     predicted = PredictedExperiment(hypothesis, PlannedExperiment("motion", "", motion))
     outputs = predicted.rollout(predicted.start).outputs
-    angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
+    angle, tension = (outputs[:, EXPERIMENT_CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
     return PlannedSwing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
 
 

@@ -9,8 +9,8 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, Proposal
-from armdyn.experiments.separation import Rival
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, ProposedExperiment
+from armdyn.experiments.separation import RefittedRival
 from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, InvestigationStage
 
 
-def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath) -> Section:
+def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, motion: GripperPath) -> Section:
     """Section on a designed motion: gripper, angle, and the differences that remain after the rivals are refitted."""
     sentence = ""
     if proposal.random is not None:
@@ -34,7 +34,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]
     for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
-        _, best = Rival(rival, predicted).refitted()
+        _, best = RefittedRival(rival, predicted).refitted()
         left = (predicted - rival.predict(best)[0])[: len(motion.time)]
         time = np.linspace(0.0, motion.seconds, len(left))
         line = {"mode": "lines", "line": {"color": colour}}
@@ -46,7 +46,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
     return Section("The designed motion", sentence, [Chart(figure, caption)])
 
 
-def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Document:
+def next_document(plan: ExperimentPlan | None, sentence: str, output: Path | None) -> Document:
     """Document of `armdyn next`: the planned experiments and what each is expected to distinguish.
 
     Args:
@@ -65,7 +65,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
     )
 
 
-def next_report(document: Document, plan: Plan | None) -> Document:
+def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
     """Report of `armdyn next`: the planned experiments, with figures of the designed motion."""
     figures: list[KeyFigure] = []
     sections = [*document.sections]
