@@ -22,11 +22,11 @@ from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
-CERTAIN = 0.99
+MIN_CERTAIN_SIGN = 0.99
 """Expected sign of a velocity from which its sign is known."""
 MIN_MOVING_SHARE = 0.5
 """Share of the time during which a joint must certainly move for its rests to be left out."""
-CREEP = 1e-3
+CREEP_SPEED = 1e-3
 """Speed of creep, rad/s, and a tenth of it in m/s: a slower joint moves within the elastic deformation of its gears and
 of the bristles of its friction, which has no certain direction (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
 30(7), 1994). So a joint at rest has no friction with a random sign. A larger value would suit real arms (other motions
@@ -91,7 +91,7 @@ class JointCurve:
         Friction at rest is not that of a motion.
         """
         expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
-        return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
+        return np.where(np.abs(expected) < MIN_CERTAIN_SIGN, 0.0, expected) if self.stands else expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +172,9 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     curve = smooth_curve(q.time, q.value, choice, rates)
     position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
     speed = float(np.sqrt(np.mean(velocity**2)))
-    creep = 0.1 * CREEP if q.unit == "m" else CREEP
+    creep = 0.1 * CREEP_SPEED if q.unit == "m" else CREEP_SPEED
     noise = max(derivative_noise(choice, interval, 1), MIN_VELOCITY_NOISE * speed, creep)
-    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN))
+    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= MIN_CERTAIN_SIGN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
     return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_SHARE, q.time[turns], moves)
@@ -190,7 +190,7 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
     own, way = (values - np.repeat(m, counts) for values, m in zip((recorded, smoothed), means, strict=True))
     along, square = np.add.reduceat(own * way, begins), np.add.reduceat(way**2, begins)
-    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= CERTAIN
+    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= MIN_CERTAIN_SIGN
     way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
     return seen & (way_there > noise)
 

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.physics import Base, Joint, Link, Neighbour, Told
+from armdyn.arm.physics import Base, DriveCommands, Joint, Link, Neighbour
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 from armdyn.parameter import Quantity, RecordedColumn
@@ -170,7 +170,7 @@ def _joint(*w: Expression) -> Joint:
     link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
     time, q, v, a, direction, load, inner_q, inner_v, inner_a, on, *told = w
     inner = Neighbour(inner_q, inner_v, inner_a)
-    return Joint(time, q, v, a, direction, load, inner, link, on=on, told=Told(*told))
+    return Joint(time, q, v, a, direction, load, inner, link, on=on, told=DriveCommands(*told))
 
 
 _AT_REST = [0.0] * 15

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import depends_on_before
+from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion, measured_motion
-from armdyn.arm.prepared import interior
+from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
@@ -173,7 +173,7 @@ class ArmRun:
         """The motion at the moments, as recorded."""
         whole = measured_motion(self.run, self.model.arm.joints)
         first = self.run.channels[self.channels[0]]
-        inside = first.time[interior(first, whole)]
+        inside = first.time[samples_inside_motion(first, whole)]
         inside = inside if len(inside) > 1 else first.time
         return whole.at(np.linspace(inside[0], inside[-1], ARM_MOMENTS))
 
@@ -345,13 +345,13 @@ class ArmRun:
     @cached_property
     def _own(self) -> ArmModel:
         """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only([e.name for e in self.model.effects if not depends_on_before(e)])
+        return self.model.with_only([e.name for e in self.model.effects if not depends_on_past(e)])
 
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
         """The model with all effects at null; (p,) typical sizes; (p,) bool, True for sizes that are at least 0."""
         model = self._own.with_candidates(
-            [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_before(e))]
+            [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_past(e))]
         )
         size = [p.typical * LARGE_EFFECT_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
         positive = [

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.carried import joints_described, left_out
+from armdyn.arm.carried import movable_joints, omitted_moving_joints
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
@@ -150,8 +150,8 @@ def _too_few(run: Run, names: Iterable[str]) -> bool:
 
 def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
     """Find joints that are not the model's but move in its recordings."""
-    held = left_out(model.arm, runs)
-    unknown = {joint for run in runs for joint in run.joints} - set(joints_described(model.arm))
+    held = omitted_moving_joints(model.arm, runs)
+    unknown = {joint for run in runs for joint in run.joints} - set(movable_joints(model.arm))
     for run in runs:
         for joint in run.joints:
             position = run.channels[f"q.{joint}"]

@@ -245,7 +245,7 @@ class DriveReading(Channel):
 
     Attributes:
         off: standard deviation of a common error, in `unit`, from the uncertainty of the drive's gain and delay.
-        told: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.Told`.
+        told: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.DriveCommands`.
     """
 
     off: float = 0.0

@@ -9,16 +9,16 @@ import mujoco
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import Window, closed, windows
+from armdyn.arm.rollout import SimulationWindow, has_all_position_commands, simulation_windows
 from armdyn.run import Run
 
 LENGTH = 0.5
 """s of the windows of drives that are told no position."""
 
 
-def stretches(model: ArmModel, run: Run) -> Sequence[Window]:
+def stretches(model: ArmModel, run: Run) -> Sequence[SimulationWindow]:
     """The whole recording in closed loop, else windows."""
-    return windows(run, model.arm.joints, np.inf if closed(model, run) else LENGTH)
+    return simulation_windows(run, model.arm.joints, np.inf if has_all_position_commands(model, run) else LENGTH)
 
 
 def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = None) -> np.ndarray:

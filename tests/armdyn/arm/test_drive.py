@@ -5,9 +5,9 @@ import pytest
 from scipy.signal import butter, filtfilt
 from worlds.generated_arm import generate
 
-from armdyn.arm.drive import smoothing_drives
+from armdyn.arm.drive import drive_low_passes
 from armdyn.arm.model import arm_model
-from armdyn.arm.prepared import FREQUENCIES, recorded
+from armdyn.arm.prepared import NOISE_FREQUENCIES, recorded_torques
 from armdyn.readout import LowPassed
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 
@@ -17,7 +17,9 @@ def drives_of(seed, cut=None):
     runs = robot.runs()[:1] if cut is None else robot.cut(robot.rate, *cut).runs()
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
     arm = model.arm
-    found = smoothing_drives([recorded(run, arm.model, arm.joints) for run in runs], arm.model, FREQUENCIES)
+    found = drive_low_passes(
+        [recorded_torques(run, arm.model, arm.joints) for run in runs], arm.model, NOISE_FREQUENCIES
+    )
     return robot, model, runs, found
 
 

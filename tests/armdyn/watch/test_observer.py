@@ -5,7 +5,7 @@ import pytest
 from watch_work import FRICTION, RATE, samples, work
 
 from armdyn.watch import observer as observing
-from armdyn.watch.observer import Observer, arrived_share
+from armdyn.watch.observer import Observer, visible_share_of_step
 
 
 def steps(arm, recording, bandwidth=40.0):
@@ -32,7 +32,7 @@ def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm):
     time = np.array([step.time for step in found])
     contrast = np.array([step.contrast for step in found])
     after = contrast[np.argmin(np.abs(time - 8.0 - observing.DETECTION_SECONDS))]
-    assert after[2] == pytest.approx(5.0 * arrived_share(40.0), abs=0.3)
+    assert after[2] == pytest.approx(5.0 * visible_share_of_step(40.0), abs=0.3)
     assert np.abs(np.delete(after, 2)).max() < 0.4
 
 
