@@ -44,7 +44,7 @@ def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) ->
     answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        answer |= fields(motion, "seconds effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
+        answer |= fields(motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
     return answer
 
 

@@ -125,7 +125,7 @@ class MotionSamples:
         none = np.zeros(len(self.time))
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
         enabled, read = (self.extra.get(f"{kind}.{self.model.names[joint + 1]}") for kind in ("enabled", "tau"))
-        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held(m.time) > 0.5).astype(float))
-        told = read.told if isinstance(read, DriveReading) else np.zeros((0, 0))
+        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held_values(m.time) > 0.5).astype(float))
+        told = read.commands if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

@@ -238,7 +238,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
-    remembered = InternalStates(joint.memory, inputs, load, theta)
+    remembered = InternalStates(joint.added_states, inputs, load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.lag, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):
@@ -254,7 +254,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         offset=TorqueTerm(joint.offset, inputs, theta, remembered, columns),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
         link=ExpressionChange(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
-        remembers=bool(joint.memory),
+        remembers=bool(joint.added_states),
     )
 
 

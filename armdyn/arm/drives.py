@@ -93,12 +93,12 @@ class Servo:
         """(n,) share of its torque that it gives at (n,) times, 0 while it is off, and (n,) share of its gain."""
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
-            share = (run.channels[f"enabled.{joint}"].held(time) > 0.5).astype(float)
+            share = (run.channels[f"enabled.{joint}"].held_values(time) > 0.5).astype(float)
         if self.supply is not None and f"voltage.{joint}" in run.channels:
             volts = run.channels[f"voltage.{joint}"]
             share = share * np.interp(time, volts.time, np.abs(volts.value)) / self.supply
         if GAIN_SCALE_CHANNEL in run.extra:
-            scale = run.extra[GAIN_SCALE_CHANNEL].held(time)
+            scale = run.extra[GAIN_SCALE_CHANNEL].held_values(time)
         return share, scale
 
     def over_reference(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:

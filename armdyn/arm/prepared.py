@@ -204,7 +204,7 @@ def low_passed_and_thinned(
         if isinstance(raw, DriveReading):
             left = _unexplained(low.curve(physics[known])(time), channels[name].value)
             if left < MAX_UNEXPLAINED_SHARE * float(np.std(values)):
-                noise[name] = float(np.hypot(max(noise[name], left), raw.off))
+                noise[name] = float(np.hypot(max(noise[name], left), raw.common_error_std))
         preparations[name] = Preparation(
             cutoff=cutoff,
             position_cutoff=motion.joints[j].choice.cutoff,
@@ -297,7 +297,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
             f"{run.source or run.name}: '{name}' has {np.count_nonzero(keep)} samples while the joints' positions were "
             f"recorded, without the ends, at least {MIN_SAMPLES} are needed: record longer"
         )
-    inside = raw.kept(keep)
+    inside = raw.selected(keep)
     replace(run, channels={name: inside}).require_informative(name)
     return inside.time, inside.value
 

@@ -188,7 +188,7 @@ def _drives(
             drives.gain[j], drives.damping[j] = gain, servo.damping
         for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
             if f"{kind}.{joint}" in channels:
-                signal[:, j] = channels[f"{kind}.{joint}"].mean_held(when)
+                signal[:, j] = channels[f"{kind}.{joint}"].mean_held_values(when)
     return replace(drives, voltage=voltage)
 
 
@@ -211,9 +211,10 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
                 found.append(
                     RollOut(
                         run.name, role, "closed_loop" if whole else f"window_{length:g}", joint, q.unit, rms, mae,
-                        None if command is None else _sizes(command.held(q.time) - q.value), encoder_step(q.value),
+                        None if command is None else _sizes(command.held_values(q.time) - q.value),
+                        encoder_step(q.value),
                         time, measured[once, j], (errors + measured)[once, j],
-                        None if command is None else command.held(time),
+                        None if command is None else command.held_values(time),
                     )
                 )  # fmt: skip
     return tuple(found)

@@ -124,8 +124,8 @@ def added_torques(
             values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
             # The link's parameters contain the changes of the link already.
             joint = replace(effect.apply(joint, values), link=joint.link)
-            if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
-                why = "has a state of its own" if joint.memory else "depends on time"
+            if joint.added_states or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
+                why = "has a state of its own" if joint.added_states else "depends on time"
                 raise InputError(
                     f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
                 )

@@ -30,7 +30,7 @@ def horizon_functions(
         steps: number of steps of the horizon.
         dt: length of a step, s.
     """
-    watched = question.watched
+    watched = question.differentiated_parameters
     extended_size = 2 + sum(PLANAR_STATE_SIZE * (1 + len(names)) for names in watched)
     sizes = [len(d.names) for d in dynamics]
     z, u, t = ca.SX.sym("z", extended_size), ca.SX.sym("u"), ca.SX.sym("t")
@@ -101,7 +101,7 @@ def horizon_functions(
     _, gradient = back.mapaccum("behind", steps)(ca.MX.zeros(extended_size), *backwards)
     arguments, total = [schedule, start, now, *known, gathered], costs[-1] + value
     built = compile_functions(
-        f"sac_{name}{question.tag}",
+        f"sac_{name}{question.cache_key}",
         {
             "cost": ca.Function("cost", arguments, [total]),
             "gradient": ca.Function("gradient", arguments, [total, gradient[:, flip].T]),

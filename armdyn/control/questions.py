@@ -63,24 +63,24 @@ class MotionObjective:
         return (*self.wanted, *self.nuisance)
 
     @property
-    def watched(self) -> tuple[tuple[str, ...], ...]:
+    def differentiated_parameters(self) -> tuple[tuple[str, ...], ...]:
         """Parameters with respect to which readings are differentiated, by model."""
         return ((), self.nuisance) if self.rivals else (self.parameters,)
 
     @property
-    def wanted_signals(self) -> int:
+    def wanted_signal_count(self) -> int:
         """Number of wanted signals, which come first."""
         return 1 if self.rivals else len(self.wanted)
 
     @property
-    def size(self) -> int:
+    def signal_count(self) -> int:
         """Number of all signals."""
-        return self.wanted_signals + len(self.nuisance)
+        return self.wanted_signal_count + len(self.nuisance)
 
     @property
-    def tag(self) -> str:
+    def cache_key(self) -> str:
         """Identifier of the question, for the cache of compiled code."""
-        return f"_{self.criterion.value}_{self.size}" if self.logarithmic else ""
+        return f"_{self.criterion.value}_{self.signal_count}" if self.logarithmic else ""
 
     def check(self, models: Sequence[PendulumModel]) -> None:
         """Refuse parameters that a model lacks.
@@ -108,7 +108,7 @@ class MotionObjective:
 
     def criterion_function(self) -> ca.Function:
         """A function ``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
-        k, wanted = self.size, self.wanted_signals
+        k, wanted = self.signal_count, self.wanted_signal_count
         if not self.logarithmic:
             return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
         G = ca.SX.sym("G", k, k)

@@ -63,7 +63,7 @@ class TaskCost:
         if self.control_weight <= 0:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
-    def numbers(self) -> dict[str, float]:
+    def problem_arguments(self) -> dict[str, float]:
         """Arguments of the compiled problem by name, in its order; unused terms have no weight."""
         pairs = {
             "": self.target, "v": self.target_velocity, "w_": self.position_weights, "w_v": self.velocity_weights
@@ -88,11 +88,11 @@ class TaskCost:
         }
 
     def vector(self) -> np.ndarray:
-        """(21,) values of `numbers` as an array."""
-        return np.array(list(self.numbers().values()))
+        """(21,) values of `problem_arguments` as an array."""
+        return np.array(list(self.problem_arguments().values()))
 
 
-TASK_COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
+TASK_COST_NAMES = tuple(TaskCost((0.0, 0.0)).problem_arguments())
 
 
 @dataclass(frozen=True)

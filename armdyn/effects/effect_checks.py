@@ -79,7 +79,7 @@ def check_applied(item: Effect, path: Path) -> None:
         kind = type(changed).__name__
         raise _fault(item, path, f"it returns a {kind}: return the {item.acts_on} that it was given, with changes")
     before, after = _expressions(given), _expressions(changed)
-    brought = getattr(changed, "memory", ())
+    brought = getattr(changed, "added_states", ())
     remembered = ca.vertcat(ca.SX(0, 1), *(m.symbol for m in brought))
     try:
         difference = ca.densify(ca.vertcat(*(a - b for a, b in zip(after, before, strict=True))))

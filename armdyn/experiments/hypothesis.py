@@ -85,7 +85,12 @@ class PlannedExperiment:
             return None
         time = self.motion.time
         rows = [
-            *zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, ("m", "m/s", "m/s^2"), strict=True),
+            *zip(
+                ("gripper_x", "gripper_v", "gripper_a"),
+                self.motion.motion_along_line,
+                ("m", "m/s", "m/s^2"),
+                strict=True,
+            ),
             *((name, np.zeros(len(time)), unit) for name, unit in zip(EXPERIMENT_CHANNELS, ("N", "rad"), strict=True)),
         ]
         return Run("experiment", {name: Channel(time, row, unit) for name, row, unit in rows})
@@ -154,7 +159,7 @@ class PredictedExperiment:
             measured, whole = tuple(self.weights), self.rollout(values)
             rows = [EXPERIMENT_CHANNELS.index(channel) for channel in measured]
             rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
-            found = model.readings(e.run, e.motion, rolled, self.theta(values), measured)
+            found = model.sensor_readings(e.run, e.motion, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
             # The value of the other runs does not act in this one.
             acts = np.array([name not in e.changed or i == self._place[name] for i, name in enumerate(self.names)])
@@ -218,7 +223,7 @@ class PredictedExperiment:
             outputs[:, EXPERIMENT_CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
             outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")] += swing
-        path, adjoint = model.driven_by(motion, physics), _adjoint(model.system, model.formulation)
+        path, adjoint = model.simulation_inputs(motion, physics), _adjoint(model.system, model.formulation)
         by_input = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         driving = _driving(basis, model.gripper_lag(physics))
         total = np.zeros(basis.functions.shape[2])

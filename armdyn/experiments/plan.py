@@ -186,7 +186,7 @@ class ExperimentPlan(Displayable):
         motion, size = best.experiment.motion, ""
         if best.experiment.kind == "motion" and motion is not None:
             x, _, a = motion.peaks
-            size = f", in {motion.seconds:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
+            size = f", in {motion.duration:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
             size += f"effort {motion.effort:.1f} m²/s³"
         return (
             f"{said}: {best.experiment.what} ({best.outlook.separation:.1f} standard deviations, "
@@ -237,7 +237,7 @@ def is_safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool
     """
     if experiment.motion is None:
         return True
-    last = experiment.along(last_motion(rivals.last, experiment.motion.seconds))
+    last = experiment.along(last_motion(rivals.last, experiment.motion.duration))
     plain = replace(last, changed={})
     for hypothesis in rivals.hypotheses:
         there, before = PredictedExperiment(hypothesis, experiment), PredictedExperiment(hypothesis, plain)

@@ -260,4 +260,4 @@ def last_motion(run: Run, seconds: float) -> GripperPath:
     """The gripper's motion in a run, or its first part."""
     path = gripper_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
-    return GripperPath(0.0, path.dt, *path.along[:, :count])
+    return GripperPath(0.0, path.dt, *path.motion_along_line[:, :count])

@@ -111,4 +111,6 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:
     """States that no channel measures and that change along a (P,) direction of the values."""
     model = as_simulated_model(fit.problem.model)
-    return model.states_moved(fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction)))
+    return model.states_sensitive_to(
+        fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction))
+    )

@@ -1,4 +1,4 @@
-"""The gripper's path: complete, still growing, or with a lag; in a run, recorded or being recorded."""
+"""The motion of the gripper: from a recording, smoothed while it is recorded, or of a body that lags behind it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,14 +21,14 @@ from armdyn.smoothing.even import (
 )  # fmt: skip
 
 STRENGTH_INTERVAL_SAMPLES, STRENGTH_WINDOW_SAMPLES = 100, 300
-"""Number of samples after which the smoothing strength of a growing path is chosen again, and of the last samples
-used."""
+"""Number of samples after which the smoothing strength of a path in progress is chosen again, and number of the latest
+samples that are used for this choice."""
 SMOOTHING_DELAY_SAMPLES = 60
-"""Number of samples after which later ones no longer change the smoothed path noticeably."""
+"""Number of later samples after which a smoothed position practically does not change any more."""
 
 
 class GripperPath(InputPath):
-    """Path of the gripper along its line on an even grid of K nodes.
+    """Motion of the gripper along its line, on an even grid of K nodes.
 
     Its inputs are the time since the recording began, x, v, a along the line, z, vz, az of the height, and the jerk
     along the line.
@@ -39,7 +39,7 @@ class GripperPath(InputPath):
         x: (K,) position, m.
         v: (K,) velocity, m/s.
         a: (K,) acceleration, m/s^2.
-        height: (3, K) height m, its velocity m/s and acceleration m/s^2; by default a level line.
+        height_motion: (3, K) height m, its velocity m/s and acceleration m/s^2; by default a level line.
         elapsed: time from the beginning of the recording to the first node, s; 0 except in a later piece of a
             recording.
         extra: further recorded quantities, see `InputPath`.
@@ -77,27 +77,27 @@ class GripperPath(InputPath):
         return self.nodes[3]
 
     @property
-    def along(self) -> np.ndarray:
+    def motion_along_line(self) -> np.ndarray:
         """(3, K) position, velocity and acceleration along the line."""
         return self.nodes[1:4]
 
     @property
-    def seconds(self) -> float:
+    def duration(self) -> float:
         """Duration of the path, s."""
         return float(self.dt * (len(self.x) - 1))
 
     @property
     def peaks(self) -> np.ndarray:
         """(3,) largest absolute position, speed and acceleration."""
-        return np.asarray(np.abs(self.along).max(axis=1))
+        return np.asarray(np.abs(self.motion_along_line).max(axis=1))
 
     @property
     def effort(self) -> float:
-        """Integral of the squared acceleration, m^2/s^3, which SAC and the planner call energy."""
+        """Integral of the squared acceleration, m^2/s^3: the control effort."""
         return float(np.sum(self.a**2) * self.dt)
 
     @property
-    def height(self) -> np.ndarray:
+    def height_motion(self) -> np.ndarray:
         """(3, K) height m, its velocity m/s and acceleration m/s^2."""
         return self.nodes[4:7]
 
@@ -115,7 +115,7 @@ def _inputs(t: np.ndarray, along: np.ndarray, level: np.ndarray, dt: float) -> t
 
 
 def lagged_path(path: InputPath, lag: float) -> InputPath:
-    """The path of a body that follows a gripper with a lag, and its derivative with respect to the lag.
+    """Path of a body that follows a gripper with a first-order lag, and its derivative with respect to the lag.
 
     It solves tau z' + z = x, from a start at constant acceleration: z(0) = x - tau v + tau^2 a. Position, velocity and
     acceleration pass the same lag, each exactly for the signal that is linear between the nodes.
@@ -136,19 +136,19 @@ def lagged_path(path: InputPath, lag: float) -> InputPath:
     t, level = path.nodes[0], path.nodes[4:7]
     values = _inputs(t, np.hstack(along).T, level, path.dt)
     by = _inputs(0.0 * t, np.vstack(by_lag), 0.0 * level, path.dt)
-    return InputPath(path.start, path.dt, *values, by_lag=by, extra=path.extra)
+    return InputPath(path.start, path.dt, *values, lag_derivatives=by, extra=path.extra)
 
 
 def fixed_pivot_path(
     start: float, end: float, dt: float, elapsed: float = 0.0, extra: Mapping[str, Channel] | None = None
 ) -> GripperPath:
-    """Path of a pivot that does not move, from `start` to `end`, s; for the other arguments see `GripperPath`."""
+    """Path of a gripper that does not move, from `start` to `end`, s; for the other arguments see `GripperPath`."""
     still = np.zeros(grid_size(start, end, dt))
     return GripperPath(start, dt, still, still, still, None, elapsed, extra)
 
 
 class OnlinePathSmoother:
-    """Smooths a path while it is measured: samples older than `SMOOTHING_DELAY_SAMPLES` are smoothed once and cached.
+    """Smooths measured positions of a gripper while they arrive; old samples are smoothed once and cached.
 
     Args:
         dt: interval between samples, s.
@@ -161,7 +161,7 @@ class OnlinePathSmoother:
         self._strength, self._chosen_at = 0.0, 0
 
     def extend(self, x: np.ndarray) -> np.ndarray:
-        """Add new positions (k,), m; return position, velocity and acceleration of all so far, (3, n)."""
+        """Add new positions (k,), m; return (3, n) smoothed position, velocity and acceleration of all samples."""
         kept = max(0, self._smooth.shape[1] - SMOOTHING_DELAY_SAMPLES)
         self._raw = np.concatenate([self._raw, x])
         n = len(self._raw)
@@ -178,7 +178,7 @@ class OnlinePathSmoother:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RunInProgress(Run):
-    """A run that is still being recorded, with the gripper's path smoothed as it grew.
+    """A run that is still being recorded, with the gripper's path so far.
 
     Attributes:
         path: smoothed path, on a grid that starts at the first sample.
@@ -188,7 +188,7 @@ class RunInProgress(Run):
 
 
 def gripper_path(run: Run) -> GripperPath:
-    """The gripper's path in a run: smoothed where only positions were measured, at rest where there is no gripper."""
+    """Motion of the gripper in a run: smoothed if only positions were measured; at rest if no gripper was."""
     return run.path if isinstance(run, RunInProgress) else _recorded_path(run)
 
 

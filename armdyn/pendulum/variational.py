@@ -1,4 +1,4 @@
-r"""The midpoint variational integrator of a composed pendulum.
+r"""The midpoint variational integrator of a pendulum with effects.
 
 The load's Cartesian position at node k is q_k = g(x_k) + l e(phi_k); between nodes the Lagrangian is evaluated at
 the midpoint (q_k + q_{k+1})/2 with velocity (q_{k+1} - q_k)/dt. The forced discrete Euler-Lagrange equations
@@ -30,19 +30,19 @@ from armdyn.pendulum.physics import Expression, Gripper, torque_with_smooth_fric
 
 VARIATIONAL_STATE_SIZE = 4
 VARIATIONAL_NEWTON_STEPS = 4
-"""Newton steps per step: from the extrapolated angle the residual falls below rounding within three at dt <= 0.02 s."""
+"""Number of Newton iterations per integration step; at dt <= 0.02 s three reach the rounding error."""
 
 
 @dataclass(frozen=True)
 class VariationalStep:
-    """The integrator as functions of state s (4,), control u, node time t, step dt and parameters theta.
+    """Discrete equations of a pendulum as functions of state s (4,), control u, time t, step dt and parameters theta.
 
     Attributes:
         names: names of the parameters in the order of theta.
         step: ``(s, u, t, dt, theta) -> s_next``.
         linearised: ``(s, u, t, dt, theta, s_next) -> A (4, 4), B (4,)`` exact, by the implicit function theorem.
         curvature: ``(s, u, t, dt, theta, s_next, p) -> (5, 5)`` Hessian of p' s_next(s, u) with respect to (s, u).
-        tension: ``(s, u, t, dt, theta, s_next) -> ()`` N at node k.
+        tension: ``(s, u, t, dt, theta, s_next) -> ()`` tension at node k, N.
         load: ``(s, t, dt, theta) -> position (3,), velocity (3,)``, the velocity over the interval that ends at s.
         lag: ``theta -> ()`` lag of the string's upper end, whose position is x, behind the gripper, s.
     """
@@ -57,7 +57,7 @@ class VariationalStep:
 
 
 def derive_variational(composition: PendulumComposition) -> VariationalStep:
-    """The integrator and its exact first and second derivatives.
+    """Derive the variational integrator of a pendulum, with its exact first and second derivatives.
 
     Compliance is included to first order (`quasi_static_string`), and dry friction has a smooth sign. A swing across
     the line and states that effects add are left out. Recorded quantities that effects read have their usual values.
@@ -72,10 +72,10 @@ def derive_variational(composition: PendulumComposition) -> VariationalStep:
     x_next = x + dt * v_next
 
     def gripper(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Gripper:
-        return gripper_stage(composition.at(time), position, velocity, ca.SX(0), angle)
+        return gripper_stage(composition.moment(time), position, velocity, ca.SX(0), angle)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
-        at = composition.at(time)
+        at = composition.moment(time)
         length = string_stage(at, angle, ca.SX(0)).length
         g = gripper(time, position, velocity, angle).position
         return *quasi_static_string(composition, at, g, length, angle), angle
@@ -85,14 +85,14 @@ def derive_variational(composition: PendulumComposition) -> VariationalStep:
         (g0, l0, phi0), (g1, l1, phi1) = first, second
         q0, q1 = g0 + l0 * string_direction(phi0), g1 + l1 * string_direction(phi1)
         middle, angle, rate = (q0 + q1) / 2, (phi0 + phi1) / 2, (phi1 - phi0) / dt
-        at = composition.at(time)
+        at = composition.moment(time)
         string, load = string_stage(at, angle, rate), load_stage(at, middle, (q1 - q0) / dt, angle, rate)
         kinetic, potential = kinetic_and_potential_energy(
             gripper(time, x, v, angle), string, load, (g0 + g1) / 2, (g1 - g0) / dt
         )
         displaced = ca.vertcat(middle, angle)
         impulse = dt * ca.vertcat(load.force, torque_with_smooth_friction(string.torque, string.dry, rate))
-        for memory in at.memory:
+        for memory in at.added_states:
             impulse = ca.substitute(impulse, memory.symbol, memory.start)
         return dt * (kinetic - potential), displaced, impulse
 

@@ -160,12 +160,12 @@ class SampleError(InputError):
 
     Args:
         index: index of the sample in its channel.
-        said: the fault in words.
+        fault: the fault in words.
     """
 
     def __init__(self, index: int, said: str) -> None:
-        self.index, self.said = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
-        super().__init__(f"sample {index}: {self.said}")
+        self.index, self.fault = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
+        super().__init__(f"sample {index}: {self.fault}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,15 +211,15 @@ class Channel:
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
+    def selected(self, which: npt.NDArray[np.bool_]) -> "Channel":
         """The samples for which (n,) `which` is True."""
         return Channel(self.time[which], self.value[which], self.unit)
 
-    def held(self, time: FloatArray) -> FloatArray:
+    def held_values(self, time: FloatArray) -> FloatArray:
         """(n,) values at (n,) times of a signal that holds each value until the next stamp, as a command does."""
         return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
 
-    def mean_held(self, edges: np.ndarray) -> FloatArray:
+    def mean_held_values(self, edges: np.ndarray) -> FloatArray:
         """(n,) means between (n + 1,) increasing times of a signal that holds each value until the next stamp."""
         time = np.append(self.time, max(self.time[-1], edges[-1]) + 1.0)
         area = np.interp(edges, time, np.concatenate([[0.0], np.cumsum(self.value * np.diff(time))]))
@@ -244,20 +244,20 @@ class DriveReading(Channel):
     It is therefore compared only within the positions' band, with the noise of differentiated positions.
 
     Attributes:
-        off: standard deviation of a common error, in `unit`, from the uncertainty of the drive's gain and delay.
-        told: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.DriveCommands`.
+        common_error_std: standard deviation of the error that all samples share, in `unit`: that of gain and delay.
+        commands: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.DriveCommands`.
     """
 
-    off: float = 0.0
-    told: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    common_error_std: float = 0.0
+    commands: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __reduce__(self) -> Any:
-        return DriveReading, (self.time, self.value, self.unit, self.off, self.told)
+        return DriveReading, (self.time, self.value, self.unit, self.common_error_std, self.commands)
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
-        """The samples for which (n,) `which` is True; see `Channel.kept`."""
-        told = self.told[:, which] if len(self.told) else self.told
-        return replace(self, time=self.time[which], value=self.value[which], told=told)
+    def selected(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
+        """The samples for which (n,) `which` is True; see `Channel.selected`."""
+        told = self.commands[:, which] if len(self.commands) else self.commands
+        return replace(self, time=self.time[which], value=self.value[which], commands=told)
 
 
 def check_clock(time: FloatArray) -> None:

@@ -154,7 +154,7 @@ def _channels(table: DelimitedTable, columns: Mapping[str, Conversion], *, compl
         try:
             found[name] = Channel(time[present], value[present], columns[name].unit)
         except SampleError as error:
-            raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.said}") from error
+            raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.fault}") from error
     return found
 
 

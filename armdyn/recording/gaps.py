@@ -49,7 +49,7 @@ def channels_between(run: Run, begin: float, end: float, fewest: int = 0) -> Map
     for name, channel in run.channels.items():
         inside = (channel.time >= begin) & (channel.time <= end)
         if inside.sum() >= fewest:
-            found[name] = channel.kept(inside)
+            found[name] = channel.selected(inside)
     return found
 
 

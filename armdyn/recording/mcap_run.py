@@ -136,4 +136,4 @@ def _channel(name: str, samples: _Samples) -> Channel:
     try:
         return Channel(time, to_si(value), to_si.unit)
     except SampleError as error:
-        raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error
+        raise InputError(f"at {time[error.index]:.3f} s: {error.fault}") from error

@@ -136,7 +136,7 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
             when = f"at {first:.4g} s" if bad.sum() == 1 else f"between {first:.4g} and {last:.4g} s"
             some = f"1 of {len(bad)} samples" if bad.sum() == 1 else f"{bad.sum()} of {len(bad)} samples"
             warnings.append(f"{name}: {some} {what} left out, {when}")
-            channels[name] = channel.kept(kept)
+            channels[name] = channel.selected(kept)
     return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
 
 

@@ -54,11 +54,11 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     best, best_score = first, -np.inf
     if len(orders) > 1:
         near = SplineSamples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
-        others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
+        others = [_best_near(near.with_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
         all_alike = SplineSamples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
-        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
+        best_score = _score(all_alike.with_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
         for choice in others:
-            score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
+            score = _score(all_alike.with_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
                 best, best_score = choice, score
     return best._replace(noise=best.noise * span)
@@ -74,14 +74,14 @@ def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order
     """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
     samples = SplineSamples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = samples.lowest, MAX_CUTOFF_SHARE / samples.interval
+    low, high = samples.lowest_cutoff, MAX_CUTOFF_SHARE / samples.interval
     while True:
         cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED)
         choice = _best_of(cutoffs, samples, values, least_noise)
         if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
-        low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
+        low, high = samples.lowest_cutoff, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
 def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> SmoothingChoice:
@@ -162,7 +162,7 @@ def smooth_curve(
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
     samples = SplineSamples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
-    while samples.lowest > choice.cutoff:
+    while samples.lowest_cutoff > choice.cutoff:
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)
     if not rates or choice.noise == 0.0:
@@ -170,7 +170,7 @@ def smooth_curve(
     offset = values[0]
     matrices = [basis_matrix(r.time, samples.start, samples.step, samples.size, r.derivative) for r in rates]
     for _ in range(3):  # the weights converge to a few per cent
-        bands = samples.normal + samples.strength(choice.cutoff) * samples.penalty
+        bands = samples.normal + samples.penalty_weight(choice.cutoff) * samples.penalty
         right = samples.matrix.T @ (values - offset)
         for rate, matrix in zip(rates, matrices, strict=True):
             deviation = max(float(np.std(rate.values - matrix @ curve.coefficients[:, 0])), 1e-9)

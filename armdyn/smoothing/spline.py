@@ -113,7 +113,7 @@ class SplineSamples:
         self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + SPLINE_DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
 
-    def of_order(self, order: int) -> "SplineSamples":
+    def with_order(self, order: int) -> "SplineSamples":
         """The same samples with another order of the penalised differences."""
         other, bands = copy(self), max(SPLINE_DEGREE, order) + 1
         other.order = order
@@ -153,12 +153,12 @@ class SplineSamples:
                 bands[b - a] += np.bincount(first + a, values[:, a] * values[:, b], self.size)
         return bands
 
-    def strength(self, cutoff: float) -> float:
+    def penalty_weight(self, cutoff: float) -> float:
         """The lambda with which the amplitude is halved at `cutoff`, Hz."""
         return float((2.0 * np.pi * cutoff * self.step) ** (-2 * self.order) * self.step / self.interval)
 
     @property
-    def lowest(self) -> float:
+    def lowest_cutoff(self) -> float:
         """Cut-off under `MAX_LAMBDA`, Hz."""
         return float((MAX_LAMBDA * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
 
@@ -173,7 +173,7 @@ class LowPass:
 
     def __init__(self, samples: SplineSamples, cutoff: float) -> None:
         self.samples, self.cutoff = samples, cutoff
-        self.strength = samples.strength(cutoff)
+        self.strength = samples.penalty_weight(cutoff)
         self.factor = cholesky_banded(samples.normal + self.strength * samples.penalty, lower=True, check_finite=False)
 
     def curve(self, values: np.ndarray) -> SplineCurve:

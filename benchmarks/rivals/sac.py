@@ -80,8 +80,8 @@ def informed(question: MotionObjective) -> list[SacState]:
     rng, states = np.random.default_rng(3), []
     for state in situations():
         psi = rng.normal(size=(2, len(question.parameters))) * [[0.5], [0.02]]
-        root = 10.0 * rng.normal(size=(question.size, question.size))
-        gram = root @ root.T + 100.0 * np.eye(question.size)
+        root = 10.0 * rng.normal(size=(question.signal_count, question.signal_count))
+        gram = root @ root.T + 100.0 * np.eye(question.signal_count)
         at = (state.time, state.x, state.v, state.pendulum)
         if question.rivals:
             states.append(SacState(*at, np.zeros((2, 0)), 1.02 * state.pendulum, psi, gram))

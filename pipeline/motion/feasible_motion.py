@@ -55,8 +55,8 @@ def fit_to_arm(
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
     for factor in AMPLITUDE_FACTORS:
-        scaled = GripperPath(0.0, motion.dt, *factor * motion.along)
-        s, v, a = scaled.along
+        scaled = GripperPath(0.0, motion.dt, *factor * motion.motion_along_line)
+        s, v, a = scaled.motion_along_line
         if np.abs(np.diff(a)).max() > limits.jerk * scaled.dt or not limits.respected_by(s, v, a):
             continue
         swings = [_swing(h, scaled, load_radius) for h in hypotheses]
@@ -88,7 +88,7 @@ def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[Expe
 
 def write_motion(motion: GripperPath, file: Path) -> None:
     """Write a motion along the line to a file for `armdyn check` and `armdyn trial --motion`."""
-    columns = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
+    columns = zip(("s", "v", "a"), motion.motion_along_line, ("m", "m/s", "m/s^2"), strict=True)
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
 

@@ -36,7 +36,7 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
     for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
         _, best = RefittedRival(rival, predicted).refitted()
         left = (predicted - rival.predict(best)[0])[: len(motion.time)]
-        time = np.linspace(0.0, motion.seconds, len(left))
+        time = np.linspace(0.0, motion.duration, len(left))
         line = {"mode": "lines", "line": {"color": colour}}
         figure.add_scatter(x=time, y=left, yaxis="y3", name=f"less {rival.hypothesis.name}", **line)
     caption = (
@@ -79,7 +79,7 @@ def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
             motion = moving.experiment.motion
             sections.append(designed_motion_section(plan, moving, motion))
             x, v, a = motion.peaks
-            figures.append(KeyFigure("Motion", f"{motion.seconds:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
+            figures.append(KeyFigure("Motion", f"{motion.duration:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
             figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m²/s³", "integral of the squared acceleration"))
     return replace(document, sections=sections, key_figures=figures)
 

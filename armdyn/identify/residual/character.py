@@ -116,12 +116,12 @@ def process_error_share(fit: Fit) -> float | None:
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
         theta, pieces = problem.theta(i, fit.values), MotionPieces(model, run, SEGMENT_SECONDS)
-        states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
+        states, none = pieces.rolled_out_states(theta), np.zeros(0, dtype=int)
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
         for _ in range(START_STATE_STEPS):
             square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
-            for channel, s in pieces.linearised(theta, states, none).samples.items():
+            for channel, s in pieces.linearise(theta, states, none).samples.items():
                 noise = problem.noise[run.name, channel]
                 r, X = (s.measured - s.predicted) / noise, s.by_state / noise
                 square += np.bincount(s.piece, r**2, J)

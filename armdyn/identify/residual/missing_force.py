@@ -124,7 +124,7 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     model = as_simulated_model(problem.model)
     values = transferred(fit.values, fit.problem, problem)
     free = transferred_mask(fit.free, fit.problem, problem)
-    swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+    swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
     if fit.settled is None:
         motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
@@ -145,12 +145,12 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     model, theta = run.pieces.model, point.values[run.places]
     around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
     _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
-    motion, by_start = run.pieces.motion(theta, states)
+    motion, by_start = run.pieces.start_values(theta, states)
     lasting = np.diff(run.pieces.starts)
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
     time, motion = run.pieces.starts[1:], motion[1:]
     found = []
-    for k, joint in model.forced.items():
+    for k, joint in model.speed_states.items():
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))

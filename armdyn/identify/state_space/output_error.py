@@ -75,7 +75,7 @@ class AroundMotion:
         model = as_simulated_model(problem.model)
         values = options[0]
         self.problem, self.measured, self._given = problem, shows_motion(problem), values
-        swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+        swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         self.of_starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
@@ -276,7 +276,7 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     """Fit a single run: its start and the unknowns (P,) `free`, from its measured motion; the others are fixed."""
     model = as_simulated_model(single.model)
-    swing = model.swing(single.runs[0], single.theta(0, values))
+    swing = model.oscillation_period(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))

@@ -47,7 +47,7 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
+        first_part(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only(needed), runs, problem.noise)
@@ -75,7 +75,7 @@ def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
     """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
     model = as_simulated_model(cut.model)
-    swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
+    swings = [model.oscillation_period(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
         point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)

@@ -169,8 +169,8 @@ def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_some
 
 def test_a_command_holds_until_the_next_stamp():
     told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
-    assert told.held(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
-    assert told.mean_held(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+    assert told.held_values(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
+    assert told.mean_held_values(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def random_experiment(seed):
 
 def test_a_motion_starts_where_it_is_and_begins_and_ends_at_rest():
     problem = gripper(["linear_drag"])
-    x, v, a = problem.motion(random_motion(problem, np.random.default_rng(0))).along
+    x, v, a = problem.motion(random_motion(problem, np.random.default_rng(0))).motion_along_line
     for end in (0, -1):
         np.testing.assert_allclose([x[end], v[end], a[end]], 0.0, atol=1e-12)
 

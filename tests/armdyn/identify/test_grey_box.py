@@ -57,20 +57,22 @@ def test_derivatives_of_a_motion_in_pieces_are_those_of_finite_differences():
     pieces, theta = MotionPieces(model, run, 0.6), model.theta()
     theta[list(model.names).index("quadratic_drag.coefficient")] = 0.01
     states = pieces.states(theta, model.measured_motion(run, pieces.starts, theta, 1.27))
-    found = pieces.linearised(theta, states)
+    found = pieces.linearise(theta, states)
     samples = found.samples["swing_angle"]
     for k in range(states.shape[1]):
         step = 1e-6 * np.eye(states.shape[1])[k]
-        there, before = (pieces.linearised(theta, states + sign * step) for sign in (1, -1))
-        assert np.allclose((there.ends - before.ends) / 2e-6, found.transition[:, :, k], rtol=1e-5, atol=1e-7)
+        there, before = (pieces.linearise(theta, states + sign * step) for sign in (1, -1))
+        assert np.allclose(
+            (there.end_states - before.end_states) / 2e-6, found.transition[:, :, k], rtol=1e-5, atol=1e-7
+        )
         moved = (there.samples["swing_angle"].predicted - before.samples["swing_angle"].predicted) / 2e-6
         assert np.allclose(moved, samples.by_state[:, k], rtol=1e-5, atol=1e-6)
     for j, name in enumerate(model.names):
         if name.startswith("initial"):
             continue
         step = 1e-5 * model.parameters[name].typical * np.eye(len(theta))[j]
-        there, before = (pieces.linearised(theta + sign * step, states) for sign in (1, -1))
-        by_theta = (there.ends - before.ends) / (2 * step[j])
+        there, before = (pieces.linearise(theta + sign * step, states) for sign in (1, -1))
+        by_theta = (there.end_states - before.end_states) / (2 * step[j])
         assert np.allclose(by_theta, found.by_theta[:, :, j], rtol=1e-4, atol=1e-5 * np.abs(by_theta).max() + 1e-12)
 
 
@@ -127,7 +129,7 @@ def test_a_motion_goes_on_where_a_piece_is_cut():
     box, problem = box_of(swing(0.6, 3.0))
     point = box.begin(problem.start())
     before = box.around(point)[0]
-    assert box.runs[0].pieces.halve(np.arange(len(point.states[0])) == 1)
+    assert box.runs[0].pieces.cut_in_two(np.arange(len(point.states[0])) == 1)
     after = box.around(point)[0]
     kept = np.arange(len(after.states)) != 2
     assert np.array_equal(after.states[kept], before.states)

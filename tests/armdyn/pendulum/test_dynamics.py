@@ -202,7 +202,7 @@ def test_its_derivatives_are_exact():
 
 def test_control_leaves_the_state_as_it_is_at_the_start():
     model = pendulum_model(LENGTH, MASS, [bristle_friction]).with_values(SIZES)
-    assert model.dynamics().states == 2
+    assert model.dynamics().state_count == 2
     assert model.rest_angle() == pytest.approx(0.0, abs=1e-9)
 
 

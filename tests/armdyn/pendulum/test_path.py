@@ -86,16 +86,16 @@ def test_halfway_inputs_are_exact_for_a_quintic():
     path = GripperPath(0.0, 0.1, p(t), p.deriv()(t), p.deriv(2)(t))
     between = t[:-1] + 0.05
     assert np.allclose(path.nodes[1], p(t))
-    for row, derivative in zip(path.middle[1:4], (p, p.deriv(), p.deriv(2)), strict=True):
+    for row, derivative in zip(path.midpoints[1:4], (p, p.deriv(), p.deriv(2)), strict=True):
         assert np.allclose(row, derivative(between), atol=1e-3 if derivative is not p else 1e-12)
 
 
 def test_a_part_of_a_path_has_its_nodes_and_times():
     t = np.arange(0.0, 1.0, 0.1)
     path = GripperPath(0.0, 0.1, np.sin(t), np.cos(t), -np.sin(t))
-    part = path.part(3, 7)
+    part = path.segment(3, 7)
     assert np.array_equal(part.nodes, path.nodes[:, 3:8])
-    assert np.array_equal(part.middle, path.middle[:, 3:7])
+    assert np.array_equal(part.midpoints, path.midpoints[:, 3:7])
     assert part.time == pytest.approx(t[3:8])
 
 

@@ -28,7 +28,7 @@ def vibration():
 
 
 def passed(theta, signal=SIGNAL):
-    return vibration().passed(signal, np.zeros((len(signal), 4)), np.array(theta), DT)
+    return vibration().response(signal, np.zeros((len(signal), 4)), np.array(theta), DT)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.3, 0.8])
@@ -52,7 +52,7 @@ def test_derivatives_are_those_of_finite_differences(w):
     own = np.cos(3.0 * TIME)  # the signal's own derivative by the last parameter
     by_theta = np.zeros((len(signal), 4))
     by_theta[:, 3] = own
-    _, found = vibration().passed(signal, by_theta, theta, DT)
+    _, found = vibration().response(signal, by_theta, theta, DT)
     for i in range(3):
         step = 1e-6 * theta[i]
         low, high = (passed(theta + sign * step * np.eye(3)[i], signal)[0] for sign in (-1.0, 1.0))
