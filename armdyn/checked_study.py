@@ -75,7 +75,7 @@ class ModelWithCatalogue:
 
     def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
         """Inspect recordings for this model with the effects `adding`."""
-        return inspect_runs(runs, self.file.model, self.catalogue, adding).naming(self.path)
+        return inspect_runs(runs, self.file.model, self.catalogue, adding).with_model_path(self.path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,15 +134,15 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     row: dict[str, object] = {
         "pair": "/".join(pair), "seed": seed, "verdict": begun.verdict.key, "first": right(begun, hidden),
         "cpu": time.process_time() - started, "separable": separable,
-        "said": len(inseparable_pairs(rivals.hypotheses, proposal.outlook, proposal.experiment)) == 1,
+        "said": len(inseparable_pairs(rivals.hypotheses, proposal.expected, proposal.experiment)) == 1,
     }  # fmt: skip
     motion = random_motion(rivals, proposal, rng)
     for kind, foreseen in (
-        ("designed", proposal.outlook),
-        ("random", expected_outcome(rivals.hypotheses, proposal.experiment.along(motion))),
+        ("designed", proposal.expected),
+        ("random", expected_outcome(rivals.hypotheses, proposal.experiment.along_motion(motion))),
     ):
         made = proposal.experiment.motion if kind == "designed" else motion
-        row[f"{kind}_predicted"] = float(foreseen.right[names.index(hidden)])
+        row[f"{kind}_predicted"] = float(foreseen.right_probability[names.index(hidden)])
         row[f"{kind}_separation"] = float(np.sqrt(foreseen.chi2_increase[names.index(hidden), 1 - names.index(hidden)]))
         if separable:
             after = diagnose(study_of([first, recorded(f"{kind}.csv", setup, made, rng, known)], pair))
@@ -189,11 +189,11 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         at_random = []
         for _ in range(8):
             motion = problem.motion(any_motion(problem, rng))
-            at_random.append(expected_outcome(both, cell.along(motion)).separation ** 2)
+            at_random.append(expected_outcome(both, cell.along_motion(motion)).separation ** 2)
         row = {
             "pair": "/".join(pair),
             "random": float(np.median(at_random)),
-            "designed": expected_outcome(both, cell.along(found)).separation ** 2,
+            "designed": expected_outcome(both, cell.along_motion(found)).separation ** 2,
             "cpu": seconds,
         }
         rows.append(row)

@@ -144,7 +144,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
     seconds = 15.0 if what == "contact" else MINUTE
     begin = float(rng.uniform(5.0, 13.0)) if what == "contact" else float(rng.uniform(20.0, 25.0))
     run, joint = robot.work(rng, rate, seconds=seconds, what=what, begin=begin)
-    events = list(Watch(robot.model, sound, per_hour).all(samples_of(run, robot.model)))
+    events = list(Watch(robot.model, sound, per_hour).events_of(samples_of(run, robot.model)))
     within = SOON if what == "contact" else LATER
     wanted = {"contact": EventKind.OUTSIDE_TORQUE, "load": EventKind.LOAD_CHANGED, "friction": EventKind.ROBOT_CHANGED}[
         what
@@ -153,7 +153,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
         e for e in events if begin <= e.time <= begin + max(within, CONTACT_LASTS) and e.kind is not EventKind.RECOVERED
     ]
     soon = [e for e in after if e.time <= begin + within]
-    named = [e.kind for e in after if e.kind is not EventKind.NOT_TOLD]
+    named = [e.kind for e in after if e.kind is not EventKind.UNIDENTIFIED]
     return {
         "what": what, "robot": name, "seed": seed, "joint": joint, "found": bool(soon),
         "after": after[0].time - begin if after else None, "before": [e.sentence for e in events if e.time < begin],
@@ -171,7 +171,7 @@ def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> 
     for minute in range(minutes):
         run = robot.work(rng, rate)[0]
         start = time.process_time()
-        events += watch.all(_later(samples_of(run, robot.model), minute * (MINUTE + 1.0)))
+        events += watch.events_of(_later(samples_of(run, robot.model), minute * (MINUTE + 1.0)))
         spent += time.process_time() - start
         held.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
     share = spent / (MINUTE * minutes)

@@ -171,5 +171,5 @@ def plan_experiment(
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion
-    useful = moving is not None and moving.outlook.probability > MIN_RIGHT_PROBABILITY
+    useful = moving is not None and moving.expected.probability > MIN_RIGHT_PROBABILITY
     return made, moving.experiment.motion if moving is not None and useful else None

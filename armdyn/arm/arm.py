@@ -79,7 +79,7 @@ class Arm:
         return described_parameters(self.model)
 
     @cached_property
-    def shapes(self) -> np.ndarray:
+    def pseudo_inertia_factors(self) -> np.ndarray:
         """(nj, 4, 4) triangular factor of each moved link's pseudo-inertia."""
         return np.array([pseudo_inertia_factor(p, float(self.described[:, 0].max())) for p in self.described])
 
@@ -94,7 +94,7 @@ class Arm:
         bodies = {f.parentJoint: f.name for f in reversed(list(self.model.frames)) if f.type == pin.FrameType.BODY}
         return tuple(bodies[joint] for joint in sorted(weightless))
 
-    def within(self, reach: Reach) -> tuple[str, ...]:
+    def reachable_joints(self, reach: Reach) -> tuple[str, ...]:
         """Joints that an effect with this reach can act on, or `BASE_AS_JOINT`."""
         indices = [i for i, joint in enumerate(self.joints) if joint not in self.carried]
         inner = [parent if parent in indices else -1 for parent in parent_joints(self.model)]

@@ -200,14 +200,14 @@ class JointFunctions:
     remembers: bool
 
     @property
-    def of_before(self) -> bool:
+    def depends_on_past(self) -> bool:
         """Whether a torque depends on the past: by states, a lag or a delay."""
         return self.remembers or self.sensor.lags or self.sensor.delays
 
 
 def depends_on_past(effect: Effect) -> bool:
     """Whether an effect of an arm makes a torque, or its reading, depend on the past."""
-    return effect.reach != "base" and compose_joint([effect]).of_before
+    return effect.reach != "base" and compose_joint([effect]).depends_on_past
 
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:

@@ -150,7 +150,7 @@ class ArmModel(Model):
             InputError: it cannot act on a joint that it names.
             UnknownNameError: it names a joint that the arm lacks.
         """
-        reachable = self.arm.within(effect.reach)
+        reachable = self.arm.reachable_joints(effect.reach)
         if effect.name in EFFECTS_STATED_BY_DRIVE or effect.acts_on == "drive":
             reachable = tuple(j for j in reachable if (j in self.servo_joints) == (effect.acts_on == "drive"))
         for joint in effect.joints:
@@ -301,7 +301,9 @@ class ArmModel(Model):
         base = None
         if self._base is not None:
             base = self._base, np.array(self.arm.model.gravity.linear), theta[self._base_columns]
-        return RigidBodyChanges(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes, base)
+        return RigidBodyChanges(
+            self._functions, [theta[columns] for columns in self._columns], self.arm.pseudo_inertia_factors, base
+        )
 
     @cached_property
     def _base(self) -> ExpressionChange | None:

@@ -71,9 +71,10 @@ class JointCurve:
         interval: interval between its samples, s.
         speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
         moving: share of the recording during which the joint certainly moves.
-        stands: whether it mostly rests, so that its rests are compared as well.
-        turns: (k,) times at which the smoothed velocity changes its sign, s.
-        moves: (k + 1,) bool, whether it certainly moves between two turns: smoothed positions oscillate after a stop.
+        mostly_rests: whether it mostly rests, so that its rests are compared as well.
+        reversal_times: (k,) times at which the smoothed velocity changes its sign, s.
+        moves_between_reversals: (k + 1,) bool, whether it certainly moves between two such times: after a stop smoothed
+            positions oscillate.
     """
 
     curve: SplineCurve
@@ -81,17 +82,20 @@ class JointCurve:
     interval: float
     speed_noise: float
     moving: float
-    stands: bool
-    turns: np.ndarray
-    moves: np.ndarray
+    mostly_rests: bool
+    reversal_times: np.ndarray
+    moves_between_reversals: np.ndarray
 
     def direction(self, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(n,) expected sign of (n,) velocities at (n,) times; 0 at uncertain ones of a joint that mostly rests.
 
         Friction at rest is not that of a motion.
         """
-        expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
-        return np.where(np.abs(expected) < MIN_CERTAIN_SIGN, 0.0, expected) if self.stands else expected
+        expected = (
+            expected_sign(velocity, self.speed_noise)
+            * self.moves_between_reversals[np.searchsorted(self.reversal_times, time)]
+        )
+        return np.where(np.abs(expected) < MIN_CERTAIN_SIGN, 0.0, expected) if self.mostly_rests else expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +114,8 @@ class MeasuredMotion:
         return Motion(time, q, v, a, np.column_stack(ways))
 
     def standing(self, stands: Sequence[bool]) -> "MeasuredMotion":
-        """The same motion with another attribute `stands` of each joint."""
-        joints = tuple(replace(j, stands=still) for j, still in zip(self.joints, stands, strict=True))
+        """The same motion with another attribute `mostly_rests` of each joint."""
+        joints = tuple(replace(j, mostly_rests=still) for j, still in zip(self.joints, stands, strict=True))
         return replace(self, joints=joints)
 
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:

@@ -199,7 +199,7 @@ def predict_at_states(
         InputError: an effect makes a torque depend on the past.
     """
     for own in functions:
-        if own.of_before:
+        if own.depends_on_past:
             late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in own.names))
             raise InputError(
                 f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "

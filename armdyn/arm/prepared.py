@@ -112,13 +112,13 @@ class PreparedRun(Run):
 
     Attributes:
         original: the recording.
-        done: processing by torque channel.
-        stands: whether each joint mostly rests, so that its rests are compared.
+        processing: processing by torque channel.
+        mostly_resting_joints: whether each joint mostly rests, so that its rests are compared.
     """
 
     original: Run = field(kw_only=True)
-    done: Mapping[str, Preparation] = field(kw_only=True)
-    stands: tuple[bool, ...] = field(kw_only=True)
+    processing: Mapping[str, Preparation] = field(kw_only=True)
+    mostly_resting_joints: tuple[bool, ...] = field(kw_only=True)
 
     @property
     def recording(self) -> Run:
@@ -128,14 +128,14 @@ class PreparedRun(Run):
     @property
     def preparations(self) -> Mapping[str, Preparation]:
         """Processing by torque channel; see `Run.preparations`."""
-        return self.done
+        return self.processing
 
 
 @cached_with_first_argument
 def motion_of_run(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
-    """The motion of an arm in a run, with the attribute `stands` of a prepared run."""
+    """The motion of an arm in a run, with the attribute `mostly_resting_joints` of a prepared run."""
     motion = measured_motion(run.recording, joints)
-    return motion.standing(run.stands) if isinstance(run, PreparedRun) else motion
+    return motion.standing(run.mostly_resting_joints) if isinstance(run, PreparedRun) else motion
 
 
 def recorded_torques(run: Run, model: pin.Model, joints: tuple[str, ...]) -> TorqueRecording:
@@ -224,7 +224,8 @@ def low_passed_and_thinned(
             channels[f"{kind}.{joint}"] = Channel(q.time, path.curve(q.time, k)[:, 0], f"{q.unit}{per}")
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations, stands=tuple(stands), outliers=run.outliers, extra=run.extra,
+        original=run, processing=preparations, mostly_resting_joints=tuple(stands), outliers=run.outliers,
+        extra=run.extra,
     )  # fmt: skip
 
 
@@ -311,7 +312,7 @@ def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.
     out as well, except those of a joint that does little else.
     """
     uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_SIGN
-    if not motion.joints[joint].stands:
+    if not motion.joints[joint].mostly_rests:
         return ~uncertain
     edges = np.flatnonzero(np.diff(np.concatenate([[False], uncertain, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):

@@ -1,7 +1,8 @@
-"""The cost of a schedule of accelerations over SAC's horizon, and its exact derivative; see `sac` for the formulas.
+"""Cost of the gripper's accelerations over the horizon of sequential action control (SAC), with its exact derivative.
 
-The extended state is integrated forwards by the Runge-Kutta method, with the Gram matrix of the signals where the
-question has one, and the adjoint state backwards (reverse differentiation of the discretised cost).
+For the formulas see `armdyn.control.sac`. The extended state is integrated forwards by the Runge-Kutta method, with the
+Gram matrix of the signals where the objective has one, and the adjoint state backwards (reverse differentiation of the
+discretised cost).
 """
 
 from functools import lru_cache
@@ -14,19 +15,21 @@ from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
 from armdyn.physics.simulate import runge_kutta_step
 
 SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
-"""Settings of SAC that the cost takes as arguments, in this order."""
+"""Names of the settings of sequential action control on which its cost depends, in the order of the arguments."""
 
 
 @lru_cache(maxsize=16)
 def horizon_functions(
     dynamics: tuple[PendulumDynamics, ...], name: str, question: MotionObjective, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
-    """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
+    """Compile the cost over the horizon, and the cost with its gradient, of a schedule of accelerations.
+
+    Both are functions of (schedule, extended state, time, theta, weights, scales, gram).
 
     Args:
-        dynamics: equations of the model in question, or of both rivals.
+        dynamics: equations of the model, or of both rival models.
         name: identifier of the equations, for the cache of compiled code.
-        question: the purpose of the motion.
+        question: objective of the motion.
         steps: number of steps of the horizon.
         dt: length of a step, s.
     """

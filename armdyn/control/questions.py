@@ -1,4 +1,4 @@
-"""Purpose of a motion: to determine the length, several parameters, or which of two rivals is true.
+"""Objective of a gripper's motion: to determine the length or several parameters, or to distinguish two rival models.
 
 All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
 to the wanted parameters and to the nuisance ones; for two rivals, the wanted signal is the difference of their
@@ -26,7 +26,11 @@ from armdyn.pendulum.model import PendulumModel
 
 
 class Criterion(Enum):
-    """The criterion that a motion minimises; see the head of this file."""
+    """Criterion of the information matrix that a motion minimises.
+
+    `DETERMINANT` is D-optimality, `INVERSE` A-optimality (trace of the inverse), `DIRECTION` the variance in one
+    direction of the parameters, and `FLOOR` a cost of the length alone at each moment.
+    """
 
     DETERMINANT = "determinant"
     INVERSE = "inverse"
@@ -36,14 +40,14 @@ class Criterion(Enum):
 
 @dataclass(frozen=True)
 class MotionObjective:
-    """The purpose of a motion; make it with `information_objective` or `separation_objective`.
+    """Objective of a motion; `information_objective` and `separation_objective` make one.
 
     Attributes:
-        wanted: wanted parameters; empty for rivals.
-        nuisance: further unknowns; for rivals, those of the rival.
+        wanted: parameters to determine; empty for rivals.
+        nuisance: further unknown parameters; for rivals, those of the rival model.
         criterion: criterion of the information.
         direction: weights of the wanted parameters, each in its typical size, for the criterion of one direction.
-        rivals: whether the purpose is to distinguish two models.
+        rivals: whether the objective is to distinguish two models.
     """
 
     wanted: tuple[str, ...]
@@ -54,7 +58,7 @@ class MotionObjective:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the cost is a logarithm of all signals together; the length alone is judged at each moment."""
+        """Whether the cost is a logarithm of the summed information, rather than a cost at each moment."""
         return self.criterion is not Criterion.FLOOR
 
     @property
@@ -64,22 +68,22 @@ class MotionObjective:
 
     @property
     def differentiated_parameters(self) -> tuple[tuple[str, ...], ...]:
-        """Parameters with respect to which readings are differentiated, by model."""
+        """Parameters with respect to which readings are differentiated, for each model."""
         return ((), self.nuisance) if self.rivals else (self.parameters,)
 
     @property
     def wanted_signal_count(self) -> int:
-        """Number of wanted signals, which come first."""
+        """Number of signals on the wanted parameters, which precede the nuisance signals."""
         return 1 if self.rivals else len(self.wanted)
 
     @property
     def signal_count(self) -> int:
-        """Number of all signals."""
+        """Number of all signals: wanted and nuisance."""
         return self.wanted_signal_count + len(self.nuisance)
 
     @property
     def cache_key(self) -> str:
-        """Identifier of the question, for the cache of compiled code."""
+        """Identifier of the objective, for the cache of compiled code."""
         return f"_{self.criterion.value}_{self.signal_count}" if self.logarithmic else ""
 
     def check(self, models: Sequence[PendulumModel]) -> None:
@@ -93,12 +97,12 @@ class MotionObjective:
                 raise UnknownNameError("parameter", name, models[-1].physics_names)
 
     def signals(self, readings: Sequence[Any], slopes: Sequence[Any], scales: Any) -> Any:
-        """(k,) signals, the wanted ones first.
+        """(k,) signals: derivatives of the force by the parameters, over its noise, the wanted ones first.
 
         Args:
             readings: force of every model, N.
-            slopes: (1, m) derivatives of the readings with respect to the watched parameters of each model.
-            scales: (m + 1,) typical size of every parameter, followed by the noise.
+            slopes: (1, m) derivatives of each model's force by `differentiated_parameters`.
+            scales: (m + 1,) typical size of every parameter, followed by the noise of the force.
         """
         if not self.logarithmic:
             return slopes[0]
@@ -107,7 +111,7 @@ class MotionObjective:
         return ca.vertcat((readings[0] - readings[1]) / noise, scaled) if self.rivals else scaled
 
     def criterion_function(self) -> ca.Function:
-        """A function ``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
+        """The criterion as a function ``G (k, k) -> cost, F (k, k)`` of the Gram matrix G, with F = d cost/dG."""
         k, wanted = self.signal_count, self.wanted_signal_count
         if not self.logarithmic:
             return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
@@ -127,7 +131,7 @@ class MotionObjective:
 
 
 LENGTH_OBJECTIVE = MotionObjective(("length",), criterion=Criterion.FLOOR)
-"""The paper's question: the length alone, judged at each moment."""
+"""Objective to determine the string's length alone, with a cost at each moment (Ansari & Murphey 2016)."""
 
 
 def information_objective(
@@ -136,7 +140,7 @@ def information_objective(
     criterion: Criterion = Criterion.DETERMINANT,
     direction: Sequence[float] = (),
 ) -> MotionObjective:
-    """The question for information on some parameters, with others unknown as well.
+    """Objective to determine the `wanted` parameters, while the `nuisance` parameters are unknown too.
 
     Raises:
         InputError: no parameter is wanted, one is given twice, or the direction does not fit.
@@ -151,5 +155,5 @@ def information_objective(
 
 
 def separation_objective(unknowns: Sequence[str]) -> MotionObjective:
-    """The question which of two models is true, for any values of the rival's `unknowns`."""
+    """Objective to distinguish two models, for any values of the rival model's `unknowns`."""
     return MotionObjective((), tuple(unknowns), rivals=True)

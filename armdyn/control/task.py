@@ -12,7 +12,7 @@ from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
 
 EFFECT_CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
-"""Shares of the effects' values from which a plan is continued where it is not found directly."""
+"""Shares of the effects' values for which a plan is computed one after another, if it is not found directly."""
 
 
 WALL_ROOF_SLOPE, WALL_ROOF_RADIUS = 1.0, 0.005
@@ -22,7 +22,10 @@ thin: it would push a load inside it to the side, and a fast load passes it betw
 
 @dataclass(frozen=True)
 class TaskCost:
-    """1/2 (|position - target|_P^2 + |velocity|_Q^2 + |gripper|_S^2) at the end, dt/2 sum (R a^2 + W x_gripper^2).
+    """Cost of a planned swing of the load to a target.
+
+    1/2 (|position - target|_P^2 + |velocity - target velocity|_Q^2 + |gripper|_S^2) at the end, plus
+    dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
         target: (x, z) position of the load relative to the gripper's start, z up, m.
@@ -64,7 +67,7 @@ class TaskCost:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
     def problem_arguments(self) -> dict[str, float]:
-        """Arguments of the compiled problem by name, in its order; unused terms have no weight."""
+        """The cost's numbers by name, in the order of the optimisation problem; unused terms have weight 0."""
         pairs = {
             "": self.target, "v": self.target_velocity, "w_": self.position_weights, "w_v": self.velocity_weights
         }  # fmt: skip
@@ -97,14 +100,14 @@ TASK_COST_NAMES = tuple(TaskCost((0.0, 0.0)).problem_arguments())
 
 @dataclass(frozen=True)
 class SwingState:
-    """Start of a swing: state of the string's upper end and the string, and the time, for effects that depend on time.
+    """State at the start of a planned swing.
 
     Attributes:
         x: position of the string's upper end, which follows the gripper with a lag, m.
         v: velocity of the string's upper end, m/s.
         angle: swing angle, rad.
         rate: swing rate, rad/s.
-        time: time of the model, s.
+        time: time since the start of the run, s, for effects that depend on time.
     """
 
     x: float = 0.0
@@ -116,7 +119,7 @@ class SwingState:
 
 @dataclass(frozen=True)
 class SwingPlan:
-    """A planned swing, with one value per node.
+    """A planned swing of the load, with one value for each node in time.
 
     Attributes:
         time: (N+1,) time from the swing's start, s.
@@ -140,7 +143,7 @@ class SwingPlan:
 
 
 class TaskPlanner:
-    """Plans swings of one composed model; the formulation is built once, lengths and targets may change freely."""
+    """Plans swings of a load to a target, for a model with fixed effects; parameter values and targets may change."""
 
     def __init__(self, model: PendulumModel, steps: int = 500, dt: float = 0.01) -> None:
         if steps < 2 or not dt > 0:
@@ -153,7 +156,7 @@ class TaskPlanner:
         self._load = self._variational.load.map(steps + 1)
 
     def optimizer(self, *, constrained: bool) -> ProjectionOptimizer:
-        """The optimiser of the task; it is faster without walls, slack and ends of the line."""
+        """The optimiser of the task; `constrained` includes the wall, a slack string and the ends of the line."""
         return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
     def plan(
@@ -225,7 +228,7 @@ def _optimizer(variational: VariationalStep, formulation: str, steps: int, const
 
 
 def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
-    """The task on a variational model; p = (theta, cost in the order of `TASK_COST_NAMES`, dt).
+    """The task as an optimal control problem; its p is (theta, cost in the order of `TASK_COST_NAMES`, dt).
 
     Args:
         variational: the equations.

@@ -1,4 +1,4 @@
-"""Hypotheses on the true model, each as fitted to the runs, and their predictions for an experiment."""
+"""Hypotheses on the true model, each fitted to the runs, and their predictions for an experiment."""
 
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -22,18 +22,18 @@ from armdyn.smoothing.even import first_derivative, motion_at_midpoints
 T = TypeVar("T")
 EXPERIMENT_CHANNELS = ("load_force", "swing_angle")
 START_STD = {"initial_angle": 0.01, "initial_rate": 0.03}
-"""Standard deviation of the start of a load that is said to hang at rest, rad and rad/s."""
+"""Standard deviation of angle, rad, and rate, rad/s, at the start of an experiment with a load that hangs at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One hypothesis on the true model.
+    """A hypothesis on the true model: a model with the values that fit the runs best.
 
     Attributes:
         name: name of the effects that it adds.
         model: model with the fitted values.
         free: parameters that a fit may change and that all runs share.
-        information: (k, k) information of runs and priors on `free`, in the inverse squares of their units.
+        information: (k, k) information of runs and priors on `free`, in inverse squares of the parameters' units.
         misfit: chi2 less that of the best hypothesis so far.
     """
 
@@ -45,23 +45,23 @@ class Hypothesis:
 
     @cached_property
     def rest_angle(self) -> float:
-        """Angle at which its load hangs at rest, rad."""
+        """Angle, rad, at which the load hangs at rest by this hypothesis."""
         return self.model.rest_angle()
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedExperiment:
-    """One experiment that could be made.
+    """An experiment that could be done.
 
     Attributes:
         kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest.
-        what: what to do, for a reader.
+        what: instruction for the experimenter.
         motion: motion of the gripper from rest to rest, its time from 0; None where nothing is recorded.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation, in the channel's
             unit.
         changed: parameters with another value in this run only, with that value and its standard deviation.
         measured: parameters that are measured by hand, with the standard deviation of the measurement.
-        turned: parameters whose sign is opposite in this run.
+        sign_reversed: parameters that have the opposite sign in this run.
         rate: sampling rate of each channel, Hz.
     """
 
@@ -71,16 +71,16 @@ class PlannedExperiment:
     noise: Mapping[str, float] = field(default_factory=dict)
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
-    turned: tuple[str, ...] = ()
+    sign_reversed: tuple[str, ...] = ()
     rate: float = 100.0
 
-    def along(self, motion: GripperPath) -> "PlannedExperiment":
-        """The same experiment with another motion."""
+    def along_motion(self, motion: GripperPath) -> "PlannedExperiment":
+        """This experiment with another motion of the gripper."""
         return replace(self, motion=motion)
 
     @cached_property
     def run(self) -> Run | None:
-        """A recording of the experiment, whose measured values do not matter."""
+        """A recording with the motion of the experiment and with zeros as measured values."""
         if self.motion is None:
             return None
         time = self.motion.time
@@ -97,16 +97,16 @@ class PlannedExperiment:
 
 
 class PredictedExperiment:
-    """Prediction of a hypothesis for an experiment, over the noise, with the prior knowledge of its unknowns.
+    """Prediction of a hypothesis for an experiment, divided by the noise, with priors on its unknowns.
 
     Attributes:
         names: names of the unknowns: those that all runs share, then those of this experiment.
-        prior: (m, m) information on them before the experiment.
-        spread: (m, m) square root of the covariance of the true values, if the hypothesis is true.
+        prior: (m, m) information on the unknowns before the experiment.
+        covariance_root: (m, m) square root of the unknowns' covariance, if the hypothesis is true.
         start: (m,) values of the unknowns before the experiment.
-        lower: (m,) smallest values.
-        upper: (m,) largest values.
-        typical: (m,) typical sizes.
+        lower: (m,) smallest values of the unknowns.
+        upper: (m,) largest values of the unknowns.
+        typical: (m,) typical sizes of the unknowns.
     """
 
     def __init__(self, hypothesis: Hypothesis, experiment: PlannedExperiment) -> None:
@@ -120,18 +120,18 @@ class PredictedExperiment:
         stds = [changed[name][1] if name in changed else START_STD[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
-        self.spread = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
+        self.covariance_root = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
         bounded = [model.parameters[name] for name in self.names]
         self.lower, self.upper, self.typical = np.array([(p.lower, p.upper, p.typical) for p in bounded]).T
-        self._sign = np.array([-1.0 if name in experiment.turned else 1.0 for name in model.names])
+        self._sign = np.array([-1.0 if name in experiment.sign_reversed else 1.0 for name in model.names])
         # Where a name occurs twice, the last one counts: the value in this run.
         self._place = {name: i for i, name in enumerate(self.names)}
         self._last: dict[str, tuple[bytes, Any]] = {}
 
-    def along(self, motion: GripperPath) -> "PredictedExperiment":
-        """The same prediction for another motion."""
+    def along_motion(self, motion: GripperPath) -> "PredictedExperiment":
+        """The prediction of the same hypothesis for another motion of the gripper."""
         other = copy(self)
-        other.experiment, other._last = self.experiment.along(motion), {}
+        other.experiment, other._last = self.experiment.along_motion(motion), {}
         other.__dict__.pop("weights", None)
         return other
 
@@ -149,7 +149,7 @@ class PredictedExperiment:
         return cast(T, self._last[what][1])
 
     def predict(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; values measured by hand come last."""
+        """(n,) readings over their noise at (m,) unknowns, and (n, m) derivatives; hand-measured values come last."""
         return self._at(values, "prediction", self._predicted)
 
     def _predicted(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,19 +175,19 @@ class PredictedExperiment:
 
     @cached_property
     def weights(self) -> dict[str, float]:
-        """One over the noise of every channel that the experiment measures, in the order of the readings."""
+        """Inverse of the noise of every channel that the experiment measures, by name."""
         e = self.experiment
         per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
         return {channel: per_node / e.noise[channel] for channel in EXPERIMENT_CHANNELS if channel in e.noise}
 
     @property
     def motion(self) -> GripperPath:
-        """Motion of the gripper in an experiment that has one."""
+        """The gripper's motion in the experiment, which must have one."""
         assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
         return self.experiment.motion
 
     def rollout(self, values: np.ndarray) -> Rollout:
-        """Both channels along the motion."""
+        """Simulated channels along the motion, at (m,) values of the unknowns."""
         return self._at(
             values,
             "rollout",
@@ -195,23 +195,23 @@ class PredictedExperiment:
         )
 
     def swing(self, values: np.ndarray) -> np.ndarray:
-        """(K,) angle of the load along the motion, rad."""
+        """(K,) swing angle along the motion, rad, at (m,) values of the unknowns."""
         return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")])
 
     def tension(self, values: np.ndarray) -> np.ndarray:
-        """(K,) tension of the string along the motion, N."""
+        """(K,) tension of the string along the motion, N, at (m,) values of the unknowns."""
         return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("load_force")])
 
-    def by_coefficients(
+    def coefficient_gradient(
         self, values: np.ndarray, basis: SeriesBasis, readings: np.ndarray, swing: np.ndarray | None = None
     ) -> np.ndarray:
-        """(size,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
+        """(size,) derivative of a weighted sum of readings with respect to the Fourier coefficients of the motion.
 
         Args:
             values: (m,) values of the unknowns.
             basis: functions of which the motion consists, at its nodes.
-            readings: (n,) weights of the readings over their noise.
-            swing: (K,) weights of the load's angle, besides the readings.
+            readings: (n,) weights of the readings, which are divided by their noise.
+            swing: (K,) weights of the swing angle, in addition to the readings.
         """
         model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
@@ -236,7 +236,7 @@ class PredictedExperiment:
 
 
 GRIPPER_MOTION_ROWS = (1, 2, 3, 7)
-"""Rows of a path with position, velocity, acceleration and jerk of the gripper; only some models have a jerk."""
+"""Rows of a path's inputs with position, velocity, acceleration and jerk of the gripper; not all models have a jerk."""
 
 
 @lru_cache(maxsize=32)

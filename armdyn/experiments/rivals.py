@@ -1,4 +1,4 @@
-"""Rival hypotheses that a diagnosis leaves, each fitted to the runs, with the information on its values."""
+"""Find the rival hypotheses that a diagnosis does not distinguish, and fit each to the runs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,23 +24,23 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 UNSEEN_EFFECT_DEVIATES = 2.0
-"""Size that an unseen effect may well have, in standard deviations."""
+"""Size of an effect that the runs may not reveal, in standard deviations of its parameter."""
 MAX_RIVALS = 5
-"""Largest number of rivals in a plan; the most plausible ones are used."""
+"""Largest number of rival hypotheses in a plan; the most plausible ones are used."""
 WELL_KNOWN_STD_SIZES = 0.05
-"""Ratio of standard deviation to typical size up to which a value is well known."""
+"""Ratio of standard deviation to typical size up to which a parameter counts as well known."""
 NO_EFFECT = "nothing"
 """Name of the hypothesis without an added effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """Rival hypotheses, and the noise of the channels.
+    """Rival hypotheses on the true model, and the noise of the channels.
 
     Attributes:
         hypotheses: the hypotheses, the best one so far first.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation.
-        last: the last run, whose experiment could be repeated in another way.
+        last: the last run, whose motion could be repeated in another experiment.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -49,7 +49,7 @@ class Rivals:
 
 
 def require_gripper(study: Study) -> None:
-    """Refuse a study for which no gripper motion can be designed.
+    """Refuse a study for which no motion of a gripper can be designed.
 
     Raises:
         InputError: the model is no pendulum, or the runs contain no gripper position or no channel that is predicted.
@@ -73,9 +73,9 @@ def require_gripper(study: Study) -> None:
 def rivals_of_study(
     study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[str, str, Rivals | None]:
-    """Verdict and sentence of the diagnosis, and the rivals to distinguish; None where there are none.
+    """Diagnose a study; return the verdict, a sentence, and the rivals to distinguish, None without rivals.
 
-    `names` are those of the effects to distinguish, in place of those that the diagnosis leaves.
+    If `names` of effects are given, these are the rivals, and the study is not diagnosed.
 
     Raises:
         InputError: see `require_gripper` and `rivals_by_name`.
@@ -97,7 +97,7 @@ def rivals_of_study(
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
-    """Sets of effects, beside those of the model as given, that the runs cannot distinguish, the best one first."""
+    """Sets of added effects that the runs cannot distinguish by a diagnosis, the best set first."""
     last, given = found.search.last, found.search.steps[0].effects
     added = group_by_effect([c for c in last.effects if c not in given])
     sets = [tuple(added)]
@@ -109,7 +109,7 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
 
 
 def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
-    """The rivals that a diagnosis leaves; None where it leaves none."""
+    """The hypotheses that a diagnosis does not distinguish; None if it distinguishes all."""
     sets = tied_sets(found)
     if len(sets) < 2:
         return None
@@ -117,10 +117,10 @@ def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
 
 
 def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
-    """The effect that a diagnosis names first, and others that are not certainly worse; None where all are.
+    """Rivals of the effect that a diagnosis names first: effects that are not certainly worse; None without rivals.
 
-    An effect is believed where it is certainly better than none. Here the same certainty is required against similar
-    effects: the encoders' noise, differentiated twice, is a model error as well, and decided such pairs wrongly by 11.
+    A diagnosis names an effect that is certainly better than no effect. Here the same certainty is required against
+    similar effects, because model errors can decide between them wrongly.
 
     Args:
         study: study of all runs.
@@ -144,7 +144,7 @@ def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) ->
 
 
 def rivals_by_name(study: Study, names: Sequence[str]) -> Rivals:
-    """Rivals that a user names: each alone, added to the model as given; a single name is compared with no effect.
+    """Rivals by names of effects: the model with each effect added; a single effect is compared with none.
 
     Raises:
         UnknownNameError: the catalogue has no such effect, or the model has it already.
@@ -160,13 +160,13 @@ def rivals_by_name(study: Study, names: Sequence[str]) -> Rivals:
 
 
 def rivals_refitted_to(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
-    """The same rivals, by the names of their effects, fitted to the runs of another study."""
+    """Rivals with the effects of each of `sets` added, fitted to the runs of a study."""
     by_name = _by_name(study)
     return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
 def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | None:
-    """The value that the runs determine worst and a second possible value of it; None where all are well known.
+    """Two possible values of the parameter that the runs determine worst; None if all are well known.
 
     Two values of one parameter are rivals like others: their separation is the information on the parameter, with all
     other unknowns as nuisance, times the squared difference of the values.
@@ -257,7 +257,7 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
 
 
 def last_motion(run: Run, seconds: float) -> GripperPath:
-    """The gripper's motion in a run, or its first part."""
+    """The gripper's motion in a run, cut to its first `seconds`."""
     path = gripper_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
     return GripperPath(0.0, path.dt, *path.motion_along_line[:, :count])

@@ -89,7 +89,7 @@ class DescriptionCorrection:
     magnitudes: bool = False
     compensated: bool = False
 
-    def of(self, model: pin.Model) -> pin.Model:
+    def corrected_model(self, model: pin.Model) -> pin.Model:
         """The arm's model with these errors corrected."""
         if replace(self, lag=0.0, magnitudes=False, compensated=False) == DescriptionCorrection():
             return model
@@ -104,7 +104,7 @@ class DescriptionCorrection:
             changed.inertias[i] = pin.Inertia(self.mass * inertia.mass, lever, moment)
         return changed
 
-    def read(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
+    def as_recorded(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
         """Torques (J, n) and their columns (J, n, k), as a recording with these properties has them."""
         if self.lag:
             parts = tuple(_lagged(time, part, self.lag) for part in parts)
@@ -154,7 +154,7 @@ class ArmRun:
         """Names of the arm's joints."""
         return self.model.joints
 
-    def slides(self, joint: str) -> bool:
+    def is_prismatic(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
         return self.model.arm.sliding[joint]
 
@@ -164,7 +164,7 @@ class ArmRun:
         return self.model.predicted_channels(self.run)
 
     @cached_property
-    def of_joint(self) -> np.ndarray:
+    def joint_indices(self) -> np.ndarray:
         """(J,) index of each torque's joint."""
         return np.array([self.model.arm.joints.index(c.removeprefix("tau.")) for c in self.channels])
 
@@ -180,7 +180,9 @@ class ArmRun:
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
         """(n,) averages of a torque around the moments, with the delay and the rate error of its stamps corrected."""
         recorded = self.run.channels[channel]
-        stamps = CorrectedReading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
+        stamps = CorrectedReading(channel, delay=late, clock_rate_error=pace).stamps_at(
+            self.motion.time, float(recorded.time[0])
+        )
         return local_averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
 
     @cached_property
@@ -188,7 +190,7 @@ class ArmRun:
         """(J, n) torques as recorded."""
         return np.array([self.torque(channel) for channel in self.channels])
 
-    def moved(self, correction: Correction) -> Motion:
+    def corrected_motion(self, correction: Correction) -> Motion:
         """The recorded motion after a correction of the recording."""
         m = self.motion
         if not any(name.startswith("q.") for name in correction.readings):
@@ -204,32 +206,34 @@ class ArmRun:
     def weights(self) -> np.ndarray:
         """(J,) independent samples per sample of the torques as recorded."""
         residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
-        return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
+        return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices])
 
-    def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
         readings = [correction.reading(channel) for channel in self.channels]
         sources = np.array([self.channels.index(r.source) for r in readings])
         recorded = [
-            self.torque(r.source, r.late, r.pace) if r.late or r.pace else self.measured[source]
+            self.torque(r.source, r.delay, r.clock_rate_error)
+            if r.delay or r.clock_rate_error
+            else self.measured[source]
             for r, source in zip(readings, sources, strict=True)
         ]
         factor, offset = np.array([(r.factor, r.offset) for r in readings]).T
         return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
 
-    def described(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
+    def described_torques(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
         """(J, n) torques of the model as it is, with its own or another description."""
-        changed = description.of(self.model.arm.model)
+        changed = description.corrected_model(self.model.arm.model)
         if self._own.effects:
             found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
-        return np.asarray(found.T[self.of_joint]) - (self._weight(motion) if description.compensated else 0.0)
+        return np.asarray(found.T[self.joint_indices]) - (self._weight(motion) if description.compensated else 0.0)
 
     def _weight(self, motion: Motion) -> np.ndarray:
         """(J, n) torques that hold the weight of the arm as described."""
         still = np.zeros_like(motion.q)
-        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.of_joint])
+        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.joint_indices])
 
     def _beyond(self, motion: Motion) -> float:
         """Price in nats of positions beyond the joints' limits."""
@@ -240,15 +244,15 @@ class ArmRun:
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
         """(...) price in nats of (..., J, n) torques that no drive of this arm has."""
-        limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.of_joint, None]
+        limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.joint_indices, None]
         return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
-    def screen(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
+    def coarse_log_evidence(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
         """(h,) log evidence without inertias, springs and payloads, in a hundredth of the time of `log_evidence`.
 
         Every joint has friction, a rotor, an offset and a model error of a tenth of its torque.
         """
-        read = [self.read(correction) for correction, _ in meanings]
+        read = [self.corrected_torques(correction) for correction, _ in meanings]
         coarse = [
             self._coarse(tuple(sorted((n, r) for n, r in c.readings.items() if n.startswith("q."))), description)
             for c, description in meanings
@@ -274,19 +278,19 @@ class ArmRun:
         self, positions: PositionReadings, description: DescriptionCorrection
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
-        m = self.moved(Correction(dict(positions)))
+        m = self.corrected_motion(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_MOMENT_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
-        described, columns = description.read(m.time, self.described(m, description), self._of_drives(m))
+        described, columns = description.as_recorded(m.time, self.described_torques(m, description), self._of_drives(m))
         return described, columns, self._beyond(m)
 
     def _of_drives(self, m: Motion) -> np.ndarray:
         """(J, n, 4) torques of offset, viscous and dry friction, and rotor, of typical size."""
         columns = np.stack([np.ones(m.q.shape), m.v, m.direction, m.a], axis=2).transpose(1, 0, 2)
-        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.of_joint]
+        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.joint_indices]
 
     def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(log_factor))
+        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices] * np.exp(log_factor))
 
     def log_evidence(
         self,
@@ -295,16 +299,16 @@ class ArmRun:
         weight: np.ndarray | None = None,
     ) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
-        m = self.moved(correction)
-        y, log_factor, source = self.read(correction)
+        m = self.corrected_motion(correction)
+        y, log_factor, source = self.corrected_torques(correction)
         weight = self.weights[source] if weight is None else weight
         if m is self.motion and description == AS_DESCRIBED:
             f, columns, positive = self._linear_as_described
         else:
-            samples = MotionSamples(description.of(self.model.arm.model), m, m.time)
+            samples = MotionSamples(description.corrected_model(self.model.arm.model), m, m.time)
             f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
-            f, columns = description.read(m.time, f, columns)
+            f, columns = description.as_recorded(m.time, f, columns)
         found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         for _ in range(
             SIGN_ESTIMATION_ROUNDS if description.magnitudes else 0
@@ -313,15 +317,15 @@ class ArmRun:
             found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
-    def nothing(self) -> float:
+    def log_evidence_of_no_model(self) -> float:
         """Log evidence of a description that explains nothing; a mistake must explain more than it."""
         return self.log_evidence(Correction(), MASSLESS).value
 
     def gravity(self, correction: Correction) -> np.ndarray:
         """(3,) gravity, m/s^2, that explains the torques best, fitted together with friction and offsets."""
-        m = self.moved(correction)
-        y, *_ = self.read(correction)
-        gap = y - self.described(m, DescriptionCorrection((0.0, 0.0, 0.0)))
+        m = self.corrected_motion(correction)
+        y, *_ = self.corrected_torques(correction)
+        gap = y - self.described_torques(m, DescriptionCorrection((0.0, 0.0, 0.0)))
         X = np.concatenate([self._per_gravity(m), self._of_drives(m)[:, :, :3]], axis=2)
         turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(y**2, axis=1), 1e-12)[:, None, None]
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
@@ -333,7 +337,7 @@ class ArmRun:
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) derivatives of the torques by gravity."""
-        return MotionSamples(self.model.arm.model, m, m.time).per_gravity.described[self.of_joint]
+        return MotionSamples(self.model.arm.model, m, m.time).per_gravity.described[self.joint_indices]
 
     @cached_property
     def _effort(self) -> np.ndarray:
@@ -368,13 +372,13 @@ class ArmRun:
         model, size, positive = self._extended
         m = stretch.motion
         torques, derivatives = model.at_states(stretch)
-        described = torques.T[self.of_joint]
+        described = torques.T[self.joint_indices]
         # A link changes by shares of its mass and extent, which the description may have wrong.
         size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
-        own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
+        own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
         load = max(1.0, USUAL_PAYLOAD_SHARE * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = load * USUAL_PAYLOAD_DISTANCE**INERTIAL_POWERS
-        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.of_joint]
+        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.joint_indices]
         tilt = self._per_gravity(m) * (USUAL_TILT * float(np.linalg.norm(self.model.gravity())))
         late = USUAL_TORQUE_DELAY * np.gradient(described, m.time, axis=1)
         delays = late[:, :, None] * np.eye(len(late))[:, None]

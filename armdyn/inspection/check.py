@@ -85,7 +85,7 @@ class Inspection:
     @property
     def wrong(self) -> tuple[Check, ...]:
         """Findings that make the recordings unusable."""
-        return self.of(Severity.WRONG)
+        return self.with_severity(Severity.WRONG)
 
     @property
     def usable(self) -> bool:
@@ -95,19 +95,19 @@ class Inspection:
     @property
     def sentence(self) -> str:
         """The findings in one or two sentences, for a reader."""
-        worst = self.wrong or self.of(Severity.SUSPECT)
+        worst = self.wrong or self.with_severity(Severity.SUSPECT)
         if not worst:
             return f"The recording{'s are what they say they are' if len(self.runs) > 1 else ' is what it says'}."
         where = f"{worst[0].run}: " if worst[0].run else ""
         more = f" ({len(worst) - 1} more of this kind.)" if len(worst) > 1 else ""
         return f"{where}{worst[0].sentence}{more}"
 
-    def naming(self, model: Path) -> "Inspection":
+    def with_model_path(self, model: Path) -> "Inspection":
         """The same findings, with the path of the model file in the command lines."""
         named = (replace(c, remedy=c.remedy.replace(MODEL_PLACEHOLDER, str(model))) for c in self.checks)
         return replace(self, checks=tuple(named))
 
-    def of(self, severity: Severity) -> tuple[Check, ...]:
+    def with_severity(self, severity: Severity) -> tuple[Check, ...]:
         """Findings of one severity."""
         return tuple(check for check in self.checks if check.severity is severity)
 
@@ -116,7 +116,7 @@ class Inspection:
         found: dict[str, Correction] = {}
         for check in self.wrong:
             if check.run is not None and check.correction is not None:
-                found[check.run] = found.get(check.run, Correction()).then(check.correction)
+                found[check.run] = found.get(check.run, Correction()).followed_by(check.correction)
         return found
 
 

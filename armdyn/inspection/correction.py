@@ -24,31 +24,31 @@ class CorrectedReading:
         source: channel of the recording that contains the values.
         factor: factor on these values.
         offset: offset added after the factor, in the channel's unit.
-        late: delay of the recording's stamps at its beginning, s.
-        pace: relative rate error of the stamps' clock; positive where it runs fast.
-        turn: period, in the source's unit, after which the values wrap around; 0 where they do not.
+        delay: delay of the recording's stamps at its beginning, s.
+        clock_rate_error: relative rate error of the stamps' clock; positive where it runs fast.
+        wrap_period: period, in the source's unit, after which the values wrap around; 0 where they do not.
     """
 
     source: str
     factor: float = 1.0
     offset: float = 0.0
-    late: float = 0.0
-    pace: float = 0.0
-    turn: float = 0.0
+    delay: float = 0.0
+    clock_rate_error: float = 0.0
+    wrap_period: float = 0.0
 
     def values(self, recorded: np.ndarray) -> np.ndarray:
         """(n,) values of the channel from (n,) recorded ones."""
-        whole = np.unwrap(recorded, period=self.turn) if self.turn else recorded
+        whole = np.unwrap(recorded, period=self.wrap_period) if self.wrap_period else recorded
         return np.asarray(self.factor * whole + self.offset)
 
-    def stamped(self, time: np.ndarray, begin: float) -> np.ndarray:
+    def stamps_at(self, time: np.ndarray, begin: float) -> np.ndarray:
         """Stamps of the recording at the true times (n,), s, of a channel whose stamps begin at `begin`."""
-        return time + self.late + self.pace * (time - begin)
+        return time + self.delay + self.clock_rate_error * (time - begin)
 
-    def right(self, stamps: np.ndarray) -> np.ndarray:
+    def true_times(self, stamps: np.ndarray) -> np.ndarray:
         """True times (n,), s, of a channel's stamps."""
         begin = stamps[:1]
-        return np.asarray((stamps - self.late + self.pace * begin) / (1.0 + self.pace))
+        return np.asarray((stamps - self.delay + self.clock_rate_error * begin) / (1.0 + self.clock_rate_error))
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Correction:
         """How to read one channel."""
         return self.readings.get(channel, CorrectedReading(channel))
 
-    def then(self, later: "Correction") -> "Correction":
+    def followed_by(self, later: "Correction") -> "Correction":
         """The correction that applies this one first, then `later`."""
         found = dict(self.readings)
         for channel, second in later.readings.items():
@@ -74,20 +74,22 @@ class Correction:
                 first.source,
                 second.factor * first.factor,
                 second.factor * first.offset + second.offset,
-                first.late + second.late,
-                (1.0 + first.pace) * (1.0 + second.pace) - 1.0,
-                first.turn or second.turn,
+                first.delay + second.delay,
+                (1.0 + first.clock_rate_error) * (1.0 + second.clock_rate_error) - 1.0,
+                first.wrap_period or second.wrap_period,
             )
         return Correction(found)
 
-    def of(self, run: Run) -> Run:
+    def applied_to(self, run: Run) -> Run:
         """The corrected recording."""
         channels, noise = dict(run.channels), dict(run.noise)
         for name, reading in self.readings.items():
             if name not in run.channels or reading.source not in run.channels:
                 continue
             source = run.channels[reading.source]
-            channels[name] = Channel(reading.right(source.time), reading.values(source.value), run.channels[name].unit)
+            channels[name] = Channel(
+                reading.true_times(source.time), reading.values(source.value), run.channels[name].unit
+            )
             noise.pop(name, None)
             if reading.source in run.noise:
                 noise[name] = abs(reading.factor) * run.noise[reading.source]

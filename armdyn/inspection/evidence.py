@@ -44,7 +44,7 @@ class ChannelReadings:
         weight: (J,) independent samples per sample.
         log_factor: (J,) logarithm of the factor by which the readings were scaled.
         min_rms: (J,) root mean square below which a channel is ignored.
-        floor: model error that every model of this kind may have, as a share of a channel's root mean square.
+        model_error_floor: error that every model of this kind may have, as a share of a channel's root mean square.
     """
 
     measured: np.ndarray
@@ -54,7 +54,7 @@ class ChannelReadings:
     weight: np.ndarray
     log_factor: np.ndarray
     min_rms: np.ndarray
-    floor: float = MODEL_ERROR_FLOOR
+    model_error_floor: float = MODEL_ERROR_FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def evidence(given: ChannelReadings) -> Evidence:
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
         residual = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
-        variance = np.mean(residual**2, axis=2) + (given.floor * scale) ** 2
+        variance = np.mean(residual**2, axis=2) + (given.model_error_floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
     value = -0.5 * (np.sum(share * np.sum(residual**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half

@@ -53,12 +53,12 @@ class Stop:
     Attributes:
         start: time of its first sample, s.
         end: time of its last sample, s.
-        place: position of the joint, rad or m.
+        position: position of the joint, rad or m.
     """
 
     start: float
     end: float
-    place: float
+    position: float
 
 
 def stuck_sensor_checks(run: Run) -> Iterator[Check]:
@@ -106,7 +106,7 @@ def sticking_joint_checks(run: Run) -> Iterator[Check]:
     """Find joints that are held at one position whenever they pass it."""
     for name, channel in _joints(run):
         for stands in repeated_stops(channel):
-            place, longest = float(np.mean([stand.place for stand in stands])), longest_stop(stands)
+            place, longest = float(np.mean([stand.position for stand in stands])), longest_stop(stands)
             yield Check(
                 "sticking", Severity.SUSPECT, run.name, (name,),
                 f"{name} stops at {rounded(place)} {channel.unit} from full speed {len(stands)} times, for up "
@@ -125,10 +125,12 @@ def repeated_stops(channel: Channel) -> list[list[Stop]]:
     """
     low, high = float(channel.value.min()), float(channel.value.max())
     whole = high - low
-    found = [s for s in abrupt_stops(channel) if min(s.place - low, high - s.place) > MAX_STOP_DISTANCE_SHARE * whole]
+    found = [
+        s for s in abrupt_stops(channel) if min(s.position - low, high - s.position) > MAX_STOP_DISTANCE_SHARE * whole
+    ]
     places: list[list[Stop]] = []
-    for stand in sorted(found, key=lambda stand: stand.place):
-        if places and stand.place - places[-1][0].place < MAX_STOP_DISTANCE_SHARE * whole:
+    for stand in sorted(found, key=lambda stand: stand.position):
+        if places and stand.position - places[-1][0].position < MAX_STOP_DISTANCE_SHARE * whole:
             places[-1].append(stand)
         else:
             places.append([stand])
@@ -138,7 +140,7 @@ def repeated_stops(channel: Channel) -> list[list[Stop]]:
 
 def _chance(stands: list[Stop], of: int, whole: float) -> float:
     """Expected number of groups as large and as narrow among so many stops at random positions in a range."""
-    apart = max(stands[-1].place - stands[0].place, STOP_WIDTH_SHARE * whole)
+    apart = max(stands[-1].position - stands[0].position, STOP_WIDTH_SHARE * whole)
     return float(comb(of, len(stands)) * len(stands) * (apart / whole) ** (len(stands) - 1))
 
 
@@ -181,7 +183,7 @@ def sticking_spans(run: Run) -> list[tuple[float, float]]:
     found = []
     for _, channel in _joints(run):
         for stands in repeated_stops(channel):
-            crossed = np.diff(channel.value > stands[0].place)
+            crossed = np.diff(channel.value > stands[0].position)
             passes = [*(stand.start for stand in stands), *channel.time[1:][crossed].tolist()]
             found += [(t, t + 2.0 * longest_stop(stands)) for t in passes]
     return found

@@ -95,7 +95,7 @@ def checks_of_run(
         return refused
     turned = list(wrapped_angle_checks(run))
     for check in turned:
-        run = (check.correction or Correction()).of(run)
+        run = (check.correction or Correction()).applied_to(run)
     found = [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
@@ -108,7 +108,7 @@ def checks_of_run(
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
         for check in compare(model, without_inconsistent_rates(piece), effects):
             found.append(replace(check, run=run.name))
-            mended = (check.correction or Correction()).of(mended)
+            mended = (check.correction or Correction()).applied_to(mended)
     refuses = check_steps if model is None else partial(check_run, model, adding=adding)
     return [*found, *rate_checks(mended), *_refused(mended, refuses)]
 

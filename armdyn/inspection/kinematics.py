@@ -70,7 +70,7 @@ class RateAndSlope:
         return float(self.slope @ self.value) / max(float(self.slope @ self.slope), 1e-300)
 
     @property
-    def alike(self) -> float:
+    def correlation(self) -> float:
         """Absolute correlation of the two signals of the pair."""
         return abs(_correlation(self.slope, self.value))
 
@@ -85,10 +85,10 @@ def rate_checks(run: Run) -> Iterator[Check]:
             kind, said, reading = meaning
             found.setdefault((kind, said), {})[pair] = reading
             continue
-        if pair.alike < MAX_UNRELATED_CORRELATION:
-            said = f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.alike:.2f})"
+        if pair.correlation < MAX_UNRELATED_CORRELATION:
+            said = f"{pair.rate} is not the derivative of {pair.position} (correlation {pair.correlation:.2f})"
             remedy = f"leave {pair.rate} out, or find out what it is"
-        elif pair.alike > MIN_RATE_CORRELATION and not _is_one(pair.factor):
+        elif pair.correlation > MIN_RATE_CORRELATION and not _is_one(pair.factor):
             said = f"{pair.rate} is {rounded(pair.factor)} times the derivative of {pair.position}: "
             said += "a gear ratio, or stamps of the wrong rate"
             remedy = f"divide {pair.rate} by {rounded(pair.factor)}, or check the unit of 'time'"
@@ -108,7 +108,7 @@ def rate_checks(run: Run) -> Iterator[Check]:
 def without_inconsistent_rates(run: Run) -> Run:
     """The run without rates and accelerations that contradict its positions."""
     pairs, _ = rates_and_slopes(run)
-    wrong = {p.rate for p in pairs if p.alike < MIN_RATE_CORRELATION or not _is_one(p.factor)}
+    wrong = {p.rate for p in pairs if p.correlation < MIN_RATE_CORRELATION or not _is_one(p.factor)}
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
     return replace(run, channels={n: c for n, c in run.channels.items() if n not in wrong}) if wrong else run
 
@@ -166,7 +166,7 @@ def _nats(pair: RateAndSlope, reading: CorrectedReading) -> float:
     """Log ratio of a rate's probability under `reading` to that as it is; a tenth of the moments are independent."""
     size = float(np.mean(pair.value**2))
     stands = float(np.mean((pair.value - pair.slope) ** 2))
-    alike = pair.alike if reading.source == pair.rate and not reading.late else MIN_RATE_CORRELATION
+    alike = pair.correlation if reading.source == pair.rate and not reading.delay else MIN_RATE_CORRELATION
     left = size * max(1.0 - alike**2, 1e-3)
     return 0.05 * len(pair.value) * float(np.log(max(stands / max(left, 1e-300), 1.0)))
 
@@ -176,16 +176,16 @@ def _in_another_unit(pair: RateAndSlope) -> RateMistake | None:
     meant = (
         (kind, said, CorrectedReading(pair.rate, 1.0 / factor))
         for factor, kind, said in RATE_FACTORS
-        if pair.alike > MIN_RATE_CORRELATION and _is_one(pair.factor / factor)
+        if pair.correlation > MIN_RATE_CORRELATION and _is_one(pair.factor / factor)
     )
     return next(meant, None)
 
 
 def _elsewhere(run: Run, pair: RateAndSlope, pairs: list[RateAndSlope], moments: np.ndarray) -> RateMistake | None:
     """Another position, or another clock, that a rate fits; None where there is none."""
-    if pair.alike >= CERTAIN_RATE_CORRELATION:
+    if pair.correlation >= CERTAIN_RATE_CORRELATION:
         return None
-    least = max(pair.alike + MIN_EXPLAINED_REST * (1.0 - pair.alike**2), MIN_RATE_CORRELATION)
+    least = max(pair.correlation + MIN_EXPLAINED_REST * (1.0 - pair.correlation**2), MIN_RATE_CORRELATION)
     others = [p for p in pairs if p is not pair]
     owners = {p.rate: _correlation(pair.slope, p.value) for p in others}
     best = max(owners, key=lambda name: owners[name], default="")
@@ -199,5 +199,5 @@ def _elsewhere(run: Run, pair: RateAndSlope, pairs: list[RateAndSlope], moments:
     late = max(shifted, key=lambda s: shifted[s])
     if shifted[late] > least and abs(late) >= MAX_RATE_DELAY:
         said = f"stamped {abs(late):g} s too {'late' if late > 0.0 else 'early'} against the positions"
-        return "clock_shift", said, CorrectedReading(pair.rate, late=float(late))
+        return "clock_shift", said, CorrectedReading(pair.rate, delay=float(late))
     return None

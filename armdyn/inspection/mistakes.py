@@ -57,11 +57,11 @@ class Mistake:
     Attributes:
         kind: kind of the mistake.
         channels: channels concerned.
-        said: the mistake in words, for a reader.
+        in_words: the mistake in words, for a reader.
         remedy: what to do where the correction does not solve it.
         correction: correction of the recording.
         description: correction of the arm's description.
-        price: log prior odds against it, nats.
+        prior_odds_nats: log prior odds against it, nats.
         correctable: whether the correction is known; one estimated with the model would hide what the model lacks.
         is_effect: whether it is an effect instead of a mistake; then nothing is reported where it explains best.
         clock: sentence on a clock, with a placeholder for its error, which is fitted; empty for other mistakes.
@@ -69,11 +69,11 @@ class Mistake:
 
     kind: CheckKind
     channels: tuple[str, ...]
-    said: str
+    in_words: str
     remedy: str = ""
     correction: Correction = field(default_factory=Correction)
     description: DescriptionCorrection = AS_DESCRIBED
-    price: float = 0.0
+    prior_odds_nats: float = 0.0
     correctable: bool = True
     is_effect: bool = False
     clock: str = ""
@@ -81,12 +81,14 @@ class Mistake:
     @property
     def family(self) -> tuple[object, ...]:
         """Key of the mistakes that differ only in the fitted error of a clock."""
-        return self.kind, self.channels, self.clock or self.said
+        return self.kind, self.channels, self.clock or self.in_words
 
     def with_clock(self, late: float, pace: float) -> "Mistake":
         """A copy of the mistake with another clock error of all its channels."""
-        readings = {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
-        return replace(self, said=self.clock.format(clock_error_in_words(late, pace)), correction=Correction(readings))
+        readings = {name: replace(r, delay=late, clock_rate_error=pace) for name, r in self.correction.readings.items()}
+        return replace(
+            self, in_words=self.clock.format(clock_error_in_words(late, pace)), correction=Correction(readings)
+        )
 
 
 def clock_error_in_words(late: float, pace: float) -> str:
@@ -101,7 +103,7 @@ def scaled_channels_mistake(
 ) -> Mistake:
     """The mistake that some channels have a factor and an offset."""
     readings = {name: CorrectedReading(name, factor, offset) for name in channels}
-    return Mistake(kind, tuple(readings), said, correction=Correction(readings), price=price)
+    return Mistake(kind, tuple(readings), said, correction=Correction(readings), prior_odds_nats=price)
 
 
 def shifted_clock_mistakes(
@@ -119,11 +121,11 @@ def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
 
 def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """Degrees are declared as rad, or the reverse."""
-    turning = [joint for joint in run.model.arm.joints if not run.slides(joint)]
+    turning = [joint for joint in run.model.arm.joints if not run.is_prismatic(joint)]
     for factor, said in ANGLE_UNITS:
         yield scaled_channels_mistake("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
         for joint in run.joints if len(run.joints) > 1 else ():
-            if not run.slides(joint) and (own := _recorded(run, "qva", (joint,))):
+            if not run.is_prismatic(joint) and (own := _recorded(run, "qva", (joint,))):
                 yield scaled_channels_mistake(
                     "angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS
                 )
@@ -139,7 +141,10 @@ def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
         for name in every if len(every) > 1 and unit in SINGLE_JOINT_UNITS else ():
             said = f"{name} is in {unit} and called N m"
             yield scaled_channels_mistake("torque_unit", (name,), said, factor, price=SINGLE_JOINT_PRICE_NATS)
-    products, squares = np.sum(run.described(run.motion) * run.measured, axis=1), np.sum(run.measured**2, axis=1)
+    products, squares = (
+        np.sum(run.described_torques(run.motion) * run.measured, axis=1),
+        np.sum(run.measured**2, axis=1),
+    )
     constants = products / np.maximum(squares, 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
@@ -160,7 +165,7 @@ def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
         yield Mistake(
             "torque_unit", every, "torques are motor currents, in ampere, and called N m",
             f"give torque_constant and gear_ratio in the map of 'armdyn import'; the model says about {sizes} N m/A",
-            Correction(readings), price=3.0 * len(every), correctable=False,
+            Correction(readings), prior_odds_nats=3.0 * len(every), correctable=False,
         )  # fmt: skip
 
 
@@ -205,14 +210,14 @@ def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
             if readings:
                 yield Mistake(
                     "joints_swapped", tuple(readings), f"{noun}: {said}", correction=Correction(readings),
-                    price=1.0 * (kinds != "tau"),
+                    prior_odds_nats=1.0 * (kinds != "tau"),
                 )  # fmt: skip
 
 
 def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
     """The zero of one joint is off by a quarter or half a turn."""
     for joint in run.joints:
-        for said, offset in () if run.slides(joint) else ZERO_OFFSETS.items():
+        for said, offset in () if run.is_prismatic(joint) else ZERO_OFFSETS.items():
             name = f"q.{joint}"
             yield scaled_channels_mistake(
                 "position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset
@@ -253,7 +258,7 @@ def gravity_mistakes(run: ArmRun) -> Iterator[Mistake]:
             f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
             f"'armdyn add {MODEL_PLACEHOLDER} base_tilt {recording} --trust-data' "
             f"(roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
-            description=DescriptionCorrection(gravity=tuple(there.tolist())), price=3.0,
+            description=DescriptionCorrection(gravity=tuple(there.tolist())), prior_odds_nats=3.0,
         )  # fmt: skip
     for out in (DescriptionCorrection(gravity=(0.0, 0.0, 0.0)), DescriptionCorrection(compensated=True)):
         yield Mistake(
@@ -275,7 +280,7 @@ def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
         yield Mistake(
             "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
-            description=DescriptionCorrection(lag=lag), price=LATE_CLOCK_PRICE_NATS,
+            description=DescriptionCorrection(lag=lag), prior_odds_nats=LATE_CLOCK_PRICE_NATS,
         )  # fmt: skip
     lowest, largest = np.quantile(run.measured, IGNORED_MOMENTS_SHARE, axis=1), np.max(np.abs(run.measured), axis=1)
     if np.all(lowest >= -IGNORED_MOMENTS_SHARE * largest):

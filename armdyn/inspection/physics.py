@@ -50,20 +50,20 @@ class FoundMistake:
 
     Attributes:
         mistake: the mistake.
-        gain: log evidence over "as it stands", nats.
-        lead: log evidence over the next best, nats.
+        log_evidence_gain: log evidence over "as it stands", nats.
+        log_evidence_lead: log evidence over the next best, nats.
         rival: another mistake that explains as much; None where there is none.
     """
 
     mistake: Mistake
-    gain: float
-    lead: float
+    log_evidence_gain: float
+    log_evidence_lead: float
     rival: Mistake | None = None
 
     @property
     def certain(self) -> bool:
         """Whether the recording is certainly wrong, rather than possibly."""
-        return self.gain >= CERTAIN_MISTAKE_NATS
+        return self.log_evidence_gain >= CERTAIN_MISTAKE_NATS
 
     @property
     def correction(self) -> Correction | None:
@@ -85,14 +85,16 @@ def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[M
             reported.add((m.kind, m.channels))
             if m.description != AS_DESCRIBED or not one.certain or one.rival is not None:
                 return
-            run = replace(run, run=m.correction.of(run.run))
+            run = replace(run, run=m.correction.applied_to(run.run))
         if not found:
             return
 
 
 def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
     """The mistake, or the two mistakes, that explain a recording; empty where it is best explained as it stands."""
-    screened = run.screen([(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)])
+    screened = run.coarse_log_evidence(
+        [(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)]
+    )
     least, values = float(screened[0]) - MAX_FIRST_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
     near = _foremost(mistakes, values, least)
     if not near:
@@ -109,19 +111,21 @@ def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tup
     ]
     if not pairs:
         return ()
-    values = run.screen([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [_price(pair) for pair in pairs]
+    values = run.coarse_log_evidence([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [
+        _price(pair) for pair in pairs
+    ]
     best = [i for i in np.argsort(values)[::-1][:FULLY_EVALUATED].tolist() if values[i] > least]
     return _best(run, [pairs[i] for i in best], as_is.value)
 
 
 def _price(mistakes: Sequence[Mistake]) -> float:
     """Log prior odds against all these mistakes at once, nats."""
-    return sum(m.price + MISTAKE_PRICE_NATS for m in mistakes)
+    return sum(m.prior_odds_nats + MISTAKE_PRICE_NATS for m in mistakes)
 
 
 def _corrected(mistakes: Sequence[Mistake]) -> Correction:
     """The correction of one mistake after the other."""
-    return reduce(Correction.then, (m.correction for m in mistakes), Correction())
+    return reduce(Correction.followed_by, (m.correction for m in mistakes), Correction())
 
 
 def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> list[int]:
@@ -144,7 +148,7 @@ def _best(run: ComparedRun, sets: Sequence[tuple[Mistake, ...]], as_is: float) -
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in m.channels for m in chosen)] or slice(None)
     explained = float(np.mean(found[best].share[concerned])) <= MAX_RESIDUAL_SHARE
-    least = max(as_is, run.nothing())
+    least = max(as_is, run.log_evidence_of_no_model())
     of_description = any(m.description.mass != 1.0 or m.description.length != 1.0 for m in chosen)
     # A description belongs to all its recordings, so a mistake in it must be certain.
     enough = CERTAIN_MISTAKE_NATS if of_description else POSSIBLE_MISTAKE_NATS
@@ -170,7 +174,7 @@ def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int
         tried = m.with_clock(FIRST_SHIFT_STEP * clock[0], FIRST_RATE_STEP * clock[1])
         return -run.log_evidence(_corrected([*chosen[:which], tried, *chosen[which + 1 :]]), AS_DESCRIBED).value
 
-    start = np.array([reading.late / FIRST_SHIFT_STEP, reading.pace / FIRST_RATE_STEP])
+    start = np.array([reading.delay / FIRST_SHIFT_STEP, reading.clock_rate_error / FIRST_RATE_STEP])
     bounds = [(x - CLOCK_SEARCH_RANGE, x + CLOCK_SEARCH_RANGE) for x in start]
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     both = minimize(
@@ -189,13 +193,13 @@ def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[
     """Findings on a recording from its comparison with the model."""
     for found in find_mistakes(run, mistakes):
         m, certain = found.mistake, found.certain
-        lead = f"{rounded(found.lead)} more than anything else"
-        sure = f"{rounded(found.gain)} nats more probable than as it stands, {lead}"
-        rival = "" if found.rival is None else f", or {found.rival.said}: this recording does not tell which"
+        lead = f"{rounded(found.log_evidence_lead)} more than anything else"
+        sure = f"{rounded(found.log_evidence_gain)} nats more probable than as it stands, {lead}"
+        rival = "" if found.rival is None else f", or {found.rival.in_words}: this recording does not tell which"
         remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.run.source or run.run.name} --fix fixed"
         remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"
         yield Check(
             m.kind, Severity.WRONG if certain else Severity.SUSPECT, run.run.name, m.channels,
-            f"{'' if certain else 'perhaps '}{m.said}{rival} ({sure})", m.remedy or remedy,
-            evidence=found.lead, correction=found.correction,
+            f"{'' if certain else 'perhaps '}{m.in_words}{rival} ({sure})", m.remedy or remedy,
+            evidence=found.log_evidence_lead, correction=found.correction,
         )  # fmt: skip

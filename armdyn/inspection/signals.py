@@ -291,7 +291,7 @@ def wrapped_angle_checks(run: Run) -> Iterator[Check]:
             "that fast",
             f"armdyn inspect {run.source or run.name} --fix fixed",
             float(channel.time[1:][wrapped][0]), float(channel.time[-1]),
-            correction=Correction({name: CorrectedReading(name, turn=turn)}),
+            correction=Correction({name: CorrectedReading(name, wrap_period=turn)}),
         )  # fmt: skip
 
 

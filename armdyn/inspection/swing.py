@@ -137,13 +137,16 @@ class SwingRun:
 
     def _stamps(self, r: CorrectedReading) -> np.ndarray:
         """(n,) stamps of a channel at the moments."""
-        return r.stamped(self.times, float(self.run.channels[r.source].time[0]))
+        return r.stamps_at(self.times, float(self.run.channels[r.source].time[0]))
 
     @cached_with_first_argument
     def _motion(self, late: float, pace: float) -> SwingMotion:
         """(n,) angle, rate and angular acceleration as recorded, for a delay and a rate error of the stamps."""
         assert self.swing is not None
-        time, curve = self._stamps(CorrectedReading(self.swing, late=late, pace=pace)), self._curves[self.swing]
+        time, curve = (
+            self._stamps(CorrectedReading(self.swing, delay=late, clock_rate_error=pace)),
+            self._curves[self.swing],
+        )
         first, second, *third = (
             (1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3 if self.swing == "swing_angle" else 2)
         )
@@ -157,7 +160,9 @@ class SwingRun:
         """(n,) acceleration of the pivot, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(SWING_MOMENTS)
-        return np.asarray(r.factor * (1.0 + r.pace) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0])
+        return np.asarray(
+            r.factor * (1.0 + r.clock_rate_error) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0]
+        )
 
     def _force(self, r: CorrectedReading) -> np.ndarray:
         """(n,) force of the load cell, averaged around the moments, N."""
@@ -196,11 +201,11 @@ class SwingRun:
         """(J,) independent samples per sample."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
-        shifted = Correction({name: CorrectedReading(name, late=soon) for name in self.run.channels})
+        shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
         return independent_sample_share(given.measured, evidence(given).residual, given.min_rms, after)
 
-    def screen(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
+    def coarse_log_evidence(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
         """(h,) log evidence: a pendulum has few effects, so that no faster method is needed."""
         return np.array([self.log_evidence(*meaning).value for meaning in meanings])
 
@@ -220,7 +225,7 @@ class SwingRun:
         other = weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
-    def nothing(self) -> float:
+    def log_evidence_of_no_model(self) -> float:
         """Minus infinity: that the equations explain nothing is excluded, because a pendulum's equations are known."""
         return -np.inf
 
@@ -240,7 +245,7 @@ class SwingRun:
         parts, motion = [], (np.zeros(SWING_MOMENTS),) * 3
         if self.swing is not None:
             r = correction.reading(self.swing)
-            angle, rate, bend = (r.factor * x for x in self._motion(r.late, r.pace))
+            angle, rate, bend = (r.factor * x for x in self._motion(r.delay, r.clock_rate_error))
             motion = angle + r.offset, rate, bend
             parts.append(self._swing_part(motion, u, r.factor))
         if "load_force" in self.channels:

@@ -33,7 +33,7 @@ is varied."""
 
 @lru_cache(maxsize=512)
 def stable_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
-    """Step of the integration, s: the declared step of the physics, or a shorter one that is stable with all effects."""
+    """Step of the integration, s: the declared step of the physics, or a shorter one that all effects need."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
     return max(
         min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION

@@ -54,15 +54,15 @@ class BlockSums:
         load: (..., nj, 4, 4) L' W L.
         load_error: (..., nj, 4) L' W r.
         cross: (..., nj, 4, 4) L' W X.
-        own: (..., nj, 4, 4) X' W X.
-        own_error: (..., nj, 4) X' W r.
+        joints: (..., nj, 4, 4) X' W X.
+        joints_error: (..., nj, 4) X' W r.
     """
 
     load: FloatArray
     load_error: FloatArray
     cross: FloatArray
-    own: FloatArray
-    own_error: FloatArray
+    joints: FloatArray
+    joints_error: FloatArray
 
     @classmethod
     def zeros(cls, joints: int) -> "BlockSums":
@@ -97,20 +97,20 @@ class FaultFreeBaseline:
 
     Attributes:
         load: (4,) mean apparent load, kg and kg m.
-        own: (nj, 4) m, mean apparent change of each joint, in `JOINT_CHANGE_UNITS`.
+        joints: (nj, 4) m, mean apparent change of each joint, in `JOINT_CHANGE_UNITS`.
         scatter: (nj, 4, 4) P.
         noise: (nj,) n.
         spread: mean square of the load's score over its expected value.
-        own_spread: (nj, 4) the same for the joints' scores.
+        joints_spread: (nj, 4) the same for the joints' scores.
         information: mean information about the load's mass, 1/kg^2, and (nj, 4) mean J of the joints' changes.
     """
 
     load: FloatArray
-    own: FloatArray
+    joints: FloatArray
     scatter: FloatArray
     noise: FloatArray
     spread: float
-    own_spread: FloatArray
+    joints_spread: FloatArray
     information: tuple[float, FloatArray]
 
     @classmethod
@@ -127,19 +127,20 @@ class FaultFreeBaseline:
         spread = (apart * by_own.mean(axis=0) + POOLED_WEIGHT * by_own.mean(axis=(0, 1))) / (apart + POOLED_WEIGHT)
         J = found._whitened(windows)[3]
         return replace(
-            found, spread=max(float(of_load.mean()) / len(LOAD_PRIOR_STD), tiny), own_spread=np.maximum(spread, tiny),
+            found, spread=max(float(of_load.mean()) / len(LOAD_PRIOR_STD), tiny),
+            joints_spread=np.maximum(spread, tiny),
             information=(float(sums[:, 0, 0].mean()), J.mean(axis=0)),
         )  # fmt: skip
 
     def _whitened(self, sums: BlockSums) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Sums (..., 4, 4) and errors (..., 4) of the load, u (..., nj, 4), and diagonal of J (..., nj, 4)."""
-        M = np.linalg.inv(sums.own @ self.scatter + self.noise[:, None, None] * np.eye(4))
-        error = sums.own_error - _times(sums.own, self.own)
-        of_load = sums.load_error - _times(sums.cross, self.own)
+        M = np.linalg.inv(sums.joints @ self.scatter + self.noise[:, None, None] * np.eye(4))
+        error = sums.joints_error - _times(sums.joints, self.joints)
+        of_load = sums.load_error - _times(sums.cross, self.joints)
         G = sums.cross @ self.scatter @ M
         A = ((sums.load - G @ np.swapaxes(sums.cross, -1, -2)) / self.noise[:, None, None]).sum(axis=-3)
         errors = ((of_load - _times(G, error)) / self.noise[:, None]).sum(axis=-2) - A @ self.load
-        J = np.einsum("...ik,...ki->...i", M, sums.own)
+        J = np.einsum("...ik,...ki->...i", M, sums.joints)
         return A, errors, _times(M, error), np.maximum(J, np.finfo(float).tiny)
 
     def explained(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
@@ -155,7 +156,7 @@ class FaultFreeBaseline:
         A, _, _, J = self._whitened(sums)
         mass = np.minimum(1.0, self.information[0] / np.maximum(A[..., 0, 0], np.finfo(float).tiny))
         return np.sqrt(mass * of_load / self.spread), np.sqrt(
-            np.minimum(1.0, self.information[1] / J) * own / self.own_spread
+            np.minimum(1.0, self.information[1] / J) * own / self.joints_spread
         )
 
     def load_change(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
@@ -165,10 +166,10 @@ class FaultFreeBaseline:
         wider = max(1.0, float(A[0, 0]) / self.information[0])
         return inverse @ errors, np.sqrt(wider * self.spread * np.diag(inverse))
 
-    def own_change(self, sums: BlockSums, joint: int, kind: int) -> tuple[float, float]:
+    def joint_change(self, sums: BlockSums, joint: int, kind: int) -> tuple[float, float]:
         """Estimated change of a joint, the `kind`-th of `JOINT_CHANGES`, and its standard deviation, in its unit."""
         _, _, u, J = (each[..., joint, kind] if k > 1 else each for k, each in enumerate(self._whitened(sums)))
-        return float(u / J), float(np.sqrt(self.own_spread[joint, kind] / min(J, self.information[1][joint, kind])))
+        return float(u / J), float(np.sqrt(self.joints_spread[joint, kind] / min(J, self.information[1][joint, kind])))
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> FloatArray:
@@ -180,9 +181,9 @@ def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, 
 
     Expectation maximisation for random effects (Laird & Ware, Biometrics 38, 1982).
     """
-    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.own).mean(axis=0), MIN_VARIANCE))
-    S = windows.own * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
-    b = windows.own_error * unit
+    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_VARIANCE))
+    S = windows.joints * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
+    b = windows.joints_error * unit
     mean = _times(np.linalg.inv(S.sum(axis=0)), b.sum(axis=0))
     error = b - _times(S, mean)
     P, n = np.tile(np.eye(4), (len(unit), 1, 1)), np.ones(len(unit))
@@ -207,7 +208,7 @@ class MotionBlocks:
         kept: number of blocks to keep; None keeps all.
 
     Attributes:
-        begins: start of each kept block, s.
+        start_times: start of each kept block, s.
         sums: sums of each kept block.
         load: (nj, 4) columns L of the load at the last sample.
         own: (nj, 4) columns X of the joints at the last sample.
@@ -215,7 +216,7 @@ class MotionBlocks:
 
     def __init__(self, columns: Buffered, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
         self._columns, self._level = columns, level
-        self.begins: deque[float] = deque(maxlen=kept)
+        self.start_times: deque[float] = deque(maxlen=kept)
         self.sums: deque[BlockSums] = deque(maxlen=kept)
         self.load, self.own = np.zeros((len(level), 4)), np.zeros((len(level), 4))
         self._last = -np.inf
@@ -223,7 +224,7 @@ class MotionBlocks:
 
     def clear(self) -> None:
         """Forget all blocks."""
-        self.begins.clear()
+        self.start_times.clear()
         self.sums.clear()
         self.drop_partial()
 
@@ -231,23 +232,23 @@ class MotionBlocks:
         """Forget the incomplete block."""
         self._sum, self._count, self._start = BlockSums.zeros(len(self._level)), 0, 0.0
 
-    def due(self, time: float) -> bool:
+    def is_due(self, time: float) -> bool:
         """Whether the next sample is due at `time`, s."""
         return not 0.0 <= time - self._last < SAMPLE_SECONDS
 
-    def take_columns(self, step: ObserverOutput, bandwidth: float) -> None:
-        """Update the columns without adding to the sums; arguments as in `take`."""
+    def update_columns(self, step: ObserverOutput, bandwidth: float) -> None:
+        """Update the columns without adding to the sums; arguments as in `add_sample`."""
         self._last = step.time
         self.load, self.own, self._way = (each.copy() for each in self._columns(*step.motion, bandwidth))
 
-    def take(self, step: ObserverOutput, bandwidth: float) -> bool:
+    def add_sample(self, step: ObserverOutput, bandwidth: float) -> bool:
         """Add a sample to the sums; returns whether it completes a block.
 
         Args:
             step: the observer's output.
             bandwidth: K of the observer, 1/s.
         """
-        self.take_columns(step, bandwidth)
+        self.update_columns(step, bandwidth)
         load, own = self.load, self.own
         if not (np.abs(self._way) >= MIN_CERTAIN_SIGN).any():
             return False
@@ -259,12 +260,12 @@ class MotionBlocks:
         total.load[...] += load[:, :, None] * of_load
         total.load_error[...] += of_load[:, 0] * step.residual[:, None]
         total.cross[...] += load[:, :, None] * of_own
-        total.own[...] += own[:, :, None] * of_own
-        total.own_error[...] += of_own[:, 0] * step.residual[:, None]
+        total.joints[...] += own[:, :, None] * of_own
+        total.joints_error[...] += of_own[:, 0] * step.residual[:, None]
         self._count += 1
         if self._count < round(BLOCK_SECONDS / SAMPLE_SECONDS):
             return False
-        self.begins.append(self._start)
+        self.start_times.append(self._start)
         self.sums.append(total)
         self.drop_partial()
         return True

@@ -10,12 +10,12 @@ EVENT_SCHEMA = "armdyn.watch/1"
 
 
 class EventKind(Enum):
-    """Kind of an event; the value is its name in JSON. `NOT_TOLD`: detected, but not identifiable yet."""
+    """Kind of an event; the value is its name in JSON. `UNIDENTIFIED`: detected, but not identifiable yet."""
 
     OUTSIDE_TORQUE = "outside_torque"
     LOAD_CHANGED = "load_changed"
     ROBOT_CHANGED = "robot_changed"
-    NOT_TOLD = "not_told"
+    UNIDENTIFIED = "not_told"
     RECOVERED = "recovered"
 
 
@@ -92,7 +92,7 @@ class EventReporter:
         self.joints, self.per_hour = model.arm.joints, per_hour
         self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
 
-    def torque(self, joint: int, size: float, std: float) -> ChangeEstimate:
+    def torque_estimate(self, joint: int, size: float, std: float) -> ChangeEstimate:
         """Estimate of an outside torque on a joint, N m or N."""
         return ChangeEstimate(joint, float(size), float(std), self.units[joint])
 

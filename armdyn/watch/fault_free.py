@@ -172,12 +172,12 @@ def statistics_of_recordings(
         ratios = []
         for level, error in ((lasting, step.contrast), (early[k], began)):
             ratios.append(np.abs(error) / level.std(step.sources))
-            level.take(error, step.sources, interval)
+            level.update(error, step.sources, interval)
         if elapsed >= STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * 2)
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]
-        if blocks.due(step.time):
-            blocks.take(step, bandwidth)
+        if blocks.is_due(step.time):
+            blocks.add_sample(step, bandwidth)
     touch, sudden = (
         tuple(
             ExponentialTail.of(values, STRETCH_SECONDS, 1)
@@ -198,7 +198,7 @@ def _settled(
     for recording in recordings:
         observer, before = Observer(model, bandwidth), np.inf
         for sample in recording():
-            step = observer.take(*sample)
+            step = observer.process_sample(*sample)
             if step is not None and step.settled:
                 elapsed += max(step.time - before, 0.0)
                 before = step.time
@@ -255,7 +255,7 @@ def _baselines(
     """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
     count = len(blocks.load)
     sizes = [size for size in WINDOW_SIZES if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.own_error[0].size))
+    scores = np.zeros((count, 1 + blocks.joints_error[0].size))
     baselines = {}
     for size in sizes:
         windows = blocks.windows(size)

@@ -103,7 +103,7 @@ class Observer:
 
     Attributes:
         bandwidth: K in use, 1/s.
-        hold: whether the running mean is held constant, because an outside torque must not enter it.
+        mean_is_held: whether the running mean is held constant, because an outside torque must not enter it.
     """
 
     def __init__(self, model: ArmModel, bandwidth: float = USUAL_BANDWIDTH) -> None:
@@ -116,13 +116,13 @@ class Observer:
         self._last: tuple[float, FloatArray] | None = None
         self._intervals: list[float] = []
         self.bandwidth = bandwidth
-        self.hold = False
+        self.mean_is_held = False
 
     def restart(self) -> None:
         """Restart the filters at the next sample."""
         self._last = None
 
-    def take(
+    def process_sample(
         self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0
     ) -> ObserverOutput | None:
         """The output for one sample; None if a value is missing or its time is not after the last one.
@@ -146,7 +146,7 @@ class Observer:
             ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
-        found = self._function(self._state, step, float(self.hold), K, q, tau, np.broadcast_to(shift, q.shape))
+        found = self._function(self._state, step, float(self.mean_is_held), K, q, tau, np.broadcast_to(shift, q.shape))
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling_time(K))

@@ -90,16 +90,16 @@ class ContactDetector:
         self._doubted = self._last = -np.inf
 
     @property
-    def going_on(self) -> bool:
+    def is_active(self) -> bool:
         """Whether an outside torque, or a possible load, acts now; the running mean is then held."""
         return self._open is not None
 
     @property
-    def surely_outside(self) -> bool:
+    def is_certainly_outside_torque(self) -> bool:
         """Whether it acts now and no load can explain it; the slow sums then wait."""
         return self._open is not None and not self._open.doubted
 
-    def limit(self, step: ObserverOutput) -> FloatArray:
+    def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nj,) thresholds of the contrast, N m or N."""
         return np.asarray(self.threshold * self._level.std(step.sources))
 
@@ -107,7 +107,7 @@ class ContactDetector:
         """Forget the present event at a time, s: it is explained, or the observer restarted."""
         self._open, self._outlasted, self._quiet = None, None, time
 
-    def take(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
+    def process_sample(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
         """The events of one sample.
 
         Args:
@@ -119,12 +119,12 @@ class ContactDetector:
         seen = [contrast]
         interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP), step.time
         if self._open is None:
-            self._level.take(step.contrast, step.sources, interval)
+            self._level.update(step.contrast, step.sources, interval)
         if self._sound.onset is not None and self._onset_level is not None:
             began = self._sound.onset.estimate(step.stages)
             seen.append(_Excess(began, self._onset_level.std(step.sources), self._sudden))
             if self._open is None:
-                self._onset_level.take(began, step.sources, interval)
+                self._onset_level.update(began, step.sources, interval)
         if self._open is not None:
             return self._went_on(self._open, step, seen, load)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
@@ -178,7 +178,7 @@ class ContactDetector:
         if not doubted:
             return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
         now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED_REPORT_SECONDS, step.time
-        return [self._event(EventKind.NOT_TOLD, now, step, contrast)] if now.reported else []
+        return [self._event(EventKind.UNIDENTIFIED, now, step, contrast)] if now.reported else []
 
     def _as_load(self, step: ObserverOutput, load: FloatArray, share: float) -> bool:
         """Whether a load explains the residual: with the best load, less than a share of the threshold remains.
@@ -191,9 +191,9 @@ class ContactDetector:
         return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
     def _event(self, kind: EventKind, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
-        torque = self._report.torque(now.joint, contrast.value[now.joint], contrast.std[now.joint])
+        torque = self._report.torque_estimate(now.joint, contrast.value[now.joint], contrast.std[now.joint])
         says = f"{torque} by now, since {now.since:.2f} s"
-        if kind is EventKind.NOT_TOLD:
+        if kind is EventKind.UNIDENTIFIED:
             torque = replace(torque, what="outside_torque, payload")
             sentence = f"something touches the arm, or it took up a load; one moment cannot tell which: {says}."
         else:
@@ -201,6 +201,6 @@ class ContactDetector:
         return self._report.event(kind, step.time, now.since, torque, sentence)
 
     def _ended(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
-        torque = self._report.torque(now.joint, now.largest[now.joint], contrast.std[now.joint])
+        torque = self._report.torque_estimate(now.joint, now.largest[now.joint], contrast.std[now.joint])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
         return self._report.event(EventKind.RECOVERED, step.time, now.since, torque, sentence)

@@ -29,7 +29,7 @@ class ErrorLevel:
         by_source = (self._variance * sources).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(1.0, self._squares) * by_source))
 
-    def take(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
+    def update(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
         """Update with a sound error (nj,), N m or N, `interval` s after the last one."""
         square = error**2 / (self._variance * sources).sum(axis=1)
         share = 1.0 - np.exp(-interval / RECENT_ERROR_SECONDS)

@@ -24,7 +24,7 @@ from armdyn.watch.touch import ContactDetector
 BLOCKS_AFTER_DETECTION = 7
 """Blocks to wait after detection in a window of at most this length, so that the whole window lies after the change."""
 MAX_WAIT_BLOCKS = 21
-"""Longest wait, in blocks, for the motion to identify a detected change; then `EventKind.NOT_TOLD` is reported."""
+"""Longest wait, in blocks, for the motion to identify a detected change; then `EventKind.UNIDENTIFIED` is reported."""
 LOAD_PARAMETERS = 4
 """Number of a load's parameters: mass, kg, and mass times position (3), kg m."""
 
@@ -82,12 +82,12 @@ class Watch:
         self._refining: _Change | None = None
         self.latest: ObserverOutput | None = None
 
-    def all(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
+    def events_of(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
         """The events of successive samples."""
         for sample in samples:
-            yield from self.take(*sample)
+            yield from self.process_sample(*sample)
 
-    def take(self, time: float, q: FloatArray, tau: FloatArray) -> list[WatchEvent]:
+    def process_sample(self, time: float, q: FloatArray, tau: FloatArray) -> list[WatchEvent]:
         """The events of one sample.
 
         Args:
@@ -95,8 +95,8 @@ class Watch:
             q: (nj,) positions, rad or m; nan where one is missing.
             tau: (nj,) measured torques, N m or N; likewise.
         """
-        self.observer.hold = self.touches.going_on
-        step = self.observer.take(time, q, tau, self._shift)
+        self.observer.mean_is_held = self.touches.is_active
+        step = self.observer.process_sample(time, q, tau, self._shift)
         if step is None:
             return []
         self.latest = step
@@ -104,12 +104,12 @@ class Watch:
             self.touches.reset(time)
             return []
         events: list[WatchEvent] = []
-        going_on = self.touches.surely_outside
-        if self._blocks.due(time):
+        going_on = self.touches.is_certainly_outside_torque
+        if self._blocks.is_due(time):
             bandwidth = self.observer.bandwidth
-            complete = not going_on and self._blocks.take(step, bandwidth)
+            complete = not going_on and self._blocks.add_sample(step, bandwidth)
             if going_on:
-                self._blocks.take_columns(step, bandwidth)
+                self._blocks.update_columns(step, bandwidth)
             before = self._shift = self._known()
             if complete:
                 events += self._changes(time)
@@ -119,10 +119,10 @@ class Watch:
                     self.observer.restart_mean(step.residual - (self._shift - before))
                     self.touches.reset(time)
                     return events
-        events += self.touches.take(step, self._blocks.load, self.observer.delay)
-        if self.touches.surely_outside and not going_on:
+        events += self.touches.process_sample(step, self._blocks.load, self.observer.delay)
+        if self.touches.is_certainly_outside_torque and not going_on:
             self._blocks.drop_partial()  # it contains samples from before the detection
-        if going_on and not self.touches.surely_outside:
+        if going_on and not self.touches.is_certainly_outside_torque:
             self._blocks.clear()
         return events
 
@@ -182,7 +182,7 @@ class Watch:
         load, own = baseline.scores(sums)
         of_load, each = baseline.explained(sums)
         # Evidence in nats: half the fall of chi2 over its sound mean, less half log(blocks) per parameter (BIC).
-        alike, cost = baseline.spread + float(baseline.own_spread.mean()), 0.5 * float(np.log(chosen))
+        alike, cost = baseline.spread + float(baseline.joints_spread.mean()), 0.5 * float(np.log(chosen))
         every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETERS * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
@@ -222,8 +222,10 @@ class Watch:
         sums, baseline = blocks.select(slice(-best.window, None)).total, self.sound.baselines[best.window]
         offset = JOINT_CHANGES.index("torque_offset")
         joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
-        since = self._blocks.begins[-best.window]
-        return _Alarm(best.window, since, self._report.torque(joint, *baseline.own_change(sums, joint, offset)))
+        since = self._blocks.start_times[-best.window]
+        return _Alarm(
+            best.window, since, self._report.torque_estimate(joint, *baseline.joint_change(sums, joint, offset))
+        )
 
     def _passed(self, time: float, alarm: _Alarm) -> WatchEvent:
         """Report a past outside torque that was too small or too slow for immediate detection."""
@@ -240,7 +242,7 @@ class Watch:
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
         sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
-        return self._report.event(EventKind.NOT_TOLD, time, since, replace(found, what=", ".join(names)), sentence)
+        return self._report.event(EventKind.UNIDENTIFIED, time, since, replace(found, what=", ".join(names)), sentence)
 
     def _name(self, change: _Change) -> str:
         return "payload" if change.joint < 0 else f"{JOINT_CHANGES[change.kind]}[{self.model.arm.joints[change.joint]}]"
@@ -251,7 +253,7 @@ class Watch:
             load, std = baseline.load_change(sums)
             return ChangeEstimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
         units = SLIDING_JOINT_CHANGE_UNITS if self.model.arm.slides[change.joint] else JOINT_CHANGE_UNITS
-        found = baseline.own_change(sums, change.joint, change.kind)
+        found = baseline.joint_change(sums, change.joint, change.kind)
         return ChangeEstimate(change.joint, *found, units[change.kind], JOINT_CHANGES[change.kind]), sums
 
     def _count_in(self, change: _Change, sums: BlockSums) -> None:
@@ -259,7 +261,7 @@ class Watch:
         if change.joint < 0:
             self._load = self._load + baseline.load_change(sums)[0]
         else:
-            self._own[change.joint, change.kind] += baseline.own_change(sums, change.joint, change.kind)[0]
+            self._own[change.joint, change.kind] += baseline.joint_change(sums, change.joint, change.kind)[0]
 
     def _refine(self, blocks: BlockSums) -> None:
         """Correct the size of a reported change with the blocks after it, without an event."""

@@ -78,7 +78,7 @@ def judged(mistake: object, sound: Run, answer: Inspection) -> Answer:
     correction = answer.corrected().get(mistake.run.name)
     undone = None
     if any(c.correction is not None for c in hits):
-        undone = correction is not None and _same(correction.of(mistake.run), sound)
+        undone = correction is not None and _same(correction.applied_to(mistake.run), sound)
     return Answer(mistake.name, bool(hits) and not others, undone, said)
 
 
@@ -100,7 +100,9 @@ def _same(run: Run, sound: Run) -> bool:
 
 def as_written(model: ArmModel, mass: float, length: float) -> ArmModel:
     """The model of a description in other units."""
-    robot = replace(model.arm.robot, model=DescriptionCorrection(mass=mass, length=length).of(model.arm.model))
+    robot = replace(
+        model.arm.robot, model=DescriptionCorrection(mass=mass, length=length).corrected_model(model.arm.model)
+    )
     return replace(model, arm=replace(model.arm, robot=robot))
 
 
@@ -238,9 +240,9 @@ def _told(where: str, answers: Iterator[Answer]) -> Iterator[Answer]:
 
 
 def _counted(name: str, found: Inspection, wrong: int, suspect: int, sound: int) -> tuple[int, int, int]:
-    for check in (*found.wrong, *found.of(Severity.SUSPECT)):
+    for check in (*found.wrong, *found.with_severity(Severity.SUSPECT)):
         print(f"{name}: {check.severity.key} {check.kind}: {check.sentence[:160]}", flush=True)
-    doubtful = bool(found.of(Severity.SUSPECT)) and found.usable
+    doubtful = bool(found.with_severity(Severity.SUSPECT)) and found.usable
     return wrong + (not found.usable), suspect + doubtful, sound + 1
 
 

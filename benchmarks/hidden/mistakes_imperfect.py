@@ -72,7 +72,7 @@ def judged(mistake: object, sound: Run, model: Model) -> Answer:
     correction = answer.corrected().get(mistake.run.name)
     mended = None
     if mistake.undone and sure:
-        mended = correction is not None and _alike(correction.of(mistake.run), sound, model)
+        mended = correction is not None and _alike(correction.applied_to(mistake.run), sound, model)
     if not found or mended is False:
         said = "; ".join(f"{c.severity.key} {c.kind}: {c.sentence[:90]}" for c in answer.checks[:3])
         print(f"  {mistake.name}: {'not mended' if found else 'not found'}: {said or 'nothing'}", flush=True)
@@ -94,7 +94,7 @@ def _alike(run: Run, sound: Run, model: Model) -> bool:
 
 
 def _doubtful(found: Inspection) -> bool:
-    return any(c.kind != "no_motion" for c in found.of(Severity.SUSPECT))
+    return any(c.kind != "no_motion" for c in found.with_severity(Severity.SUSPECT))
 
 
 def main() -> int:
@@ -111,7 +111,7 @@ def main() -> int:
     for name, model, run, mistakes in worlds(options.pendulums, options.arms, options.first_seed):
         twin = inspect_runs([run], model)
         wrong, doubtful, sound = wrong + (not twin.usable), doubtful + _doubtful(twin), sound + 1
-        said = "; ".join(c.sentence[:90] for c in (*twin.wrong, *twin.of(Severity.SUSPECT)))
+        said = "; ".join(c.sentence[:90] for c in (*twin.wrong, *twin.with_severity(Severity.SUSPECT)))
         print(f"{name}: {said or 'sound'}", flush=True)
         answers += [judged(mistake, run, model) for mistake in mistakes]
     asked = Counter(a.name for a in answers)

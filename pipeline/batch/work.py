@@ -171,7 +171,7 @@ def _events(job: Job, run: "Run") -> tuple[str, ...]:
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).all(samples_of(model.reading(run), model))
+    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.reading(run), model))
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 

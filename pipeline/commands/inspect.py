@@ -86,7 +86,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
     maps = {path.with_suffix(".map.toml"): run for path, run in runs.items()}
     for file in maps:
         free_to_write(file, force)
-    write_runs({path: corrected[run.name].of(run) for path, run in runs.items()}, force)
+    write_runs({path: corrected[run.name].applied_to(run) for path, run in runs.items()}, force)
     for file, run in maps.items():
         atomic.write_text(file, correction_text(run, corrected[run.name]))
     return [file for pair in zip(runs, maps, strict=True) for file in pair]

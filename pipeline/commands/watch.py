@@ -100,7 +100,7 @@ def watch(
         for name, samples in _sources(watching, ros, arm, [*zip(files, sample_sources(given, watched), strict=True)]):
             out.source = name
             for sample in samples:
-                found = watching.take(*sample)
+                found = watching.process_sample(*sample)
                 if kept is not None:
                     kept.write(sample)
                 if shown is not None:

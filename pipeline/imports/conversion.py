@@ -155,8 +155,8 @@ def _channel(
         present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
     turn = parse_quantity(entry.turn, to_si.unit).value if entry.turn else 0.0
-    reading = CorrectedReading(name, late=late, pace=entry.fast, turn=turn)
-    return Channel(reading.right(time[present]), reading.values(value[present]), to_si.unit)
+    reading = CorrectedReading(name, delay=late, clock_rate_error=entry.fast, wrap_period=turn)
+    return Channel(reading.true_times(time[present]), reading.values(value[present]), to_si.unit)
 
 
 def _conversion(entry: Entry, unit: str) -> Conversion:

@@ -151,7 +151,7 @@ def excitation(
     """
     robot = goal.columns.arm.robot
     postures = FreePostures(robot, MIN_CLEARANCE)
-    problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of(robot), postures)
+    problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of_robot(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError(
@@ -165,8 +165,10 @@ def excitation(
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
-        rival = replace(problem, criterion=goal.conditioned)
-        other = best_motion(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
+        rival = replace(problem, criterion=goal.condition_number_criterion)
+        other = best_motion(
+            rival, starts, [goal.condition_number_criterion(information)[0] for information in informations], say
+        )
         inside = shrink_within_limits(rival, other, COMPARED_EXCESS)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
@@ -178,7 +180,7 @@ def excitation(
         random=expectation(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
-        torque=problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
+        torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
@@ -187,7 +189,7 @@ def expectation(problem: ArmProblem, goal: MotionGoal, x: Array) -> Expectation:
     information, prior = problem.information(x), goal.columns.prior
     K = posterior_covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
-    separations = tuple(case.separation(information, prior) for case in goal.hidden)
+    separations = tuple(case.separation(information, prior) for case in goal.separations)
     return Expectation(x, std, separations)
 
 
@@ -195,7 +197,7 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
-    motion = problem.series.at(time).motion(x)
+    motion = problem.series.basis_at(time).motion(x)
     return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 
@@ -222,7 +224,7 @@ def _feasible(
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].broken}")
-        x = optimise_motion(problem, x, first=len(problem.steps) - 2)
+        x = optimise_motion(problem, x, first=len(problem.steps_per_round) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
     if check.feasible:
@@ -247,7 +249,7 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
+            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

@@ -74,7 +74,7 @@ def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[Expe
     The radius of the load is in m.
     """
     moving = plan.motion
-    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= MIN_RIGHT_PROBABILITY:
+    if moving is None or moving.experiment.motion is None or moving.expected.probability <= MIN_RIGHT_PROBABILITY:
         return plan, None
     arm = urdf.load("baxter")
     found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)

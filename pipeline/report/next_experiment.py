@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, motion: GripperPath) -> Section:
     """Section on a designed motion: gripper, angle, and the differences that remain after the rivals are refitted."""
     sentence = ""
-    if proposal.random is not None:
-        rise, random = proposal.outlook.separation**2, proposal.random
+    if proposal.random_motion_rise is not None:
+        rise, random = proposal.expected.separation**2, proposal.random_motion_rise
         sentence = (
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
@@ -34,7 +34,7 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]
     for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
-        _, best = RefittedRival(rival, predicted).refitted()
+        _, best = RefittedRival(rival, predicted).best_refit()
         left = (predicted - rival.predict(best)[0])[: len(motion.time)]
         time = np.linspace(0.0, motion.duration, len(left))
         line = {"mode": "lines", "line": {"color": colour}}
@@ -54,7 +54,7 @@ def next_document(plan: ExperimentPlan | None, sentence: str, output: Path | Non
         sentence: summary for a person.
         output: the file with a motion that Baxter can make; None where there is none.
     """
-    hopeful = plan is None or any(p.outlook.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
+    hopeful = plan is None or any(p.expected.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
     steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
     return replace(
         Document("", "") if plan is None else plan.document(),
@@ -73,7 +73,7 @@ def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
         if plan.proposals:
             best = plan.proposals[0]
             figures.append(KeyFigure("Best experiment", best.experiment.kind, best.experiment.what))
-            figures.append(KeyFigure("Right verdict", f"{best.outlook.probability:.0%}", "expected after it"))
+            figures.append(KeyFigure("Right verdict", f"{best.expected.probability:.0%}", "expected after it"))
         moving = plan.motion
         if moving is not None and moving.experiment.motion is not None:
             motion = moving.experiment.motion
@@ -122,6 +122,6 @@ def investigation_section(found: "Investigation") -> Section:
 def _expected(stage: "InvestigationStage") -> str:
     if stage.proposal is None:
         return "the length"
-    outlook, motion = stage.proposal.outlook, stage.proposal.experiment.motion
+    outlook, motion = stage.proposal.expected, stage.proposal.experiment.motion
     effort = "" if motion is None else f", effort {motion.effort:.1f} m²/s³"
     return f"{outlook.separation:.1f} std, {outlook.probability:.0%}{effort}"

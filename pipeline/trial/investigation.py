@@ -252,8 +252,8 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
 
 def _promising(proposal: ProposedExperiment) -> bool:
     """Whether a motion may distinguish at least one pair of rivals."""
-    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(
-        np.any(proposal.outlook.chi2_increase > MIN_EXPECTED_GAP)
+    return proposal.expected.probability > MIN_RIGHT_PROBABILITY or bool(
+        np.any(proposal.expected.chi2_increase > MIN_EXPECTED_GAP)
     )
 
 

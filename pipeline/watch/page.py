@@ -53,7 +53,7 @@ class LivePage(Closing):
         with self._lock:
             self._events.extend(event.answer for event in events)
             if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < POINT_SECONDS):
-                limit = self._watch.touches.limit(step)
+                limit = self._watch.touches.thresholds(step)
                 mean = step.residual - step.contrast
                 self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])
 

@@ -72,4 +72,4 @@ def test_effects_of_a_joint_that_is_carried_are_not_asked_for(tmp_path):
     assert model.arm.joints == NAMES
     assert model.joints == NAMES[:2]
     for reach in ("every", "turning", "coupled", "last"):
-        assert "j3" not in model.arm.within(reach)
+        assert "j3" not in model.arm.reachable_joints(reach)

@@ -47,9 +47,9 @@ def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_doe
     share = np.linspace(0.0, 1.0, len(time))
     moves, stands = (measured_motion(_held(run, "right_e0", 0.3, end), JOINTS) for end in (0.6, 0.99))
     inside = (share > 0.35) & (share < 0.55)
-    assert not moves.joints[joint].stands
+    assert not moves.joints[joint].mostly_rests
     assert np.mean(samples_with_known_direction(moves, joint, time, 10.0)[inside]) < 0.1
-    assert stands.joints[joint].stands
+    assert stands.joints[joint].mostly_rests
     assert np.mean(samples_with_known_direction(stands, joint, time, 10.0)[inside]) > 0.9
     assert np.mean(stands.direction(joint, time[inside]) == 0.0) > 0.9
 

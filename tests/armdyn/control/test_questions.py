@@ -41,7 +41,7 @@ def situation(question, seed=0):
     return SacState(1.0, 0.02, 0.1, SWING, psi, gram=gram)
 
 
-@pytest.fixture(scope="module", params=QUESTIONS, ids=lambda q: f"{q.criterion.value}-{q.size}-{q.rivals}")
+@pytest.fixture(scope="module", params=QUESTIONS, ids=lambda q: f"{q.criterion.value}-{q.signal_count}-{q.rivals}")
 def control(request):
     rival = PIVOT if request.param.rivals else None
     return SequentialActionControl(DRAG, question=request.param, rival=rival), rival

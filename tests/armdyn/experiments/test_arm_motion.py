@@ -30,7 +30,7 @@ def goal(shoulder, effects):
 
 @pytest.fixture(scope="module")
 def design(goal):
-    limits = MotionLimits.of(goal.columns.arm.robot)
+    limits = MotionLimits.of_robot(goal.columns.arm.robot)
     return ArmProblem(goal.columns, goal.criterion, FourierSeries(6.0), limits, OnOneSide(0.5))
 
 
@@ -71,9 +71,9 @@ def test_a_designed_motion_tells_more_and_stays_inside(design, goal, start):
 
 
 def test_twice_the_time_has_twice_the_information(goal):
-    limits, free = MotionLimits.of(goal.columns.arm.robot), OnOneSide(np.inf)
+    limits, free = MotionLimits.of_robot(goal.columns.arm.robot), OnOneSide(np.inf)
     once, twice = (ArmProblem(goal.columns, goal.criterion, FourierSeries(t), limits, free) for t in (20.0, 40.0))
-    x = np.random.default_rng(0).standard_normal((3, once.series.size))
+    x = np.random.default_rng(0).standard_normal((3, once.series.coefficient_count))
     assert twice.information(x) == pytest.approx(2.0 * once.information(x))
 
 

@@ -26,7 +26,7 @@ def test_a_payloads_column_is_the_torque_that_mujoco_finds_for_it(baxter, effect
     columns = extended(baxter, effects("payload"))
     place = {f"payload.{axis}[right_w2]": p for axis, p in zip("xyz", hidden_arm.PAYLOAD_PLACE, strict=True)}
     columns = TorqueRegressor(columns.model.with_values(place), 100.0)
-    torque = columns.at(states)[:, :, columns.of("payload")[0]] * columns.noise
+    torque = columns.values_along(states)[:, :, columns.column_indices("payload")[0]] * columns.noise
     motion = states.q, states.v, states.a
     expected = hidden_arm.rigid_torque(*motion, payload=1.3) - hidden_arm.rigid_torque(*motion, payload=0.3)
     assert torque == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
@@ -45,7 +45,7 @@ def test_a_links_mass_column_is_what_mujoco_finds_for_a_heavier_link(baxter, eff
 
 
 def test_torques_are_mujocos_with_the_damping_of_the_urdf(baxter, states):
-    torque = TorqueRegressor(baxter, 100.0).torque(states)
+    torque = TorqueRegressor(baxter, 100.0).described_torque(states)
     expected = hidden_arm.rigid_torque(states.q, states.v, states.a)
     expected = expected + np.asarray(baxter.arm.model.damping) * states.v
     assert torque == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
@@ -85,8 +85,8 @@ def coefficients(series):
 @pytest.mark.parametrize("seconds", [2.0, 7.3, 20.0, 50.0])
 def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds):
     series = FourierSeries(seconds)
-    ends = series.at(np.array([0.0, seconds])).motion(coefficients(series))
-    inside = series.at(np.linspace(0.0, seconds, 200)).motion(coefficients(series))
+    ends = series.basis_at(np.array([0.0, seconds])).motion(coefficients(series))
+    inside = series.basis_at(np.linspace(0.0, seconds, 200)).motion(coefficients(series))
     assert np.abs(ends.v).max() < 1e-9 * np.abs(inside.v).max()
     assert np.abs(ends.a).max() < 1e-9 * np.abs(inside.a).max()
     assert ends.q[0] == pytest.approx(ends.q[1])
@@ -96,7 +96,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position():
     series = FourierSeries(20.0)
     time, h = np.linspace(0.5, 19.0, 60), 1e-4
     x = coefficients(series)
-    before, here, after = (series.at(time + k * h).motion(x) for k in (-1, 0, 1))
+    before, here, after = (series.basis_at(time + k * h).motion(x) for k in (-1, 0, 1))
     assert here.v == pytest.approx((after.q - before.q) / (2 * h), abs=1e-5)
     assert here.a == pytest.approx((after.v - before.v) / (2 * h), abs=1e-4)
 
@@ -106,16 +106,16 @@ def test_a_long_motion_repeats_a_period():
     assert series.period <= JOINT_MAX_PERIOD
     time = np.linspace(0.0, 5.0, 20)
     x = coefficients(series)
-    assert series.at(time + series.period).motion(x).q == pytest.approx(series.at(time).motion(x).q)
+    assert series.basis_at(time + series.period).motion(x).q == pytest.approx(series.basis_at(time).motion(x).q)
 
 
 def test_few_harmonics_hold_no_higher_frequency():
     series = FourierSeries(20.0)
-    x = coefficients(series) @ series.low(5)
-    samples = series.at(series.period * np.arange(256) / 256).motion(x).q
+    x = coefficients(series) @ series.low_harmonics_projection(5)
+    samples = series.basis_at(series.period * np.arange(256) / 256).motion(x).q
     power = np.abs(np.fft.rfft(samples, axis=0)) ** 2
     assert power[6:].max() < 1e-18 * power.max()
-    ends = series.at(np.zeros(1)).motion(x)
+    ends = series.basis_at(np.zeros(1)).motion(x)
     assert np.abs([ends.v, ends.a]).max() < 1e-9
 
 

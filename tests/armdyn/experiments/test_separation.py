@@ -38,7 +38,7 @@ def hypothesis(effect, value=None, **changes):
 
 def separation(truth, rival):
     """The rise of chi2 when the rival is refitted."""
-    return RefittedRival(rival, truth.predict(truth.start)[0]).refitted()[0]
+    return RefittedRival(rival, truth.predict(truth.start)[0]).best_refit()[0]
 
 
 def gripper(effects, seconds=4.0, limits=None, step=NODE_SECONDS):
@@ -132,7 +132,7 @@ def test_friction_does_not_become_negative_to_imitate():
     bare = hypothesis("linear_drag", 0.0)
     driven = PredictedExperiment(hypothesis("string_creep", 2e-4), experiment)
     rival = RefittedRival(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
-    assert rival.refitted()[1][2] >= 0.0
+    assert rival.best_refit()[1][2] >= 0.0
 
 
 def test_the_probability_is_that_of_simulated_outcomes():
@@ -145,12 +145,12 @@ def test_the_probability_is_that_of_simulated_outcomes():
     truth = both[0]
     wins, count = 0, 60
     for _ in range(count):
-        at = truth.start + truth.spread @ rng.standard_normal(len(truth.start))
+        at = truth.start + truth.covariance_root @ rng.standard_normal(len(truth.start))
         at = np.clip(at, truth.lower, truth.upper)
         readings = truth.predict(at)[0] + rng.standard_normal(len(truth.predict(at)[0]))
-        own, other = (RefittedRival(held, readings).refitted(at if held is truth else None)[0] for held in both)
+        own, other = (RefittedRival(held, readings).best_refit(at if held is truth else None)[0] for held in both)
         wins += other - own > TIE_CHI2
-    expected = foretold.right[0]
+    expected = foretold.right_probability[0]
     assert 0.05 < expected < 0.95  # else it would be no test
     assert abs(wins / count - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / count) + 0.05
     # The usual approximation N(lambda, 4 lambda) is not far off either.
@@ -179,7 +179,7 @@ def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
     assert [p.effects for p in pairs] == [("wind", "path_tilt")]
     assert "rotation of the frame" in pairs[0].why
     # A run in which the wind blows from the other side, after one in which both were measured.
-    turned = PlannedExperiment("turn", "", experiment.motion, LOAD_CELL, turned=("wind.force",))
+    turned = PlannedExperiment("turn", "", experiment.motion, LOAD_CELL, sign_reversed=("wind.force",))
     seen = [
         Hypothesis(h.name, h.model, h.free, h.information + np.diag([0.0, 0.0, size**-2.0, 0.0]))
         for h, size in ((wind, 1e-3), (tilt, 1e-3))

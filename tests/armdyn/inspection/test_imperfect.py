@@ -29,8 +29,8 @@ def test_mistakes_with_a_moving_gripper_are_named_and_its_clock_is_fitted(seed):
             (reading, *_) = found.corrected()[run.name].readings.values()
             wrong, right = mistake.run.channels["gripper_x"].time, run.channels["gripper_x"].time
             pace = (wrong[-1] - wrong[0]) / (right[-1] - right[0]) - 1.0
-            assert reading.late == pytest.approx(right[0] - wrong[0], abs=CLOCK)
-            assert reading.pace == pytest.approx(-pace, abs=DRIFT)
+            assert reading.delay == pytest.approx(right[0] - wrong[0], abs=CLOCK)
+            assert reading.clock_rate_error == pytest.approx(-pace, abs=DRIFT)
 
 
 @pytest.mark.parametrize("seed", [703])
@@ -57,7 +57,7 @@ def test_a_joint_that_is_counted_anew_after_a_turn_is_unwound(turn):
     found = inspect_runs([run])
     (check,) = found.wrong
     assert check.kind == "wrapped"
-    mended = found.corrected()[run.name].of(run).channels["swing_angle"].value
+    mended = found.corrected()[run.name].applied_to(run).channels["swing_angle"].value
     np.testing.assert_allclose(np.diff(mended), np.diff(size + angle.value), atol=1e-9)
 
 

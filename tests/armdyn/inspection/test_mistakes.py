@@ -69,7 +69,7 @@ def test_a_mistake_is_named_on_its_channel(panda, made, name):
 @pytest.mark.parametrize("name", ["mN m", "torques exchanged", "a quarter turn", "torques late", "shifted joints"])
 def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
     found = inspect_runs([made[name].run], panda)
-    mended = found.corrected()[made[name].run.name].of(made[name].run)
+    mended = found.corrected()[made[name].run.name].applied_to(made[name].run)
     for channel, right in sound.run.channels.items():
         np.testing.assert_allclose(mended.channels[channel].value, right.value, rtol=1e-9, atol=1e-9)
         # Torques are late in themselves.
@@ -82,7 +82,7 @@ def test_what_is_real_in_an_arm_is_no_mistake(robot, real):
     run = sound_recordings.arm(robot, real, 1).run
     found = inspect_runs([run], arm_model(robot=robot, joints=mistakes.Plant(robot).joints))
     assert not found.wrong, found.sentence
-    assert not found.of(Severity.SUSPECT), found.sentence
+    assert not found.with_severity(Severity.SUSPECT), found.sentence
 
 
 def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sound):
@@ -90,7 +90,7 @@ def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sou
     both = mistakes.scaled(exchanged, [f"tau.{j}" for j in panda.joints], 1e3)
     found = inspect_runs([both], panda)
     assert {c.kind for c in found.wrong} == {"torque_unit", "joints_swapped"}
-    mended = found.corrected()[both.name].of(both)
+    mended = found.corrected()[both.name].applied_to(both)
     for joint in panda.joints:
         name = f"tau.{joint}"
         np.testing.assert_allclose(mended.channels[name].value, sound.run.channels[name].value, rtol=1e-9)
@@ -118,7 +118,7 @@ def test_a_sensor_that_lags_is_no_late_clock(channels, late):
 @pytest.mark.parametrize("name", ["all in degrees", "mN m"])
 def test_without_a_model_units_are_held_against_ranges(made, sound, name):
     assert_named(made[name], inspect_runs([made[name].run]))
-    assert not inspect_runs([sound.run]).of(Severity.SUSPECT)
+    assert not inspect_runs([sound.run]).with_severity(Severity.SUSPECT)
 
 
 def test_a_sample_beside_the_others_is_no_lost_count(sound):

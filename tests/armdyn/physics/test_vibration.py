@@ -111,8 +111,8 @@ def oil(string, k=quantity("N m s/(rad K)", typical=1e-5), warm=column("extra.te
 
 EFFECTS = {**CATALOGUE, "oil": oil}
 SERIES = motion_series(3.0)
-BASIS = SERIES.at(np.linspace(0.0, 3.0, 151))
-COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
+BASIS = SERIES.basis_at(np.linspace(0.0, 3.0, 151))
+COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.coefficient_count)
 
 
 def motion(coefficients):
@@ -155,7 +155,7 @@ def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
         other = predicted(effects, coefficients, noise)
         return readings @ other.predict(other.start)[0] + swing @ other.swing(other.start)
 
-    some = rng.choice(SERIES.size, 4, replace=False)
-    steps = 1e-4 * np.eye(SERIES.size)[some]
+    some = rng.choice(SERIES.coefficient_count, 4, replace=False)
+    steps = 1e-4 * np.eye(SERIES.coefficient_count)[some]
     numeric = [(total(COEFFICIENTS + s) - total(COEFFICIENTS - s)) / 2e-4 for s in steps]
     np.testing.assert_allclose(numeric, gradient[some], rtol=0, atol=1e-6 * np.abs(gradient).max())

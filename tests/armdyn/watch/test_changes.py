@@ -32,7 +32,7 @@ def test_friction_is_found_beside_an_offset_that_scatters():
     _, scores = baseline.scores(changed)
     assert np.median(scores[:, 0, FRICTION]) > 4.0
     assert np.median(scores[:, 0, OFFSET]) < 1.5
-    found = [baseline.own_change(changed.select(k), 0, FRICTION) for k in range(200)]
+    found = [baseline.joint_change(changed.select(k), 0, FRICTION) for k in range(200)]
     sizes, stds = np.array(found).T
     assert np.median(sizes) == pytest.approx(MORE, abs=0.02)
     assert np.median(np.abs(sizes - MORE) / stds) < 1.5

@@ -10,7 +10,7 @@ from armdyn.watch.onset import ONSET_SECONDS, OnsetEstimator, step_response
 def stages(arm, tau, interval):
     observer = Observer(arm, 40.0)
     q = np.zeros(6)
-    return [observer.take(interval * i, q, torque * np.eye(6)[2]).stages for i, torque in enumerate(tau)]
+    return [observer.process_sample(interval * i, q, torque * np.eye(6)[2]).stages for i, torque in enumerate(tau)]
 
 
 @pytest.mark.parametrize("interval", [0.001, 0.002])

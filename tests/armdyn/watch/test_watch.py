@@ -14,7 +14,7 @@ CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
 
 def events(arm, sound, *recordings, per_hour=0.01):
     watch = Watch(arm, sound, per_hour)
-    return [event for recording in recordings for event in watch.all(samples(recording))]
+    return [event for recording in recordings for event in watch.events_of(samples(recording))]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -29,13 +29,15 @@ def test_a_contact_is_found_within_50_ms_and_so_is_its_end(arm, sound, seed):
 def test_a_contact_that_no_load_explains_is_one_from_outside(arm, sound):
     contacts = [work(arm, seed, 16.0, begin=10.0, until=11.0, outside=CONTACT) for seed in range(5)]
     kinds = [event.kind for contact in contacts for event in events(arm, sound, contact)]
-    assert set(kinds) <= {EventKind.NOT_TOLD, EventKind.OUTSIDE_TORQUE, EventKind.RECOVERED}
+    assert set(kinds) <= {EventKind.UNIDENTIFIED, EventKind.OUTSIDE_TORQUE, EventKind.RECOVERED}
     assert kinds.count(EventKind.OUTSIDE_TORQUE) == 5
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_load_is_weighed(arm, sound, seed):
-    found = [e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not EventKind.NOT_TOLD]
+    found = [
+        e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not EventKind.UNIDENTIFIED
+    ]
     assert [event.kind for event in found] == [EventKind.LOAD_CHANGED]
     (event,) = found
     assert event.time < 50.0
@@ -92,8 +94,8 @@ def test_what_is_kept_does_not_grow(arm, sound):
     watch = Watch(arm, sound, 0.01)
     sizes = []
     for minute in range(2):
-        list(watch.all(samples(work(arm, 40 + minute), 61.0 * minute)))
-        sizes.append((len(watch._blocks.sums), len(watch._blocks.begins), watch.observer._state.size))
+        list(watch.events_of(samples(work(arm, 40 + minute), 61.0 * minute)))
+        sizes.append((len(watch._blocks.sums), len(watch._blocks.start_times), watch.observer._state.size))
     assert sizes[0] == sizes[1]
 
 

@@ -176,7 +176,7 @@ def test_the_observer_in_c_says_what_the_watch_says(in_c, tmp_path):
     for i in range(400):
         time = 0.004 * i + (1.0 if i > 300 else 0.0)
         q, tau = np.sin(0.2 * time * np.arange(1, n + 1)), rng.standard_normal(n)
-        step = observer.take(time, q, tau)
+        step = observer.process_sample(time, q, tau)
         since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
         given = ([since], [0.0], [40.0], q, tau, [0.0] * n)
         following, predicted, residual, contrast, *others = (

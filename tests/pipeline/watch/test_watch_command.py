@@ -100,7 +100,7 @@ def test_the_page_shows_residuals_with_their_limits_and_events(complains):
     watch = Watch(arm, statistics_of_recordings(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
     with LivePage(watch, None) as page:
         for sample in samples(work(arm, 0, 16.0, begin=10.0, outside=CONTACT)):
-            page.take(watch.take(*sample))
+            page.take(watch.process_sample(*sample))
         assert b"armdyn watch" in urllib.request.urlopen(page.address).read()
         state = json.loads(urllib.request.urlopen(page.address + "state").read())
         strange = urllib.request.Request(page.address + "state", headers={"Host": "elsewhere.example"})
