@@ -1,4 +1,4 @@
-"""Compare an arm's recordings with its description, at a few moments, under every hypothesis on how they were made."""
+"""Compare an arm's recording with its model, for every hypothesis on a mistake in the recording or the description."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ from armdyn.run import Run
 ARM_MOMENTS = 120
 """Number of moments at which a recording is evaluated: enough to distinguish a hundred effects of an arm."""
 COARSE_MOMENT_STRIDE = 2
-"""Stride of the moments in a first, coarse evaluation."""
+"""Stride of the moments that the coarse evaluation of hypotheses uses."""
 TORQUE_AVERAGE_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
 SEPARATE_EFFECTS = frozenset(
@@ -36,41 +36,42 @@ SEPARATE_EFFECTS = frozenset(
 LARGE_EFFECT_SIZES = {
     "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
 }  # fmt: skip
-"""Size that an effect often has, in typical sizes; Baxter's spring is 3.5 times as large as a spring typically is."""
+"""Sizes of effects that are often larger than their typical size, in typical sizes, by effect; Baxter's spring is 3.5
+times as large as a spring typically is."""
 SIGN_ESTIMATION_ROUNDS = 3
-"""Number of times that the signs of torques recorded without sign are decided anew."""
+"""Number of iterations that estimate the signs of torques that were recorded without sign."""
 SLIGHT_TORQUE_SHARE = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
 USUAL_TORQUE_DELAY = 0.03
-"""Delay that torques often have, s."""
+"""Usual delay of recorded torques, s."""
 USUAL_TILT = 0.1
-"""Tilt that a base often has, rad."""
+"""Usual tilt of an arm's base, rad."""
 USUAL_PAYLOAD_SHARE, USUAL_PAYLOAD_DISTANCE = 0.15, 0.2
 """Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
 INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-"""Power of a distance in each of a body's inertial parameters: mass, first moments, second moments."""
+"""Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
 USUAL_DRIVE_SHARES = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
 MAX_LIMITED_EFFORT = 1e4
-"""Effort limit, N m or N, from which a description gives none."""
+"""Effort limit, N m or N, from which a description is taken to state no limit."""
 LIMIT_PRICE_NATS = 10.0
-"""Price, in nats, for each joint that would leave its limits: descriptions have wrong limits now and then."""
+"""Log odds, in nats, against a hypothesis, for each joint that would leave its limits."""
 IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
-"""Excess over a limit, rad or m, that no joint has, whatever its description says, and the price of each in nats."""
+"""Excess over a position limit, rad or m, that is impossible for every joint, and the log odds against it, in nats."""
 JOINT_LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
-"""Excess over a limit, rad or m, that still counts as at the limit, and largest ratio of a torque to the effort
+"""Excess over a position limit, rad or m, that is tolerated, and largest possible ratio of a torque to the effort
 limit."""
 DRIVE_PRIOR_INFORMATION = 0.05
 """Prior information on a joint's offset and frictions, in typical sizes, where gravity is fitted with them: the torques
 then count over their mean square."""
 IGNORED_MOMENTS_SHARE = 0.05
-"""Share of the moments beyond a limit that is ignored."""
+"""Share of the moments beyond a limit up to which the limit does not count as exceeded."""
 
 
 @dataclass(frozen=True)
 class DescriptionCorrection:
-    """Possible errors of a model's description, rather than of a recording.
+    """Correction of possible errors in the description of an arm and in what its torque sensors measure.
 
     Attributes:
         gravity: (3,) gravity in the frame of the base, m/s^2; None means that of the model.
@@ -78,8 +79,7 @@ class DescriptionCorrection:
         length: factor on all lengths.
         lag: time constant of a low-pass on the torques, s.
         magnitudes: whether the torques were recorded without sign.
-        compensated: whether the weight of the arm as described was subtracted from the torques, but not that of a
-            payload.
+        compensated: whether the weight of the described arm, without a payload, was subtracted from the torques.
     """
 
     gravity: tuple[float, float, float] | None = None
@@ -90,7 +90,7 @@ class DescriptionCorrection:
     compensated: bool = False
 
     def corrected_model(self, model: pin.Model) -> pin.Model:
-        """The arm's model with these errors corrected."""
+        """The rigid-body model of the arm with these errors corrected."""
         if replace(self, lag=0.0, magnitudes=False, compensated=False) == DescriptionCorrection():
             return model
         changed = model.copy()
@@ -105,14 +105,14 @@ class DescriptionCorrection:
         return changed
 
     def as_recorded(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Torques (J, n) and their columns (J, n, k), as a recording with these properties has them."""
+        """Torques (J, n) and their derivatives (J, n, k) as they would be recorded at times (n,), s."""
         if self.lag:
             parts = tuple(_lagged(time, part, self.lag) for part in parts)
         return with_sign_of_total(parts[0], *parts) if self.magnitudes else parts
 
 
 def with_sign_of_total(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Multiply parts (J, n, ...) of a torque (J, n) by its sign, so that the whole becomes its absolute value."""
+    """Multiply parts (J, n, ...) of torques `whole` (J, n) by the sign of the torques, as in recorded magnitudes."""
     sign = np.where(whole < 0.0, -1.0, 1.0)
     return tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
 
@@ -126,23 +126,23 @@ def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
 
 AS_DESCRIBED = DescriptionCorrection()
 MASSLESS = DescriptionCorrection(mass=0.0)
-"""A description without mass: it explains no torque."""
+"""Correction that removes all masses, so that the model explains no torque."""
 
 
 RecordingHypothesis: TypeAlias = tuple[Correction, DescriptionCorrection]
-"""A hypothesis: how the recording is to be read, and with which description it is compared."""
+"""A hypothesis on a recording: its correction, and the correction of the arm's description."""
 PositionReadings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
-"""How positions are to be read, by channel."""
+"""Corrected readings of positions, each with the name of its channel."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmRun:
-    """One recording of an arm at a few moments.
+    """A recording of an arm at a few moments, which is compared with the arm's model.
 
     Args:
-        model: the model, with the effects that it has.
+        model: the model with its effects.
         run: the recording, without a gap.
-        effects: effects that may be missing.
+        effects: further effects that the model may lack.
     """
 
     model: ArmModel
@@ -160,17 +160,17 @@ class ArmRun:
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Torque channels of the recording."""
+        """Names of the torque channels of the recording."""
         return self.model.predicted_channels(self.run)
 
     @cached_property
     def joint_indices(self) -> np.ndarray:
-        """(J,) index of each torque's joint."""
+        """(J,) index of the joint of each torque channel."""
         return np.array([self.model.arm.joints.index(c.removeprefix("tau.")) for c in self.channels])
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion at the moments, as recorded."""
+        """The recorded motion at the compared moments."""
         whole = measured_motion(self.run, self.model.arm.joints)
         first = self.run.channels[self.channels[0]]
         inside = first.time[samples_inside_motion(first, whole)]
@@ -178,7 +178,10 @@ class ArmRun:
         return whole.at(np.linspace(inside[0], inside[-1], ARM_MOMENTS))
 
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
-        """(n,) averages of a torque around the moments, with the delay and the rate error of its stamps corrected."""
+        """(n,) averages of a recorded torque around the moments, N m or N.
+
+        The stamps are corrected by a delay `late`, s, and a relative error `pace` of the clock's rate.
+        """
         recorded = self.run.channels[channel]
         stamps = CorrectedReading(channel, delay=late, clock_rate_error=pace).stamps_at(
             self.motion.time, float(recorded.time[0])
@@ -187,11 +190,11 @@ class ArmRun:
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """(J, n) torques as recorded."""
+        """(J, n) recorded torques at the moments, N m or N."""
         return np.array([self.torque(channel) for channel in self.channels])
 
     def corrected_motion(self, correction: Correction) -> Motion:
-        """The recorded motion after a correction of the recording."""
+        """The motion at the moments after a correction of the recording."""
         m = self.motion
         if not any(name.startswith("q.") for name in correction.readings):
             return m
@@ -204,12 +207,12 @@ class ArmRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) independent samples per sample of the torques as recorded."""
+        """(J,) number of independent samples per recorded sample of each torque."""
         residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
         return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices])
 
     def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
+        """(J, n) torques after a correction, (J,) logarithms of its factors, (J,) indices of its source channels."""
         readings = [correction.reading(channel) for channel in self.channels]
         sources = np.array([self.channels.index(r.source) for r in readings])
         recorded = [
@@ -222,7 +225,7 @@ class ArmRun:
         return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
 
     def described_torques(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
-        """(J, n) torques of the model as it is, with its own or another description."""
+        """(J, n) torques of the model for a motion, with a correction of its description."""
         changed = description.corrected_model(self.model.arm.model)
         if self._own.effects:
             found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
@@ -248,9 +251,10 @@ class ArmRun:
         return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
     def coarse_log_evidence(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
-        """(h,) log evidence without inertias, springs and payloads, in a hundredth of the time of `log_evidence`.
+        """(h,) approximate log evidence of hypotheses, nats, in a hundredth of the time of `log_evidence`.
 
-        Every joint has friction, a rotor, an offset and a model error of a tenth of its torque.
+        Every joint has friction, a rotor, an offset and a model error of a tenth of its torque. Changes of inertia,
+        springs and payloads are left out.
         """
         read = [self.corrected_torques(correction) for correction, _ in meanings]
         coarse = [
@@ -318,11 +322,11 @@ class ArmRun:
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
     def log_evidence_of_no_model(self) -> float:
-        """Log evidence of a description that explains nothing; a mistake must explain more than it."""
+        """Log evidence, nats, of a model that explains no torque; a mistake must have more."""
         return self.log_evidence(Correction(), MASSLESS).value
 
     def gravity(self, correction: Correction) -> np.ndarray:
-        """(3,) gravity, m/s^2, that explains the torques best, fitted together with friction and offsets."""
+        """(3,) gravity in the base's frame, m/s^2, that fits corrected torques best, with friction and offsets."""
         m = self.corrected_motion(correction)
         y, *_ = self.corrected_torques(correction)
         gap = y - self.described_torques(m, DescriptionCorrection((0.0, 0.0, 0.0)))

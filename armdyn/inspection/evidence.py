@@ -1,6 +1,6 @@
-r"""Evidence of readings under a model in which every effect may be present, in its typical size.
+r"""Bayesian evidence of readings for a model that may lack effects of typical size.
 
-With the described prediction f, columns X of what effects change and their typical sizes W,
+With the prediction f of the model, the derivatives X by the sizes of effects and their typical sizes W,
 
     y = f + X theta + e,    theta ~ N(0, s^2 W^2),    e_j ~ N(0, sigma_j^2 I)  for every channel j,
 
@@ -21,15 +21,15 @@ from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import log_det, solve_bounded
 
 MISSING_EFFECT_SIZES = (0.1, 0.3, 1.0, 3.0)
-"""Values of s that are tried: size of what a description lacks, in typical sizes of effects."""
+"""Sizes of missing effects that are tried, in their typical sizes."""
 MODEL_ERROR_FLOOR = 0.1
 """Model error that every model may have, as a share of a channel's root mean square. A mistake makes a larger one; with
 0.03 a real arm whose joints move one at a time (six at rest, whose torques contain no information) seems to have
 exchanged joints."""
 MIN_INDEPENDENT_SHARE_OF_SAMPLES = 0.1
-"""Least number of independent samples per sample of a reading that changes."""
+"""Least number of independent samples per sample of a signal that changes."""
 NOISE_ESTIMATION_ROUNDS = 3
-"""Rounds in which sigma is estimated; the evidence then changes by less than a nat."""
+"""Number of iterations that estimate the noise; the evidence then changes by less than a nat."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,11 @@ class ChannelReadings:
 
     Attributes:
         measured: (J, n) readings.
-        described: (J, n) prediction of the model as it is.
+        described: (J, n) prediction of the model without further effects.
         columns: (J, n, p) derivatives by the effects' sizes, times their typical sizes.
         positive: (p,) bool, True for sizes that cannot be negative.
-        weight: (J,) independent samples per sample.
-        log_factor: (J,) logarithm of the factor by which the readings were scaled.
+        weight: (J,) number of independent samples per sample.
+        log_factor: (J,) logarithm of the factor by which a correction scaled the readings.
         min_rms: (J,) root mean square below which a channel is ignored.
         model_error_floor: error that every model of this kind may have, as a share of a channel's root mean square.
     """
@@ -75,7 +75,7 @@ class Evidence:
 
 
 def evidence(given: ChannelReadings) -> Evidence:
-    """The evidence at the best of `MISSING_EFFECT_SIZES`, all of which are evaluated at once."""
+    """Evidence of readings, for the most probable of `MISSING_EFFECT_SIZES`."""
     gap = given.measured - given.described
     scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
@@ -105,10 +105,16 @@ def evidence(given: ChannelReadings) -> Evidence:
 def independent_sample_share(
     measured: np.ndarray, residual: np.ndarray, min_rms: np.ndarray, after: np.ndarray | None = None
 ) -> np.ndarray:
-    """(J,) independent samples per sample of (J, n) readings as recorded.
+    """(J,) number of independent samples per sample of (J, n) readings.
 
-    The model's error changes as slowly as the residual (J, n), and where a reading is constant, many samples count as
-    one.
+    The model's error is correlated as the residual is, and many samples of a constant reading count as one.
+
+    Args:
+        measured: (J, n) readings.
+        residual: (J, n) residuals of a model.
+        min_rms: (J,) root mean square below which a reading is ignored.
+        after: (J, n) readings a short time later, whose correlation shows whether a reading changes; by default the
+            next samples.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in residual])
     centred = measured - measured.mean(axis=1, keepdims=True)

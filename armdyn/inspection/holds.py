@@ -1,4 +1,4 @@
-"""Find stretches in which a channel is constant: a sensor that was stuck, or a joint that sticks at one position.
+"""Find parts of a recording in which a channel is constant: a stuck sensor, or a joint that sticks at one position.
 
 A lost connection occurs at some time; a joint held by friction stops at some position: in every pass it stops there
 from full speed, until the drive has pulled enough. A joint that its drive stops slows down before.
@@ -19,40 +19,39 @@ from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
 MIN_STUCK_SHARE = 0.02
-"""Share of the samples, but at least `MIN_STUCK_SAMPLES`, with the same value while the rest of the signal changes."""
+"""Least share of successive samples with the same value from which a sensor may be stuck; also `MIN_STUCK_SAMPLES`."""
 MIN_STUCK_SAMPLES = 12
 MIN_STUCK_HOLDS = 8.0
-"""Length of such a stretch, at least, in usual stretches of one value."""
+"""Least length of a stretch with one value of a stuck sensor, in median lengths of such stretches."""
 MIN_JUMP_STEPS = 6.0
-"""Size of the jump at the end of such a stretch, in usual steps of the signal: a signal that was really at rest starts
-gently."""
+"""Least jump at the end of a stuck sensor's stretch, in usual steps of the signal: a motion from rest starts gently."""
 MIN_JUMP_SHARE = 0.03
-"""Smallest size of such a jump, as a share of the signal's range."""
+"""Least jump at the end of a stuck sensor's stretch, as a share of the signal's range."""
 NOISE_ONLY_SHARE, NOISE_ONLY_QUANTILE = 0.3, 0.3853
 """Share of a signal's differences that contain only noise, and this quantile of |x| over the standard deviation, for
 normally distributed x."""
 MAX_STOP_DISTANCE_SHARE = 0.02
-"""Largest distance of stops at one position, as a share of the joint's range."""
+"""Largest distance of stops that count as stops at one position, as a share of the joint's range."""
 MAX_CHANCE_OF_STOPS = 0.01
 """Probability below which stops at one position cannot be lost connections, which occur anywhere."""
 STOP_WIDTH_SHARE = 1e-3
-"""Width of a position, as a share of that range."""
+"""Least distance of stops in the estimate of their probability, as a share of the joint's range."""
 MIN_ARRIVAL_SPEED_SHARE = 0.75
-"""Share of its earlier speed that a joint still has when it comes to a position that holds it; a drive slows down
-before."""
+"""Least speed of a joint just before it sticks, as a share of its earlier speed: a joint that its drive stops slows
+down before."""
 MIN_MOVING_SPEED_SHARE = 0.5
-"""Share of its usual speed from which on a joint moves on, rather than reverses."""
+"""Least speed of a joint before or after it sticks, as a share of its usual speed; a reversing joint is slower."""
 MIN_STOP_CROSSINGS = 8.0
 """Shortest stop, as a multiple of the time in which a joint usually crosses its own noise."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A stretch in which a joint stopped on its way.
+    """A stop of a joint during a motion.
 
     Attributes:
-        start: time of its first sample, s.
-        end: time of its last sample, s.
+        start: time of the first sample at rest, s.
+        end: time of the last sample at rest, s.
         position: position of the joint, rad or m.
     """
 
@@ -62,7 +61,7 @@ class Stop:
 
 
 def stuck_sensor_checks(run: Run) -> Iterator[Check]:
-    """Find channels that keep one value and then jump, or have no noise for a while."""
+    """Findings on stuck sensors: channels that keep one value and then jump, or have no noise for some time."""
     sticks = [name for name, channel in _joints(run) if repeated_stops(channel)]
     for name, channel in run.channels.items():
         found = None if name in sticks else longest_constant_stretch(channel)
@@ -79,7 +78,7 @@ def stuck_sensor_checks(run: Run) -> Iterator[Check]:
 
 
 def longest_constant_stretch(channel: Channel) -> tuple[int, int] | None:
-    """First and last sample of the longest stretch in which a sensor was stuck; None where there is none."""
+    """First and last sample of the longest stretch in which a sensor was stuck; None if it was not stuck."""
     value = channel.value
     change = np.flatnonzero(np.diff(value) != 0.0)
     if len(change) < 2:
@@ -103,7 +102,7 @@ def longest_constant_stretch(channel: Channel) -> tuple[int, int] | None:
 
 
 def sticking_joint_checks(run: Run) -> Iterator[Check]:
-    """Find joints that are held at one position whenever they pass it."""
+    """Findings on joints that stick at one position whenever they pass it."""
     for name, channel in _joints(run):
         for stands in repeated_stops(channel):
             place, longest = float(np.mean([stand.position for stand in stands])), longest_stop(stands)
@@ -119,7 +118,9 @@ def sticking_joint_checks(run: Run) -> Iterator[Check]:
 
 @cached_with_first_argument
 def repeated_stops(channel: Channel) -> list[list[Stop]]:
-    """Stops grouped by position, where so many are closer together than stops at random positions would be.
+    """Stops of a joint that repeat at one position, grouped by position.
+
+    A group has more stops, closer together, than stops at random positions would have.
 
     The ends of the range are left out, because a joint reverses there.
     """
@@ -145,7 +146,7 @@ def _chance(stands: list[Stop], of: int, whole: float) -> float:
 
 
 def abrupt_stops(channel: Channel) -> list[Stop]:
-    """Stretches in which a joint stops, with its full speed just before or just after."""
+    """Stops of a joint that moves at full speed just before or just after."""
     value = channel.value
     step = np.abs(np.diff(value))
     noise = resolution(value) + 3.0 * noise_std_from_differences(channel.time, value)
@@ -176,7 +177,7 @@ def abrupt_stops(channel: Channel) -> list[Stop]:
 
 
 def sticking_spans(run: Run) -> list[tuple[float, float]]:
-    """Time spans, s, around all passes of positions where a joint sticks: they contain no smooth motion.
+    """Time spans, s, in which joints pass positions at which they stick, so that their motion is not smooth.
 
     Each span is twice as long as the longest stop; in the second half the joint catches up.
     """
@@ -200,12 +201,12 @@ def _joints(run: Run) -> Iterator[tuple[str, Channel]]:
 
 
 def encoder_channels(run: Run) -> Iterator[tuple[str, Channel]]:
-    """Channels of encoders."""
+    """Channels of positions: joints, swing angle and gripper."""
     return ((n, c) for n, c in run.channels.items() if n.startswith("q.") or n in ("swing_angle", "gripper_x"))
 
 
 def least_noise(channel: Channel) -> float:
-    """Standard deviation of white noise where a signal is quietest, from the difference order with the least result."""
+    """Standard deviation of a signal's white noise where the signal changes least."""
     found = []
     for order in DIFFERENCE_ORDERS:
         if len(channel) > 4 * order:

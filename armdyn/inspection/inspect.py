@@ -44,9 +44,9 @@ from armdyn.run import Run
 from armdyn.threads import one_thread
 
 MAX_COMPARED_SECONDS = 60.0
-"""Length of the middle part of a recording, s, that is compared with the model: a mistake shows everywhere."""
+"""Longest part of a recording, s, from its middle, that an inspection compares with the model."""
 MIN_COMPARED_SAMPLES = 60
-"""Number of samples of every channel below which a recording is not compared with the model."""
+"""Least number of samples of every channel for a comparison of a recording with the model."""
 
 
 @one_thread
@@ -56,14 +56,14 @@ def inspect_runs(
     effects: Iterable[Effect] | None = None,
     adding: Sequence[Effect] = (),
 ) -> Inspection:
-    """Check recordings, by themselves and against a model.
+    """Inspect recordings: check their signals, and compare them with a model.
 
     Args:
         runs: the recordings.
         model: model of the robot; without it only signals are checked, units against ranges, and rates against
             positions.
-        effects: effects that the model may lack, which are no mistake of a recording; None means all that it can have.
-        adding: effects that the model is about to get, whose values recordings may state.
+        effects: effects that the model may lack, which are no mistake of a recording; None means all possible ones.
+        adding: effects that are going to be added to the model, whose values recordings may state.
     """
     if effects is None:
         effects = available(model) if model is not None else ()
@@ -89,7 +89,7 @@ def require_usable(inspection: Inspection) -> None:
 def checks_of_run(
     run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
 ) -> list[Check]:
-    """All findings on one recording; see `inspect_runs`."""
+    """All findings on one recording; for the arguments see `inspect_runs`."""
     refused = _refused(run, check_stamps)
     if refused:
         return refused
@@ -174,12 +174,12 @@ def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
 COMPARISONS: Mapping[str, Callable[[Any, Run, tuple[Effect, ...]], Iterable[Check]]] = {
     "arm": _arm_checks, "pendulum": _pendulum_checks,
 }  # fmt: skip
-"""Comparison of a recording with its model, by the model's base; without one, values are held against ranges."""
+"""Function that compares a recording with a model, by the model's base."""
 CHECKS_OF_OTHER_JOINTS: Mapping[str, Callable[[Any, Sequence[Run]], Iterable[Check]]] = {"arm": _joints_beside}
 
 
 def longest_piece(run: Run, seconds: float) -> Run:
-    """The longest stretch without a gap, a step or a sticking joint, of at most `seconds`, from its middle."""
+    """The longest part of a run without a gap, a step or a sticking joint, cut to at most `seconds`."""
     begin = min(float(c.time[0]) for c in run.channels.values())
     end = max(float(c.time[-1]) for c in run.channels.values())
     spans = sorted([*gaps_of(run), *((t, t) for t in encoder_step_times(run)), *sticking_spans(run)])

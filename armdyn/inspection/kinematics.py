@@ -14,25 +14,25 @@ from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 
 RATE_MOMENTS = 400
-"""Number of moments at which rates are compared."""
+"""Number of moments at which recorded rates are compared with slopes of positions."""
 SLOPE_SECONDS = 0.025
-"""Half the time over which a slope is fitted and a rate averaged, s; at least three samples."""
+"""Half the time, s, over which the slope of a position is fitted and a rate is averaged; at least three samples."""
 MIN_RATE_CORRELATION = 0.9
-"""Correlation from which a rate belongs to a position; filtered rates reach 0.95."""
+"""Least correlation of a recorded rate with the slope of its position; filtered rates reach 0.95."""
 MIN_SPEED_DEVIATES = 5.0
 """Least speed of a joint, in standard deviations of the slopes' noise, for which its rate is checked."""
 CERTAIN_RATE_CORRELATION = 0.99
-"""Correlation from which no other position or clock is tried."""
+"""Correlation of a rate with the slope of its position from which no other position or clock is tried."""
 RATE_RATIO_RANGE = (0.75, 1.35)
-"""Ratio of rate to slope that a filter or backlash may cause."""
+"""Smallest and largest ratio of a rate to the slope of its position that a filter or backlash may cause."""
 RATE_CLOCK_SHIFTS = np.round(np.arange(-0.5, 0.501, 0.025), 3)
-"""Clock shifts that are tried, s."""
+"""Shifts of a rate's clock that are tried, s."""
 MAX_RATE_DELAY = 0.06
 """Largest delay of a rate, s, that its own filter may cause."""
 MIN_EXPLAINED_REST = 0.4
-"""Share of the unexplained part of a rate that another position or clock must explain."""
+"""Least share of the unexplained part of a rate that another position or clock must explain."""
 MAX_UNRELATED_CORRELATION = 0.5
-"""Correlation below which a rate does not belong to its position."""
+"""Correlation up to which a rate is not the derivative of its position."""
 RATE_FACTORS: tuple[tuple[float, CheckKind, str], ...] = (
     (180.0 / np.pi, "angle_unit", "are in degrees per second and called rad/s"),
     (30.0 / np.pi, "angle_unit", "are in turns per minute and called rad/s"),
@@ -40,17 +40,17 @@ RATE_FACTORS: tuple[tuple[float, CheckKind, str], ...] = (
     (np.pi / 180.0, "angle_unit", "are in rad/s and called degrees per second, or the positions are in degrees"),
     (-1.0, "position_sign", "count the other way than the positions"),
 )
-"""Ratio of rate to slope, the kind of mistake, and the mistake in words."""
+"""Mistakes of a rate: its ratio to the slope of the position, kind of the mistake, and the mistake in words."""
 RATE_OF_POSITION = {"swing_angle": "swing_rate", "gripper_x": "gripper_v"}
 
 
 RateMistake = tuple[CheckKind, str, CorrectedReading]
-"""A mistake: its kind, the mistake in words, and how the rate is to be read."""
+"""A mistake of a rate: its kind, the mistake in words, and the corrected reading."""
 
 
 @dataclass(frozen=True, eq=False)
 class RateAndSlope:
-    """A rate and the slope of the position that it should belong to, at common moments.
+    """A recorded rate and the slope of the position whose derivative it should be, at the same moments.
 
     Attributes:
         position: name of the position channel.
@@ -66,17 +66,17 @@ class RateAndSlope:
 
     @property
     def factor(self) -> float:
-        """Ratio of rate to slope."""
+        """Least-squares ratio of the rate to the slope of the position."""
         return float(self.slope @ self.value) / max(float(self.slope @ self.slope), 1e-300)
 
     @property
     def correlation(self) -> float:
-        """Absolute correlation of the two signals of the pair."""
+        """Absolute correlation of the rate and the slope of the position."""
         return abs(_correlation(self.slope, self.value))
 
 
 def rate_checks(run: Run) -> Iterator[Check]:
-    """Find mistakes in the rates of a recording."""
+    """Findings on recorded rates: units, signs, exchanged columns, clocks."""
     found: dict[tuple[CheckKind, str], dict[RateAndSlope, CorrectedReading]] = {}
     pairs, moments = rates_and_slopes(run)
     for pair in pairs:
@@ -106,7 +106,7 @@ def rate_checks(run: Run) -> Iterator[Check]:
 
 
 def without_inconsistent_rates(run: Run) -> Run:
-    """The run without rates and accelerations that contradict its positions."""
+    """A copy of the run without rates and accelerations that contradict its positions."""
     pairs, _ = rates_and_slopes(run)
     wrong = {p.rate for p in pairs if p.correlation < MIN_RATE_CORRELATION or not _is_one(p.factor)}
     wrong |= {f"a.{name.removeprefix('v.')}" for name in wrong if name.startswith("v.")}
@@ -115,7 +115,7 @@ def without_inconsistent_rates(run: Run) -> Run:
 
 @cached_with_first_argument
 def rates_and_slopes(run: Run) -> tuple[list[RateAndSlope], np.ndarray]:
-    """Every rate with the position to which it should belong, where that moves, and the (n,) moments."""
+    """Recorded rates with the slopes of their positions, for joints that move, and the (n,) moments, s."""
     named = [(f"q.{j}", f"v.{j}") for j in run.joints] + list(RATE_OF_POSITION.items())
     named = [(q, v) for q, v in named if q in run.channels and v in run.channels]
     channels = [run.channels[name] for pair in named for name in pair]
@@ -131,7 +131,7 @@ def rates_and_slopes(run: Run) -> tuple[list[RateAndSlope], np.ndarray]:
 
 
 def local_slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, float]:
-    """(n,) slopes of a channel around moments, from fitted lines, and the standard deviation of their noise."""
+    """(n,) slopes of lines that are fitted to a channel around moments (n,), s, and their standard deviation."""
     near = max(SLOPE_SECONDS, 1.6 * float(np.median(np.diff(channel.time))))
     time, value = channel.time - channel.time[0], channel.value - channel.value.mean()
     sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (np.ones(len(time)), time, value, time**2, time * value)]
@@ -144,7 +144,7 @@ def local_slopes(channel: Channel, moments: np.ndarray) -> tuple[np.ndarray, flo
 
 
 def local_averages(channel: Channel, moments: np.ndarray, near: float = SLOPE_SECONDS) -> np.ndarray:
-    """(n,) averages of a channel over `near` s to either side of moments."""
+    """(n,) averages of a channel from `near` s before to `near` s after each of (n,) moments, s."""
     near = max(near, 1.6 * float(np.median(np.diff(channel.time))))
     total = np.concatenate([[0.0], np.cumsum(channel.value)])
     first = np.clip(np.searchsorted(channel.time, moments - near), 0, len(channel.time) - 1)

@@ -1,4 +1,4 @@
-"""Find the mistake that explains a recording: each is compared with "as it stands" and with the next best."""
+"""Find mistakes in a recording: compare the evidence of each possible mistake with that of an unchanged recording."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,44 +15,44 @@ from armdyn.inspection.mistakes import Mistake
 from armdyn.inspection.swing import SwingRun
 
 MISTAKE_PRICE_NATS = 8.0
-"""Log prior odds against a mistake, nats: one recording in some ten has one of some hundred mistakes."""
+"""Log prior odds against each mistake, nats: about one recording in ten has one of about a hundred mistakes."""
 CERTAIN_MISTAKE_NATS = 12.0
-"""Nats by which a mistake must then exceed "as it stands" to be certain: sound recordings reach 6, see
-docs/inspect.md."""
+"""Log odds, in nats, over an unchanged recording from which a mistake is certain; recordings without a mistake reach 6,
+see docs/inspect.md."""
 POSSIBLE_MISTAKE_NATS = 8.0
-"""Nats from which a mistake is reported as possible."""
+"""Log odds, in nats, over an unchanged recording from which a mistake is reported as possible."""
 MISTAKE_TIE_NATS = 6.0
-"""Nats below which two mistakes explain a recording equally well: both are reported, and neither is corrected."""
+"""Log odds, in nats, up to which two mistakes explain a recording equally well, so that neither is corrected."""
 MAX_RESIDUAL_SHARE = 0.35
-"""Largest residual share of the concerned channels' mean square after correcting the mistake; where it is larger, the
+"""Largest residual after a mistake's correction, as a share of the channels' mean square. With a larger one the
 description is of another arm, and no mistake is reported."""
 FULLY_EVALUATED, FULLY_EVALUATED_PER_KIND = 8, 3
-"""Number of hypotheses that are evaluated fully, the most probable at first, and how many of one kind."""
+"""Number of hypotheses that are evaluated fully after a coarse evaluation, and largest number of one kind."""
 MIN_UNEXPLAINED_SHARE = 0.2
-"""Residual share of a typical channel's mean square from which two mistakes at once are tried, where one explains
-nothing; the median of sound recordings, real ones too, is below 0.14."""
+"""Residual, as a share of a channel's mean square, from which two mistakes at once are tried, if one mistake explains
+nothing; the median of recordings without a mistake is below 0.14."""
 MAX_MISTAKES = 3
-"""Largest number of mistakes in one recording."""
+"""Largest number of mistakes that are searched in one recording."""
 MAX_FIRST_DEFICIT_NATS = 10.0
-"""Nats by which a hypothesis may be worse than "as it stands" at first and still be evaluated fully."""
+"""Log odds, in nats, by which a hypothesis may be worse than an unchanged recording in the coarse evaluation."""
 FIRST_SHIFT_STEP, FIRST_RATE_STEP = 0.03, 5e-3
-"""First steps of the search for a clock's error: shift, s, and relative rate error."""
+"""First steps of the search for a clock's error: its shift, s, and its relative rate error."""
 CLOCK_SEARCH_RANGE = 4.0
-"""Range of that search, in first steps, to either side of the best value tried."""
+"""Range of the search for a clock's error to either side of its start, in first steps."""
 MAX_CLOCKS_TRIED = 80
-"""Number of clock errors that such a search tries."""
+"""Largest number of clock errors that the search for a clock's error tries."""
 ComparedRun = TypeVar("ComparedRun", ArmRun, SwingRun)
 
 
 @dataclass(frozen=True, eq=False)
 class FoundMistake:
-    """A mistake, alone or together with another one, with the evidence.
+    """A mistake that was found in a recording, with its evidence.
 
     Attributes:
         mistake: the mistake.
-        log_evidence_gain: log evidence over "as it stands", nats.
-        log_evidence_lead: log evidence over the next best, nats.
-        rival: another mistake that explains as much; None where there is none.
+        log_evidence_gain: log odds of the mistake over an unchanged recording, nats.
+        log_evidence_lead: log odds of the mistake over the next best hypothesis, nats.
+        rival: another mistake that explains the recording as well; None without one.
     """
 
     mistake: Mistake
@@ -62,18 +62,18 @@ class FoundMistake:
 
     @property
     def certain(self) -> bool:
-        """Whether the recording is certainly wrong, rather than possibly."""
+        """Whether the mistake is certain, rather than possible."""
         return self.log_evidence_gain >= CERTAIN_MISTAKE_NATS
 
     @property
     def correction(self) -> Correction | None:
-        """The correction, where it is known that only this one is right."""
+        """The correction of the recording; None if the mistake or its correction is not certain."""
         known = self.certain and self.rival is None and self.mistake.correctable
         return self.mistake.correction if known and self.mistake.correction.readings else None
 
 
 def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[FoundMistake]:
-    """Find the mistakes of a recording; each is corrected before the next one is searched."""
+    """Find mistakes in a recording; each is corrected before the next one is searched."""
     reported: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(MAX_MISTAKES):
         found = most_probable_mistakes(run, list(mistakes(run)))
@@ -91,7 +91,7 @@ def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[M
 
 
 def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
-    """The mistake, or the two mistakes, that explain a recording; empty where it is best explained as it stands."""
+    """The one or two mistakes that explain a recording best; empty if no mistake explains it better."""
     screened = run.coarse_log_evidence(
         [(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)]
     )
@@ -190,7 +190,7 @@ def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int
 
 
 def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[Check]:
-    """Findings on a recording from its comparison with the model."""
+    """Findings on mistakes in a recording, from its comparison with the model."""
     for found in find_mistakes(run, mistakes):
         m, certain = found.mistake, found.certain
         lead = f"{rounded(found.log_evidence_lead)} more than anything else"

@@ -15,25 +15,25 @@ from armdyn.parameter import Parameter
 from armdyn.run import Run
 
 MAX_TIME_CONSTANT = 10.0
-"""Longest time constant of a sensor, gripper or string, s."""
+"""Longest possible time constant of a sensor, gripper or string, s."""
 MAX_BASE_TILT = np.deg2rad(60.0)
-"""Largest tilt of a base, rad; a wall or ceiling mounting belongs in the description."""
+"""Largest possible tilt of a base against its description, rad."""
 MAX_PERMANENT_TORQUE_SHARE = 1.0
-"""Largest permanent torque, as a share of a joint's effort limit: the drive could not carry a larger one."""
+"""Largest possible permanent torque on a joint, as a share of its effort limit."""
 CHECK_REMEDY = "check your recording: armdyn inspect M.toml RUN..., with --report a page of every channel"
 
 
 MIN_EXCESS_DEVIATES = 2.0
-"""Standard deviations by which a value must exceed its possible range: a value that is not identified is no finding."""
+"""Standard deviations by which a fitted value must exceed its possible range to be reported."""
 
 
 def least_absolute_value(p: Parameter) -> float:
-    """Least absolute value of a parameter that is consistent with its standard deviation."""
+    """Absolute value of a parameter less two standard deviations: its least probable size."""
     return abs(p.value) - MIN_EXCESS_DEVIATES * (p.std or 0.0)
 
 
 def implausible_values(model: Model) -> list[Check]:
-    """Find impossible values: a payload heavier than the robot, a friction that pushes, a base upside down."""
+    """Findings on impossible values of a fitted model, such as a payload heavier than the robot."""
     of_base = IMPOSSIBLE_BY_BASE.get(model.base, lambda _: iter(()))
     return [
         Check("implausible_model", Severity.WRONG, None, (name,), f"{said}: check your recording", CHECK_REMEDY)
@@ -47,7 +47,7 @@ def require_plausible(model: Model, runs: Sequence[Run], given: Model) -> None:
     Args:
         model: the fitted model.
         runs: the runs to which it was fitted.
-        given: the model before the fit; what it has already was set by its user.
+        given: the model before the fit, whose impossible values are ignored because its user set them.
 
     Raises:
         WrongRecordingError: a value is impossible; the error has the findings.
@@ -59,7 +59,7 @@ def require_plausible(model: Model, runs: Sequence[Run], given: Model) -> None:
 
 
 def with_fitted_values(model: Model, found: Comparison) -> Model:
-    """The model of a study with the values from a comparison; values of a single run are unchanged."""
+    """The model with the values that a comparison fitted; parameters with one value per run keep their values."""
     changed = {
         name: replace(p, value=found.parameters[name].value, std=found.parameters[name].std)
         for name, p in model.parameters.items()
@@ -117,4 +117,4 @@ def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
 
 
 IMPOSSIBLE_BY_BASE: Mapping[str, Callable[[Any], Iterator[tuple[str, str]]]] = {"arm": _of_arm, "pendulum": _of_swing}
-"""Impossible values of a model, by its base: the parameter's name, and what is wrong."""
+"""Function that finds impossible values of a model, by the model's base; it yields the parameter and the fault."""

@@ -1,4 +1,4 @@
-"""Check single channels: gaps, glitches, stuck and repeated samples, saturation, lost counts, noise."""
+"""Check the signals of a recording without a model: gaps, glitches, repeated samples, saturation, noise."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -16,40 +16,40 @@ from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
 MIN_FINE_STEPS = 3.0
-"""Usual step of a signal, in steps of its resolution, from which repeated values are no coarse encoder."""
+"""Least usual step of a signal, in steps of its resolution, for which repeated values are not those of a coarse
+encoder."""
 MIN_CLIPPED_SHARE = 0.01
-"""Share of samples at the end of the range that means that the sensor's range is too small."""
+"""Share of samples at the end of the range from which a sensor counts as saturated."""
 LOST_COUNT_DEVIATES = 12.0
-"""Size of a permanent step of an encoder's mean, in standard deviations of the noise."""
+"""Least permanent step of an encoder's position that means lost counts, in standard deviations of the noise."""
 MIN_LOST_STEP = 0.01
-"""Smallest such step, rad or m."""
+"""Least permanent step of an encoder's position that means lost counts, rad or m."""
 SAMPLES_BESIDE_STEP, MAX_STEPPED_DIFFERENCES = 10, 8
-"""Number of samples to either side of a step, and largest number of differences of a signal that show a step."""
+"""Number of samples to either side of a step that are fitted, and largest number of differences as large as a step."""
 MIN_JITTER_RATIO = 0.15
-"""Ratio of the interval's standard deviation to its median that is reported."""
+"""Ratio of the standard deviation of sampling intervals to their median from which jitter is reported."""
 INTERVAL_TOLERANCE, MIN_REGULAR_SHARE = 0.2, 0.98
-"""Tolerance for intervals that are multiples of the usual one, and their share with a regular clock."""
+"""Tolerance for intervals that are multiples of the usual interval, and least share of them for a regular clock."""
 MIN_NOISE_RATIO = 5.0
-"""Ratio of the noise in the quietest third of a signal's differences to the stated noise that is reported. A drive's
-low-pass makes these differences too small, so only noise that is stated too small can be found."""
+"""Ratio of the noise in the smallest third of a signal's differences to the stated noise from which it is reported."""
 MIN_MOTION_DEVIATES = 20.0
-"""Least size of a motion, in standard deviations of the noise; also at least `MIN_MOTION_SIZE`."""
+"""Least range of a position that counts as motion, in standard deviations of the noise; also `MIN_MOTION_SIZE`."""
 MIN_MOTION_SIZE = 2e-3
 PLAUSIBLE_RANGES: Mapping[str, tuple[float, CheckKind, str]] = {
     "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
     "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
 }  # fmt: skip
 """Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
-kind of mistake, and the unit that it may be in. Used where no physics decides better."""
+kind of mistake, and the unit that it may be in."""
 FULL_TURNS = (2.0 * np.pi, 360.0)
-"""A full turn in rad, and in degrees that are declared as rad."""
+"""A full turn in rad, and in degrees, for angles in degrees that are declared as rad."""
 MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
 """Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
 def gap_checks(run: Run) -> Iterator[Check]:
-    """Find gaps: samples of every channel are missing for a while."""
+    """Findings on gaps, in which samples of a channel are missing for some time."""
     for begin, end in gaps_of(run):
         yield Check(
             "gap", Severity.NOTE, run.name, tuple(run.channels),
@@ -69,7 +69,7 @@ def _clocks(run: Run) -> Iterator[tuple[str, Channel, np.ndarray, float]]:
 
 
 def dropped_sample_checks(run: Run) -> Iterator[Check]:
-    """Find single samples, or a few, that are missing from a regular clock's sequence."""
+    """Findings on single missing samples of a regular clock."""
     for name, channel, steps, usual in _clocks(run):
         counts = np.round(steps / usual)
         if np.mean(np.abs(steps / usual - counts) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
@@ -84,7 +84,7 @@ def dropped_sample_checks(run: Run) -> Iterator[Check]:
 
 
 def jitter_checks(run: Run) -> Iterator[Check]:
-    """Find stamps with jitter."""
+    """Findings on time stamps with jitter."""
     for name, _, steps, usual in _clocks(run):
         spread = float(np.std(steps[steps < GAP_INTERVALS * usual])) / usual
         if spread > MIN_JITTER_RATIO:
@@ -96,7 +96,7 @@ def jitter_checks(run: Run) -> Iterator[Check]:
 
 
 def second_publisher_checks(run: Run) -> Iterator[Check]:
-    """Find positions of two publishers that were recorded as one signal."""
+    """Findings on positions of two publishers that were recorded as one signal."""
     by_time: dict[bytes, list[str]] = {}
     for name, channel in run.channels.items():
         if name.startswith("q."):
@@ -114,7 +114,7 @@ def second_publisher_checks(run: Run) -> Iterator[Check]:
 
 
 def glitch_checks(run: Run) -> Iterator[Check]:
-    """Find glitches: single samples far from their neighbours."""
+    """Findings on glitches: single samples far from their neighbours."""
     found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
     found = {name: when for name, when in found.items() if len(when)}
     if found:
@@ -127,7 +127,7 @@ def glitch_checks(run: Run) -> Iterator[Check]:
 
 
 def repetition_checks(run: Run) -> Iterator[Check]:
-    """Find slower signals whose samples were recorded repeatedly."""
+    """Findings on slowly sampled signals whose samples were recorded repeatedly."""
     for name, channel in run.channels.items():
         held = repetitions_per_value(channel)
         if held > 1:
@@ -141,7 +141,7 @@ def repetition_checks(run: Run) -> Iterator[Check]:
 
 
 def repetitions_per_value(channel: Channel) -> int:
-    """Number of times that each value is repeated; 1 for a signal that was recorded as often as it was measured."""
+    """Number of times that each measured value of a channel was recorded; 1 without repetitions."""
     change = np.flatnonzero(np.diff(channel.value) != 0.0)
     if len(change) < MIN_SAMPLES:
         return 1
@@ -154,7 +154,7 @@ def repetitions_per_value(channel: Channel) -> int:
 
 
 def saturation_checks(run: Run) -> Iterator[Check]:
-    """Find saturation: many samples have the largest or smallest value."""
+    """Findings on saturation: many samples have the largest or smallest value."""
     for name, channel in run.channels.items():
         if not channel_kind(name).measured:
             continue
@@ -170,7 +170,7 @@ def saturation_checks(run: Run) -> Iterator[Check]:
 
 
 def lost_count_checks(run: Run) -> Iterator[Check]:
-    """Find encoders whose zero steps during the recording."""
+    """Findings on lost counts: encoders whose zero position jumps during the recording."""
     for name, channel in encoder_channels(run):
         found = largest_step(channel)
         if found is not None:
@@ -185,13 +185,13 @@ def lost_count_checks(run: Run) -> Iterator[Check]:
 
 
 def encoder_step_times(run: Run) -> list[float]:
-    """Times, s, at which an encoder's zero steps."""
+    """Times, s, at which the zero position of an encoder jumps."""
     found = ((channel, largest_step(channel)) for _, channel in encoder_channels(run))
     return [float(channel.time[step[0]]) for channel, step in found if step is not None]
 
 
 def largest_step(channel: Channel) -> tuple[int, float] | None:
-    """Index after the largest step that is neither motion nor spike, and its size; None where there is none.
+    """Index after the largest permanent jump of a signal, and the jump's size; None without a jump.
 
     The size is the distance of the parabolas through the samples before and after it.
     """
@@ -226,7 +226,7 @@ def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
 
 
 def stated_noise_checks(run: Run) -> Iterator[Check]:
-    """Find noise that is stated much smaller than it is."""
+    """Findings on stated noise that is much smaller than the noise of the samples."""
     for name, stated in run.noise.items():
         if name not in run.channels or stated <= 0.0:
             continue
@@ -241,7 +241,7 @@ def stated_noise_checks(run: Run) -> Iterator[Check]:
 
 
 def motion_checks(run: Run) -> Iterator[Check]:
-    """Find recordings in which nothing moves."""
+    """Findings on a recording in which nothing moves."""
     moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
     if moving and not any(changes_beyond_noise(run.channels[name]) for name in moving):
         yield Check(
@@ -252,7 +252,7 @@ def motion_checks(run: Run) -> Iterator[Check]:
 
 
 def changes_beyond_noise(channel: Channel) -> bool:
-    """Whether a position changes by more than its noise."""
+    """Whether a position changes by more than its noise, so that it shows a motion."""
     value = channel.value
     last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
     low, high = np.sort(value)[[last, -1 - last]]
@@ -262,7 +262,7 @@ def changes_beyond_noise(channel: Channel) -> bool:
 
 
 def range_checks(run: Run) -> Iterator[Check]:
-    """Find values that are impossible in the unit of the channel."""
+    """Findings on values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
         most, kind, unit = PLAUSIBLE_RANGES.get(channel.unit, (np.inf, "scale", ""))
         top = float(np.quantile(np.abs(channel.value), 0.99))
@@ -275,7 +275,7 @@ def range_checks(run: Run) -> Iterator[Check]:
 
 
 def wrapped_angle_checks(run: Run) -> Iterator[Check]:
-    """Find endless joints whose angle wraps around after a turn."""
+    """Findings on angles of endless joints that wrap around after a turn."""
     for name, channel in run.channels.items():
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
             continue
@@ -320,4 +320,4 @@ SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
     sticking_joint_checks, repetition_checks, saturation_checks, lost_count_checks, glitch_checks, jitter_checks,
     stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
-"""All checks of signals; a new check is a further function here."""
+"""Functions that check the signals of a recording; a new check is a further function."""

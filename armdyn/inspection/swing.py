@@ -70,7 +70,7 @@ SwingMotion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class ChannelPart:
-    """One channel under a hypothesis; the attributes are those of `ChannelReadings` without the first axis."""
+    """Readings of one channel with a prediction; attributes as of `ChannelReadings`, without the axis of channels."""
 
     measured: np.ndarray
     described: np.ndarray
@@ -97,7 +97,7 @@ class ChannelPart:
 
 @dataclass(frozen=True, eq=False)
 class SwingRun:
-    """One recording of a pendulum at a few moments.
+    """A recording of a pendulum at a few moments, which is compared with the equations of a pendulum.
 
     Args:
         model: the model of the load.
@@ -109,17 +109,17 @@ class SwingRun:
 
     @cached_property
     def swing(self) -> str | None:
-        """The channel that measures the swing; None where there is none."""
+        """Name of the channel that measures the swing; None without one."""
         return swing_channel(self.run)
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """The compared channels: the angle (or else the rate), and the force."""
+        """Names of the compared channels: the angle, else the rate, and the force."""
         return tuple(name for name in (self.swing, "load_force") if name and name in self.run.channels)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(n,) moments, s."""
+        """(n,) moments at which the recording is compared, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
         edge = EDGE_SHARE * (end - begin)
@@ -198,7 +198,7 @@ class SwingRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) independent samples per sample."""
+        """(J,) number of independent samples per sample of each channel."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
         shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})
@@ -206,7 +206,7 @@ class SwingRun:
         return independent_sample_share(given.measured, evidence(given).residual, given.min_rms, after)
 
     def coarse_log_evidence(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
-        """(h,) log evidence: a pendulum has few effects, so that no faster method is needed."""
+        """(h,) log evidence of hypotheses, nats; it is exact, because that of a pendulum is computed fast."""
         return np.array([self.log_evidence(*meaning).value for meaning in meanings])
 
     def log_evidence(self, correction: Correction, description: object = None) -> Evidence:
@@ -226,7 +226,7 @@ class SwingRun:
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
     def log_evidence_of_no_model(self) -> float:
-        """Minus infinity: that the equations explain nothing is excluded, because a pendulum's equations are known."""
+        """Minus infinity, the log evidence of no model, because the equations of a pendulum are known."""
         return -np.inf
 
     def _known(self, name: str) -> tuple[float, bool]:
@@ -304,7 +304,7 @@ class SwingRun:
 
 
 def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
-    """Mistakes that may have been made in recordings of pendulums."""
+    """All possible mistakes in a recording of a pendulum."""
     has, force = run.run.channels, ("load_force",)
     angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)
     both, shifts = " and ".join(angular), (*SENSOR_LAGS, *SWING_CLOCK_SHIFTS)

@@ -17,12 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChannelKind:
-    """Meaning of a channel.
+    """Properties of a kind of channel.
 
     Attributes:
         units: SI units that its values may have; a joint channel has two, for revolute and prismatic joints.
-        measured: True where a model predicts the channel.
-        held: True where each value holds until the next stamp.
+        measured: whether models predict the channel.
+        held: whether each value holds until the next time stamp, as for a command.
     """
 
     units: tuple[str, ...]
@@ -44,10 +44,10 @@ JOINT_CHANNELS = {
     "v": ChannelKind(("rad/s", "m/s")),
     "a": ChannelKind(("rad/s^2", "m/s^2")),
     "tau": ChannelKind(("N m", "N"), measured=True),
-    "q_cmd": ChannelKind(("rad", "m"), held=True),  # what the joint was told
+    "q_cmd": ChannelKind(("rad", "m"), held=True),  # commanded position
     "v_cmd": ChannelKind(("rad/s", "m/s"), held=True),
-    "tau_ff": ChannelKind(("N m", "N")),  # asked for beside them
-    "duty": ChannelKind(("1",)),  # what the drive did
+    "tau_ff": ChannelKind(("N m", "N")),  # feed-forward torque
+    "duty": ChannelKind(("1",)),  # duty cycle of the drive
     "current": ChannelKind(("A",)),
     "voltage": ChannelKind(("V",)),
     "enabled": ChannelKind(("1",)),  # 0 where the drive was off
@@ -73,23 +73,23 @@ EXTRA_CHANNEL_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 
 
 
 MIN_SAMPLES = 10
-"""Least number of samples that can distinguish a model from its noise."""
+"""Least number of samples of a channel for a comparison with a model."""
 
 
 def is_channel_name(name: str) -> bool:
-    """Whether `name` is the name of a channel in the contract."""
+    """Whether `name` is the name of a channel that recordings may contain."""
     quantity, dot, joint = name.partition(".")
     return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
 
 
 def is_auxiliary(name: str) -> bool:
-    """Whether `name` is the name of a further quantity, of any kind, that was recorded besides the channels."""
+    """Whether `name` is that of a further recorded quantity of any kind, such as ``extra.temperature``."""
     quantity, _, own = name.partition(".")
     return quantity == EXTRA_PREFIX and own.isidentifier()
 
 
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
-    """The meaning of the channel `name`.
+    """Properties of the channel `name`: its units, and how it is used.
 
     Raises:
         UnknownNameError: there is no such channel; `where` names the kind of name in the message.
@@ -114,7 +114,7 @@ def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
 
 
 class Conversion(NamedTuple):
-    """Conversion of written values to a channel's: ``factor * value + zero`` in `unit`, an SI unit."""
+    """Conversion of written values to the SI unit `unit`: ``factor * value + zero``."""
 
     unit: str
     factor: float = 1.0
@@ -160,7 +160,7 @@ class SampleError(InputError):
 
     Args:
         index: index of the sample in its channel.
-        fault: the fault in words.
+        said: the fault in words.
     """
 
     def __init__(self, index: int, said: str) -> None:
@@ -255,13 +255,13 @@ class DriveReading(Channel):
         return DriveReading, (self.time, self.value, self.unit, self.common_error_std, self.commands)
 
     def selected(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
-        """The samples for which (n,) `which` is True; see `Channel.selected`."""
+        """The samples for which (n,) `which` is True, with their commands."""
         told = self.commands[:, which] if len(self.commands) else self.commands
         return replace(self, time=self.time[which], value=self.value[which], commands=told)
 
 
 def check_clock(time: FloatArray) -> None:
-    """Refuse time stamps that do not increase.
+    """Check that (n,) time stamps increase.
 
     Raises:
         InputError: it names the first wrong sample.
@@ -277,7 +277,7 @@ def check_clock(time: FloatArray) -> None:
 
 
 def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
-    """Refuse a joint that is revolute in one channel and prismatic in another.
+    """Check that no joint is revolute in one channel and prismatic in another.
 
     Args:
         channels: name and SI unit of each channel.

@@ -1,4 +1,4 @@
-"""The CSV form of a recording: ``name [unit]`` per column, a row per time stamp, empty cells for missing samples."""
+"""Read and write recordings as CSV: columns ``name [unit]``, a row per time stamp, empty cells for missing samples."""
 
 import re
 from collections.abc import Mapping

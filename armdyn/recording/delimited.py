@@ -1,4 +1,4 @@
-"""Read tables of text, such as CSV, in armdyn's recordings and in other formats.
+"""Parse text tables, such as CSV files, of armdyn and of other programs.
 
 Rows are counted as in a spreadsheet: the header is row 1 where no blank line is before it.
 """
@@ -19,9 +19,9 @@ from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off_message, is_comp
 from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
 BLOCK_CHARACTERS = 2**20
-"""Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
+"""Number of characters of a table that are split into cells at once, which limits the memory."""
 MISSING_CELLS = frozenset({"", "nan", "-nan", "+nan"})
-"""Cells of missing samples, in lower case."""
+"""Texts of cells that mean a missing sample, in lower case."""
 IntArray = npt.NDArray[np.int64]
 
 
@@ -68,12 +68,12 @@ def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
 
 
 def header_of(text: str) -> str:
-    """The first line that is not blank."""
+    """The first line of a text that is not blank: the header of a table."""
     return next((line for line in text.split("\n") if line.strip()), "")
 
 
 def separator_of(header: str) -> str:
-    """The separator of a header's cells; of commas and semicolons the semicolons, and commas are decimal."""
+    """The character that separates the cells of a header; a semicolon before a tab before a comma, else a space."""
     return next((separator for separator in (";", "\t", ",") if separator in header), " ")
 
 

@@ -12,7 +12,7 @@ GAP_INTERVALS, GAP_SECONDS = 5.0, 0.25
 """A gap exceeds both this number of usual intervals and this time, s. Over 0.25 s motions of 1.5 Hz are still
 interpolated to 2 %."""
 MIN_PIECE_SAMPLES = 40
-"""Least number of samples of every channel in a piece, where the whole run has so many."""
+"""Least number of samples of every channel in a part of a run that is cut at gaps."""
 
 
 def gaps_of(run: Run) -> list[tuple[float, float]]:
@@ -33,7 +33,7 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 
 
 def shortest_gap(time: FloatArray) -> float:
-    """Interval between two of (n,) stamps, s, beyond which samples between them are missing."""
+    """Longest interval, s, between successive time stamps (n,) without a gap."""
     steps = np.diff(time)
     return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS
 
@@ -54,9 +54,9 @@ def channels_between(run: Run, begin: float, end: float, fewest: int = 0) -> Map
 
 
 def cut_at_gaps(run: Run) -> tuple[Run, ...]:
-    """Cut a run at its gaps; see `Run.warnings` and `Run.began`.
+    """Cut a run into its parts between gaps; the first part's warnings state the gaps.
 
-    A piece that is too short to be useful is left out, unless all are.
+    A part that is too short is left out; if all are, the run is not cut.
     """
     spans = gaps_of(run)
     if not spans:
@@ -77,7 +77,7 @@ def time_spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
 
 
 def runs_of_parts(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
-    """Make parts of a run to runs; the first gets the reason of the cut as a warning."""
+    """Make runs of parts of a run; the first one gets the reason of the cut, `said`, as a warning."""
     began = min(float(channel.time[0]) for channel in run.channels.values())
     return tuple(
         replace(

@@ -20,15 +20,15 @@ CUT_OFF_MESSAGE = "is cut off, its recording did not end properly"
 BLOCK_BYTES = 2**17
 """Number of bytes that zstd compresses at a time."""
 CHUNK_HEAD_BYTES = 1 + 8 + 28
-"""Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
+"""Number of bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
 
 
 def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
-    """Every complete record of the file, including those in chunks.
+    """Read every intact record of an MCAP file, including those in chunks.
 
     Args:
         data: bytes of the file.
-        problems: list that gets a sentence for everything that is lost.
+        problems: list to which a text is appended for each fault of the file.
 
     Raises:
         InputError: the chunks are too large, one or together, or a chunk contains more than it states.

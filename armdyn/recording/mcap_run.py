@@ -1,4 +1,4 @@
-"""The MCAP form of a recording, as the pipeline writes it and Foxglove and PlotJuggler show it.
+"""Read recordings in MCAP files, as the pipeline writes them and Foxglove and PlotJuggler show them.
 
 One topic per group of channels (``/gripper``, ``/load``, ``/q``, ...) holds JSON messages ``{"time": 0.01, "x": 0.2}``.
 The metadata of each topic gives the channel and unit of a field: ``{"x": "gripper_x [m]"}``. The text of the sidecar is
@@ -33,9 +33,9 @@ class McapRecording:
     """Content of one MCAP file.
 
     Attributes:
-        channels: the contract's channels and all others that were recorded, by name.
-        sidecar: what is known besides the samples.
-        warnings: a sentence for everything that was lost; empty for a complete file.
+        channels: all recorded channels, by name.
+        sidecar: known facts on the recording besides its samples.
+        warnings: a sentence on lost samples; empty for a complete file.
     """
 
     channels: dict[str, Channel]

@@ -1,4 +1,4 @@
-"""The noise of a channel, from divided differences of its samples, which remove the smooth part of a signal."""
+"""Estimate the noise of a signal by divided differences, which remove the smooth part of the signal."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ NORMAL_MEDIAN = 0.6745
 MIN_DIFFERENCES = 8
 """Least number of differences that determine the noise of a signal."""
 MAX_DIFFERENCE_SPAN = 1.5
-"""Span of a difference, in usual spans, beyond which there is a gap between its samples."""
+"""Largest time span of a difference's samples, in usual spans; a longer one contains a gap."""
 DIFFERENCE_ORDERS = tuple(range(3, 9))
 """Orders of the differences from which the noise is estimated."""
 MAX_SIGNAL_RATIO = 0.9
@@ -17,7 +17,7 @@ MAX_SIGNAL_RATIO = 0.9
 a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
 it is 0.3."""
 MIN_NOISE_SHARE = 0.1
-"""Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
+"""Least noise of a channel, as a share of its stated noise; an encoder at rest has samples without noise."""
 NO_JUMP_TIMES = np.zeros(0)
 
 
@@ -55,7 +55,7 @@ def normalised_differences(
 
 
 def noise_std_from_differences(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
-    """Standard deviation of white noise on smooth samples, robust against glitches: from the median difference.
+    """Standard deviation of white noise on a smooth signal, from the median difference: glitches do not change it.
 
     Args:
         time: (n,) time stamps, s.
@@ -72,7 +72,7 @@ def noise_std_from_differences(time: np.ndarray, value: np.ndarray, order: int =
 
 
 def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMP_TIMES) -> float:
-    """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
+    """Standard deviation of white noise on a smooth signal, from differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
     weights the variance of the result is that of the noise. A fast signal at a low rate is no parabola over four
@@ -108,11 +108,11 @@ def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.n
 
 
 def smallest_noise_std(channel: Channel, noise: float) -> float:
-    """Smallest white noise that a channel can have, from its third differences; a few glitches do not change it.
+    """Smallest probable standard deviation of a channel's white noise, from its third differences.
 
     Args:
         channel: its samples.
-        noise: noise as stated or estimated otherwise; an upper limit of the result.
+        noise: standard deviation that is stated or otherwise estimated; an upper limit of the result.
     """
     return max(
         min(noise, noise_std_from_differences(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise

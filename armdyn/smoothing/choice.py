@@ -1,7 +1,4 @@
-"""Choose how much to smooth: the cut-off, the order and the noise under which the samples are most probable.
-
-A curve through a signal and its measured derivatives is fitted as well.
-"""
+"""Choose the cut-off and order of smoothing under which samples are most probable, and smooth a signal."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,17 +17,17 @@ from armdyn.smoothing.spline import (
 
 SPLINE_ORDERS = (4, 3, 5, 6)
 MAX_CUTOFF_SHARE = 0.3
-"""Highest cut-off that is tried, as a share of the sampling rate."""
+"""Highest cut-off of smoothing that is tried, as a share of the sampling rate."""
 KNOT_INTERVAL_FACTOR = 4
-"""Ratio of the knot intervals of two successive searches."""
+"""Ratio of the spline's knot intervals in two successive searches for a cut-off."""
 CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
-"""Number of cut-offs in a search, and the stride between those that are tried first."""
+"""Number of cut-offs in a search, and stride between the cut-offs that are tried first."""
 ORDER_PREFERENCE = 20.0
-"""Twice the log-likelihood by which another order must exceed the preferred one."""
+"""Twice the log-likelihood by which another order of smoothing must exceed the preferred one."""
 
 
 class SmoothingChoice(NamedTuple):
-    """A choice of smoothing: cut-off in Hz, standard deviation of the noise, and order."""
+    """Choice of smoothing: cut-off, Hz, standard deviation of the noise, and order of the penalised differences."""
 
     cutoff: float
     noise: float
@@ -65,7 +62,7 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
 
 
 def resolution(values: np.ndarray) -> float:
-    """Step of an encoder or of a file's digits: the smallest difference between (n,) values that is not rounding."""
+    """Resolution of an encoder or a file's digits: smallest difference of (n,) values, except rounding errors."""
     differences = np.diff(np.unique(values))
     return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
@@ -139,7 +136,7 @@ def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> floa
 
 
 class MeasuredDerivative(NamedTuple):
-    """Measured derivatives of a signal: (n,) times in s, (n,) values, and the order of the derivative."""
+    """Measured derivative of a signal: (n,) times, s, (n,) values, and the order of the derivative."""
 
     time: np.ndarray
     values: np.ndarray

@@ -1,4 +1,4 @@
-"""Smoothed positions on an even grid, with rate and acceleration: a motion that drives a simulation.
+"""Smooth and differentiate positions on an even grid, for the inputs of a simulation.
 
 Positions are smoothed by cross-validation and differentiated without phase shift.
 """
@@ -12,9 +12,10 @@ from armdyn.smoothing.choice import best_smoothing, smooth_curve
 from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, difference_penalty
 
 WHITTAKER_ORDER = 4
-"""Order of the penalised differences: piecewise-constant jerk costs nothing in the limit."""
+"""Order of the penalised differences in the smoothing of positions on an even grid."""
 MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
-"""Smoothing that halves a motion at a tenth of the sampling rate: no gripper is faster, but an encoder's steps are."""
+"""Least smoothing strength, in samples^8: it halves a motion with a tenth of the sampling rate, the fastest of
+grippers."""
 STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
@@ -61,7 +62,7 @@ def _off_grid(
 
 
 def grid_size(start: float, end: float, dt: float) -> int:
-    """Number of nodes of a uniform grid that covers [start, end]."""
+    """Number of nodes of an even grid with step `dt` that covers the times from `start` to `end`, s."""
     return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
 
 
@@ -78,7 +79,7 @@ def motion_at_midpoints(motion: np.ndarray, dt: float) -> np.ndarray:
 
 
 def best_strength(y: np.ndarray) -> float:
-    """The smoothing strength with the least generalised cross-validation error (Craven & Wahba 1979).
+    """Smoothing strength, in samples^8, with the least generalised cross-validation error (Craven & Wahba 1979).
 
     The error is n |r|^2 / (n - tr H)^2. It needs no noise level: requiring a residual of the size of a stated noise
     does not smooth at all where the statement is 30 % too low. The trace of the smoother H is that of the periodic one,
@@ -97,14 +98,14 @@ def best_strength(y: np.ndarray) -> float:
 
 
 def penalised_least_squares(y: np.ndarray, strength: float) -> np.ndarray:
-    """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
+    """(n,) smoothed samples x that minimise |y - x|^2 + strength |D^4 x|^2, with fourth differences D^4."""
     bands = strength * difference_penalty(len(y), WHITTAKER_ORDER, WHITTAKER_ORDER + 1)
     bands[0] += 1.0
     return solveh_banded(bands, y, lower=True, check_finite=False)
 
 
 def first_and_second_derivatives(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives of even samples, by fourth-order differences (third-order at the two ends)."""
+    """First and second derivatives of samples at even times, by differences of fourth order, third at the two ends."""
     padded = np.concatenate([_extrapolated(x[:5])[::-1], x, _extrapolated(x[:-6:-1])])
     m2, m1, c, p1, p2 = (padded[i : len(padded) - 4 + i] for i in range(5))
     return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
