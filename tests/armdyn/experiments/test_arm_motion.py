@@ -43,14 +43,14 @@ def start(design):
 
 def test_a_random_motion_is_as_large_as_the_limits_allow(design, start):
     assert -0.05 < design.excess(start) <= 0.0
-    assert all(design.postures.free(q) for q in design.grid.motion(start).q)
+    assert all(design.postures.free(q) for q in design.torque_basis.motion(start).q)
 
 
 def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, start):
-    near = design.about(start)
-    multipliers = [np.full(c.shape, 1e-3) for c in near.evaluate(start).beyond]
+    near = design.linearised_around(start)
+    multipliers = [np.full(c.shape, 1e-3) for c in near.evaluate(start).constraints]
     objective = AugmentedLagrangian(near, 5.0, multipliers)
-    point, rng, h = 1.3 * start / design.unit[:, None], np.random.default_rng(0), 1e-5
+    point, rng, h = 1.3 * start / design.coefficient_scale[:, None], np.random.default_rng(0), 1e-5
     _, gradient = objective(point)
     for _ in range(3):
         direction = rng.standard_normal(point.shape)
@@ -67,7 +67,7 @@ def test_a_designed_motion_tells_more_and_stays_inside(design, goal, start):
     assert design.cost(found) < design.cost(start) - 0.3
     assert np.exp(np.mean(np.log(stds(start) / stds(found)))) > 1.3
     assert design.excess(found) < 0.02
-    assert design.grid.motion(found).q[:, 0].max() < 0.5 + 0.02
+    assert design.torque_basis.motion(found).q[:, 0].max() < 0.5 + 0.02
 
 
 def test_twice_the_time_has_twice_the_information(goal):

@@ -35,7 +35,7 @@ def test_a_payloads_column_is_the_torque_that_mujoco_finds_for_it(baxter, effect
 def test_a_links_mass_column_is_what_mujoco_finds_for_a_heavier_link(baxter, effects, states):
     columns = extended(baxter, effects("link_inertia"))
     index = columns.model.names.index("link_inertia.mass[right_e0]")
-    torque = columns.at(states)[:, :, index] * columns.noise / columns.typical[index]
+    torque = columns.values_along(states)[:, :, index] * columns.noise / columns.typical[index]
     motion, step = (states.q, states.v, states.a), 1e-4
     heavier = np.zeros(7)
     heavier[2] = step
@@ -58,9 +58,9 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
     by_torque = rng.standard_normal((6, 3))
 
     def total(moved):
-        return float(np.sum(columns.at(moved) * by_columns) + np.sum(columns.torque(moved) * by_torque))
+        return float(np.sum(columns.values_along(moved) * by_columns) + np.sum(columns.described_torque(moved) * by_torque))
 
-    for name, gradient in zip("qva", columns.with_slopes(states)[2](by_columns, by_torque), strict=True):
+    for name, gradient in zip("qva", columns.with_gradient(states)[2](by_columns, by_torque), strict=True):
         direction, h = rng.standard_normal(states.q.shape), 1e-5
         ends = [total(states._replace(**{name: getattr(states, name) + sign * h * direction})) for sign in (1, -1)]
         measured = (ends[0] - ends[1]) / (2 * h)
@@ -70,16 +70,16 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
 def test_an_effect_that_acts_through_its_mass_has_one(baxter, effects):
     columns = extended(baxter, effects("payload"))
     assert columns.model.value("payload.mass[right_w2]") == 1.0
-    assert np.all(np.any(columns.at(random_joint_states(baxter.arm, 20)) != 0.0, axis=(0, 1)))
+    assert np.all(np.any(columns.values_along(random_joint_states(baxter.arm, 20)) != 0.0, axis=(0, 1)))
 
 
 def test_a_delay_is_refused_in_one_line(shoulder, effects, complains):
     with complains(InputError):
-        extended(shoulder, effects("torque_delay")).at(random_joint_states(shoulder.arm, 2))
+        extended(shoulder, effects("torque_delay")).values_along(random_joint_states(shoulder.arm, 2))
 
 
 def coefficients(series):
-    return np.random.default_rng(3).standard_normal((2, series.size))
+    return np.random.default_rng(3).standard_normal((2, series.coefficient_count))
 
 
 @pytest.mark.parametrize("seconds", [2.0, 7.3, 20.0, 50.0])

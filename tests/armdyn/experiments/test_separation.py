@@ -65,7 +65,7 @@ def test_a_random_motion_reaches_a_limit_and_passes_none():
     for seed in range(5):
         x = random_motion(problem, np.random.default_rng(seed))
         used = problem.motion(x).peaks / [0.15, 0.9, 2.0]
-        swings = max(np.abs(p.swing(p.start)).max() for p in problem.along(x))
+        swings = max(np.abs(p.swing(p.start)).max() for p in problem.predictions_along(x))
         assert max(used.max(), swings) == pytest.approx(1.0, abs=0.03)
         assert max(used.max(), swings) <= 1.0
 
@@ -74,10 +74,10 @@ def test_the_gradient_of_the_search_is_that_of_finite_differences():
     """Beyond the limits of gripper and swing, with the rivals refitted again at every motion."""
     problem = gripper(["linear_drag", "pivot_viscous_friction"], limits=GripperLimits(acceleration=1.0, swing=0.2))
     x = 1.5 * random_motion(problem, np.random.default_rng(1))
-    point, rng, h = x / problem.unit[:, None], np.random.default_rng(0), 1e-4
+    point, rng, h = x / problem.coefficient_scale[:, None], np.random.default_rng(0), 1e-4
 
     def cost(at):
-        lagrangian = AugmentedLagrangian(problem.about(at * problem.unit[:, None]), 5.0)
+        lagrangian = AugmentedLagrangian(problem.linearised_around(at * problem.coefficient_scale[:, None]), 5.0)
         for _ in range(4):  # each goes on with the refit
             found = lagrangian(at)
         return found

@@ -180,7 +180,7 @@ def recorded() -> Run:
 
 @given(CORRECTIONS, CORRECTIONS)
 def test_two_corrections_are_one(first, second):
-    apart, together = second.of(first.of(recorded())), first.then(second).of(recorded())
+    apart, together = second.applied_to(first.applied_to(recorded())), first.followed_by(second).applied_to(recorded())
     for name in ("q.a", "q.b"):
         np.testing.assert_allclose(together.channels[name].value, apart.channels[name].value, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(together.channels[name].time, apart.channels[name].time, atol=1e-12)
