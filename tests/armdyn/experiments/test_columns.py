@@ -58,7 +58,9 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
     by_torque = rng.standard_normal((6, 3))
 
     def total(moved):
-        return float(np.sum(columns.values_along(moved) * by_columns) + np.sum(columns.described_torque(moved) * by_torque))
+        return float(
+            np.sum(columns.values_along(moved) * by_columns) + np.sum(columns.described_torque(moved) * by_torque)
+        )
 
     for name, gradient in zip("qva", columns.with_gradient(states)[2](by_columns, by_torque), strict=True):
         direction, h = rng.standard_normal(states.q.shape), 1e-5
