@@ -10,11 +10,11 @@ from armdyn.recording.channels import (
     JOINT_CHANNELS,
     Channel,
     FloatArray,
-    channel_unit,
     channel_units,
     check_clock,
     is_auxiliary,
     name_and_unit,
+    unit_conversion,
 )
 from armdyn.recording.units import si_factor
 from urdf.table_file import join_problems
@@ -51,7 +51,7 @@ def channels_of(
             with at(f"'{name}'"):
                 # Units that are not given are SI.
                 usual = "" if is_auxiliary(name) else channel_units(name)[0]
-                to_si = channel_unit(name, written or _given(units, name) or usual)
+                to_si = unit_conversion(name, written or _given(units, name) or usual)
                 if name in found:
                     raise InputError("is given twice")
                 if stamps is not None and value.shape != stamps.shape:

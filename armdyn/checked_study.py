@@ -22,8 +22,8 @@ from armdyn.identify.selection.set_score import BELIEF_NATS
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
 from armdyn.inspection.check import MODEL_PLACEHOLDER, Inspection
-from armdyn.inspection.inspect import inspected, require_usable
-from armdyn.inspection.plausible import compared_model, require_plausible
+from armdyn.inspection.inspect import inspect_runs, require_usable
+from armdyn.inspection.plausible import require_plausible, with_fitted_values
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
 from armdyn.recording.checks import check_run
@@ -75,7 +75,7 @@ class ModelWithCatalogue:
 
     def inspect(self, runs: Sequence[Run], adding: Sequence[Effect] = ()) -> Inspection:
         """Inspect recordings for this model with the effects `adding`."""
-        return inspected(runs, self.file.model, self.catalogue, adding).naming(self.path)
+        return inspect_runs(runs, self.file.model, self.catalogue, adding).with_model_path(self.path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ class CheckedStudy:
     def compare(self) -> Comparison:
         """Fit the model and find where it fails."""
         found = compare(self.study)
-        model = compared_model(self.study.model, found)
+        model = with_fitted_values(self.study.model, found)
         self._require_plausible(model)
         return self._moving(replace(found, left_out=(*found.left_out, *model.open_questions)), model)
 

@@ -12,7 +12,7 @@ from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.repair import Repair, require_found
 from armdyn.inspection.check import Inspection
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 
 
@@ -43,7 +43,7 @@ def inspect(runs: Runs, model: AnyModel | None = None) -> Inspection:
         InputError: a file cannot be read.
     """
     read = read_runs(runs)
-    return inspected(read) if model is None else ModelWithCatalogue.of(model).inspect(read)
+    return inspect_runs(read) if model is None else ModelWithCatalogue.of(model).inspect(read)
 
 
 def compare(

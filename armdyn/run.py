@@ -15,14 +15,21 @@ from armdyn import atomic
 from armdyn.arrays import channels_of, frame_columns
 from armdyn.document import Column, Curve, Document, Section, Table, columns_of
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind, check_joint_units, in_contract, is_auxiliary
+from armdyn.recording.channels import (
+    MIN_SAMPLES,
+    Channel,
+    channel_kind,
+    check_joint_units,
+    is_auxiliary,
+    is_channel_name,
+)
 from armdyn.recording.csv_run import csv_text, read_csv
 from armdyn.recording.preparation import Preparation
 from armdyn.recording.sidecar import Sidecar, read_sidecar, sidecar_text
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.shown import Displayable
 
-__all__ = ["Channel", "Known", "Run", "read_run", "write_run_csv"]
+__all__ = ["Channel", "KnownQuantity", "Run", "read_run", "write_run_csv"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +62,7 @@ class Run(Displayable):
 
     name: str
     channels: Mapping[str, Channel]
-    known: Mapping[str, Known] = field(default_factory=dict)
+    known: Mapping[str, KnownQuantity] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
     source: Path | None = None
@@ -88,7 +95,7 @@ class Run(Displayable):
         units: Mapping[str, str] | None = None,
         joints: Sequence[str] = (),
         name: str = "run",
-        known: Mapping[str, Known] | None = None,
+        known: Mapping[str, KnownQuantity] | None = None,
         noise: Mapping[str, float] | None = None,
         description: str = "",
     ) -> "Run":
@@ -310,7 +317,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
     units = {
         name: run.everything[name].unit if name in run.everything else channel_kind(name).units[0] for name in run.noise
     }
-    noise = {name: Known(std, None, units[name]) for name, std in run.noise.items()}
+    noise = {name: KnownQuantity(std, None, units[name]) for name, std in run.noise.items()}
     sidecar = sidecar_text(Sidecar(run.description, noise, run.known, run.recorded, run.asked))
     with atomic.replacing_both(path.with_suffix(".toml"), path) as files:
         for file, text in zip(files, (sidecar, csv_text(run.everything)), strict=True):
@@ -319,7 +326,7 @@ def write_run_csv(run: Run, path: Path | str) -> None:
 
 def _of_the_contract(path: Path, recorded: Mapping[str, Channel]) -> dict[str, Channel]:
     """The channels of a run among all that were recorded."""
-    channels = {name: channel for name, channel in recorded.items() if in_contract(name)}
+    channels = {name: channel for name, channel in recorded.items() if is_channel_name(name)}
     longest = max(map(len, channels.values()), default=0)
     if longest < MIN_SAMPLES:
         raise InputError(f"{path}: holds {longest} samples where at least {MIN_SAMPLES} are needed: record longer")

@@ -31,8 +31,8 @@ from _hidden_table import generator
 
 from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE, find
-from armdyn.experiments.goal import Goal, determining, separating
-from armdyn.experiments.series import Series
+from armdyn.experiments.goal import MotionGoal, goal_to_determine, goal_to_separate
+from armdyn.experiments.series import FourierSeries
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.estimator import estimate
 from armdyn.identify.study import Study
@@ -62,12 +62,12 @@ SIZES = {"gravity_spring": 0.02, "torque_offset": 0.2, "payload": 0.05, "link_in
 class Moved:
     """A motion for the plant."""
 
-    series: Series
+    series: FourierSeries
     coefficients: np.ndarray
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, velocities, accelerations."""
-        found = self.series.at(time).motion(self.coefficients)
+        found = self.series.basis_at(time).motion(self.coefficients)
         return found.q, found.v, found.a
 
 
@@ -79,12 +79,12 @@ def contenders(found: Excitation) -> Iterator[tuple[str, Expectation]]:
         yield "least condition number", found.conditioned
 
 
-def goal_of(name: str) -> Goal:
+def goal_of(name: str) -> MotionGoal:
     model = arm_model(robot="baxter")
     if name in DETERMINE:
-        return determining(model, [find(n) for n in DETERMINE[name].split()], RATE)
+        return goal_to_determine(model, [find(n) for n in DETERMINE[name].split()], RATE)
     first, second = map(find, SEPARATE[name])
-    return separating(model, first, second, RATE)
+    return goal_to_separate(model, first, second, RATE)
 
 
 def recorded(found: Excitation, path: Moved, hidden: tuple[str, ...], size: float, seed: int, encoder: float) -> Run:
@@ -149,7 +149,7 @@ def named(found: Excitation, motion: Expectation, truth: str, seed: int) -> tupl
 
 def diagnosed(found: Excitation, seeds: int) -> dict:
     rows, answer = [], {}
-    for truth in dict.fromkeys(case.effect for case in found.goal.hidden):
+    for truth in dict.fromkeys(case.effect for case in found.goal.separations):
         for name, motion in contenders(found):
             results = [named(found, motion, truth, seed) for seed in range(seeds)]
             right, honest = (sum(column) for column in zip(*results, strict=True))
@@ -161,7 +161,7 @@ def diagnosed(found: Excitation, seeds: int) -> dict:
 
 def separations(found: Excitation) -> list[list[str]]:
     rows = []
-    for k, case in enumerate(found.goal.hidden):
+    for k, case in enumerate(found.goal.separations):
         cells = [f"{e.separations[k] ** 0.5:.3g}" for _, e in contenders(found)]
         rows.append([case.effect, case.joint, *cells])
     return rows
@@ -182,7 +182,7 @@ def report(name: str, found: Excitation, seconds: float) -> tuple[dict, list[_ti
     rows = []
     for k, i in enumerate(goal.wanted):
         p = goal.columns.unknowns[i]
-        if i in goal.hopeless or len(goal.wanted) > 30:
+        if i in goal.unidentifiable or len(goal.wanted) > 30:
             continue
         rows.append([p.name, *(f"{e.std[k]:.3g}" for _, e in contenders(found)), p.unit])
     if rows:
@@ -214,7 +214,7 @@ def main() -> int:
         claims += new
         if given.verify and not found.goal.rivals:
             results[name]["verified"] = verify(found, given.verify)
-        if given.diagnose and found.goal.rivals and {c.effect for c in found.goal.hidden} <= set(SIZES):
+        if given.diagnose and found.goal.rivals and {c.effect for c in found.goal.separations} <= set(SIZES):
             results[name]["diagnosed"] = diagnosed(found, given.diagnose)
         if given.json is not None:
             given.json.write_text(json.dumps(results, indent=1, default=float))

@@ -29,15 +29,15 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import Proposal, designed_motion, inseparable
-from armdyn.experiments.rivals import Rivals, named
+from armdyn.experiments.plan import ProposedExperiment, designed_motion, inseparable_pairs
+from armdyn.experiments.rivals import Rivals, rivals_by_name
 from armdyn.experiments.search import random_motion as any_motion
-from armdyn.experiments.separation import outlook
+from armdyn.experiments.separation import expected_outcome
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.pendulum.path import GripperPath
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 hidden_pendulum = hidden_table.generator("pendulum")
@@ -77,7 +77,7 @@ def model() -> PendulumModel:
 
 
 def recorded(
-    name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, Known]
+    name: str, setup: object, motion: GripperPath | None, rng: np.random.Generator, known: dict[str, KnownQuantity]
 ) -> Run:
     """One run; along the generator's own random motion where none is given."""
     if motion is None:
@@ -103,7 +103,7 @@ def right(found: Diagnosis, hidden: str) -> bool:
     return found.verdict.key == "effect_missing" and added == [hidden]
 
 
-def random_motion(rivals: Rivals, proposal: Proposal, rng: np.random.Generator) -> GripperPath:
+def random_motion(rivals: Rivals, proposal: ProposedExperiment, rng: np.random.Generator) -> GripperPath:
     """With the peak acceleration of the designed one, within the same limits."""
     assert proposal.experiment.motion is not None
     limits = GripperLimits(acceleration=float(proposal.experiment.motion.peaks[2]))
@@ -117,8 +117,8 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     rng = np.random.default_rng([seed, zlib.crc32("/".join(pair).encode())])
     mass, length = 0.08 * (1 + 0.1 * rng.normal()), 0.368 * (1 + 0.05 * rng.normal())
     known = {
-        "mass": Known(mass * (1 + 0.01 * rng.normal()), 0.01 * mass, "kg"),
-        "length": Known(length + 3e-3 * rng.normal(), 3e-3, "m"),
+        "mass": KnownQuantity(mass * (1 + 0.01 * rng.normal()), 0.01 * mass, "kg"),
+        "length": KnownQuantity(length + 3e-3 * rng.normal(), 3e-3, "m"),
     }
     setup = hidden_pendulum.Setup(
         length=length, mass=mass, hidden={hidden: SIZES[hidden]}, duration=DURATION, force_noise=5e-3, start=(0.0, 0.0)
@@ -126,7 +126,7 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     first = recorded("first.csv", setup, None, rng, known)
     study = study_of([first], pair)
     begun = diagnose(study)
-    rivals = named(study, pair)
+    rivals = rivals_by_name(study, pair)
     names = [h.name for h in rivals.hypotheses]
     started = time.process_time()
     proposal = designed_motion(rivals, DURATION, seed=seed)
@@ -134,15 +134,15 @@ def case(pair: tuple[str, str], seed: int) -> dict[str, object]:
     row: dict[str, object] = {
         "pair": "/".join(pair), "seed": seed, "verdict": begun.verdict.key, "first": right(begun, hidden),
         "cpu": time.process_time() - started, "separable": separable,
-        "said": len(inseparable(rivals.hypotheses, proposal.outlook, proposal.experiment)) == 1,
+        "said": len(inseparable_pairs(rivals.hypotheses, proposal.expected, proposal.experiment)) == 1,
     }  # fmt: skip
     motion = random_motion(rivals, proposal, rng)
     for kind, foreseen in (
-        ("designed", proposal.outlook),
-        ("random", outlook(rivals.hypotheses, proposal.experiment.along(motion))),
+        ("designed", proposal.expected),
+        ("random", expected_outcome(rivals.hypotheses, proposal.experiment.along_motion(motion))),
     ):
         made = proposal.experiment.motion if kind == "designed" else motion
-        row[f"{kind}_predicted"] = float(foreseen.right[names.index(hidden)])
+        row[f"{kind}_predicted"] = float(foreseen.right_probability[names.index(hidden)])
         row[f"{kind}_separation"] = float(np.sqrt(foreseen.chi2_increase[names.index(hidden), 1 - names.index(hidden)]))
         if separable:
             after = diagnose(study_of([first, recorded(f"{kind}.csv", setup, made, rng, known)], pair))
@@ -189,11 +189,11 @@ def separations(pairs: list[tuple[str, str]]) -> list[dict[str, object]]:
         at_random = []
         for _ in range(8):
             motion = problem.motion(any_motion(problem, rng))
-            at_random.append(outlook(both, cell.along(motion)).separation ** 2)
+            at_random.append(expected_outcome(both, cell.along_motion(motion)).separation ** 2)
         row = {
             "pair": "/".join(pair),
             "random": float(np.median(at_random)),
-            "designed": outlook(both, cell.along(found)).separation ** 2,
+            "designed": expected_outcome(both, cell.along_motion(found)).separation ** 2,
             "cpu": seconds,
         }
         rows.append(row)

@@ -37,8 +37,8 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.run import Run
-from armdyn.watch.event import Kind
-from armdyn.watch.sound import Sound, measured_sound, samples_of
+from armdyn.watch.event import EventKind
+from armdyn.watch.fault_free import FaultFreeStatistics, samples_of, statistics_of_recordings
 from armdyn.watch.watch import Watch
 
 imperfect = hidden_table.generator("imperfect_arm")
@@ -130,11 +130,11 @@ def _run(joints: Sequence[str], stamps: np.ndarray, q: np.ndarray, tau: np.ndarr
 
 
 @lru_cache(maxsize=4)
-def sound_of(name: str, seed: int, rate: float) -> Sound:
+def sound_of(name: str, seed: int, rate: float) -> FaultFreeStatistics:
     """What fifteen minutes of sound work say."""
     robot, rng = Robot.of(name, seed), np.random.default_rng([seed, 1])
     runs = [robot.work(rng, rate)[0] for _ in range(CALIBRATION)]
-    return measured_sound(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
+    return statistics_of_recordings(robot.model, [lambda run=run: samples_of(run, robot.model) for run in runs])
 
 
 def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour: float) -> hidden_table.Row:
@@ -144,14 +144,16 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
     seconds = 15.0 if what == "contact" else MINUTE
     begin = float(rng.uniform(5.0, 13.0)) if what == "contact" else float(rng.uniform(20.0, 25.0))
     run, joint = robot.work(rng, rate, seconds=seconds, what=what, begin=begin)
-    events = list(Watch(robot.model, sound, per_hour).all(samples_of(run, robot.model)))
+    events = list(Watch(robot.model, sound, per_hour).events_of(samples_of(run, robot.model)))
     within = SOON if what == "contact" else LATER
-    wanted = {"contact": Kind.OUTSIDE_TORQUE, "load": Kind.LOAD_CHANGED, "friction": Kind.ROBOT_CHANGED}[what]
+    wanted = {"contact": EventKind.OUTSIDE_TORQUE, "load": EventKind.LOAD_CHANGED, "friction": EventKind.ROBOT_CHANGED}[
+        what
+    ]
     after = [
-        e for e in events if begin <= e.time <= begin + max(within, CONTACT_LASTS) and e.kind is not Kind.RECOVERED
+        e for e in events if begin <= e.time <= begin + max(within, CONTACT_LASTS) and e.kind is not EventKind.RECOVERED
     ]
     soon = [e for e in after if e.time <= begin + within]
-    named = [e.kind for e in after if e.kind is not Kind.NOT_TOLD]
+    named = [e.kind for e in after if e.kind is not EventKind.UNIDENTIFIED]
     return {
         "what": what, "robot": name, "seed": seed, "joint": joint, "found": bool(soon),
         "after": after[0].time - begin if after else None, "before": [e.sentence for e in events if e.time < begin],
@@ -161,7 +163,7 @@ def happened(name: str, seed: int, rate: float, what: str, number: int, per_hour
 
 
 def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> hidden_table.Row:
-    """Sound work of so many hours."""
+    """FaultFreeStatistics work of so many hours."""
     robot, sound = Robot.of(name, seed), sound_of(name, seed, rate)
     rng, watch, events = np.random.default_rng([seed, 3]), Watch(robot.model, sound, per_hour), []
     begun, minutes = time.process_time(), round(60 * hours)
@@ -169,7 +171,7 @@ def silent(name: str, seed: int, rate: float, hours: float, per_hour: float) -> 
     for minute in range(minutes):
         run = robot.work(rng, rate)[0]
         start = time.process_time()
-        events += watch.all(_later(samples_of(run, robot.model), minute * (MINUTE + 1.0)))
+        events += watch.events_of(_later(samples_of(run, robot.model), minute * (MINUTE + 1.0)))
         spent += time.process_time() - start
         held.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
     share = spent / (MINUTE * minutes)

@@ -10,7 +10,7 @@ from browser import Browser
 from watch_work import model, samples, work
 from workbench_pictures import keep
 
-from armdyn.watch.sound import measured_sound
+from armdyn.watch.fault_free import statistics_of_recordings
 from armdyn.watch.watch import Watch
 from pipeline.watch.page import LivePage
 
@@ -21,7 +21,7 @@ def main(out: Path) -> None:
     """A contact of 5 N m, then a load of 0.3 kg."""
     arm = model()
     runs = [work(arm, seed) for seed in range(100, 106)]
-    watch = Watch(arm, measured_sound(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
+    watch = Watch(arm, statistics_of_recordings(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
     with LivePage(watch, None) as page, Browser(1100, 560, dark=False) as tab:
         recordings = [work(arm, 1, load=0.3, begin=20.0), work(arm, 4, 30.0, begin=18.0, until=20.0, outside=CONTACT)]
         for minute, recording in enumerate(recordings):

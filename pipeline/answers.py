@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from armdyn.recording.preparation import of_all_runs
-from armdyn.recording.spikes import outliers_of
+from armdyn.recording.preparation import combined_preparations
+from armdyn.recording.spikes import outlier_counts
 from pipeline.fields import fields, number, plain
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
         **background_answer(found.fit.problem.model),
         **fields(found, "intervals_hold std_widened_by=widened at_bound not_determined=undetermined left_out"),
         "not_told_apart": [fields(one, "changes settled_by") for one in found.together],
-        "outliers": outliers_of(found.fit.problem.runs),
+        "outliers": outlier_counts(found.fit.problem.runs),
         "bands": {c: {"level": bands.level, "covered": v} for c, v in bands.covered.items()} if bands else {},
         "channels": {name: fields(channel, quality) for name, channel in found.channels.items()},
         "preparation": preparation_answer(found.fit.problem),
@@ -142,7 +142,7 @@ def fit_answer(found: Comparison) -> dict[str, Any]:
 def preparation_answer(problem: Problem) -> dict[str, Any]:
     """Per channel which part of the training runs was compared; empty where nothing was filtered."""
     names = "cutoff_hz=cutoff position_cutoff_hz=position_cutoff rate_hz=rate samples recorded_rate_hz=recorded_rate "
-    done = of_all_runs(run.preparations for run in problem.runs)
+    done = combined_preparations(run.preparations for run in problem.runs)
     return {name: fields(each, names + "recorded left_out") for name, each in done.items()}
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from pipeline.fields import fields, plain
 
 if TYPE_CHECKING:
-    from armdyn.experiments.plan import Plan, Proposal
+    from armdyn.experiments.plan import ExperimentPlan, ProposedExperiment
     from pipeline.motion.excitation import Excitation
     from pipeline.trial.investigation import Investigation
 
 
-def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
+def next_answer(plan: ExperimentPlan | None, verdict: str, sentence: str, output: Path | None) -> dict[str, Any]:
     """JSON ``armdyn.next/1``.
 
     Args:
@@ -32,19 +32,19 @@ def next_answer(plan: Plan | None, verdict: str, sentence: str, output: Path | N
     names = [h.name for h in plan.rivals.hypotheses]
     return answer | {
         "rivals": names,
-        "belief": plain(dict(zip(names, plan.belief, strict=True))),
+        "belief": plain(dict(zip(names, plan.rival_probabilities, strict=True))),
         "experiments": [proposal_answer(p, output) for p in plan.proposals],
         "inseparable": [fields(p, "effects why") for p in plan.inseparable],
     }
 
 
-def proposal_answer(proposal: Proposal, output: Path | None = None) -> dict[str, Any]:
+def proposal_answer(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
     """One experiment."""
     e, motion = proposal.experiment, proposal.experiment.motion
-    answer = fields(e, "kind what") | fields(proposal.outlook, "separation probability")
+    answer = fields(e, "kind what") | fields(proposal.expected, "separation probability")
     answer["output"] = str(output) if e.kind == "motion" and output is not None else None
     if motion is not None:
-        answer |= fields(motion, "seconds effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
+        answer |= fields(motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True)))
     return answer
 
 
@@ -78,7 +78,7 @@ def of_each_motion(found: Excitation, what: str) -> np.ndarray:
 
 def determined(found: Excitation) -> np.ndarray:
     """Indices of the wanted unknowns that at least one motion determines."""
-    return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.hopeless))
+    return np.flatnonzero(~np.isin(found.goal.wanted, found.goal.unidentifiable))
 
 
 def gains(found: Excitation, chosen: Sequence[int] | np.ndarray | None = None) -> list[float]:
@@ -145,9 +145,9 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
     """JSON of `excite`."""
     goal, motion, columns = found.goal, found.trajectory, found.goal.columns
     wanted = [columns.unknowns[i] for i in goal.wanted]
-    hopeless = np.isin(goal.wanted, goal.hopeless).tolist()
+    hopeless = np.isin(goal.wanted, goal.unidentifiable).tolist()
     std = zip(wanted, hopeless, of_each_motion(found, "std"), strict=True)
-    apart = zip(goal.hidden, separations(found), strict=True)
+    apart = zip(goal.separations, separations(found), strict=True)
 
     def figures(name: str, row: np.ndarray) -> dict[str, Any]:
         return dict(zip((name, f"random_{name}", f"condition_number_{name}"), plain(row), strict=True))
@@ -162,7 +162,7 @@ def excitation_answer(found: Excitation, output: Path) -> dict[str, Any]:
         "rate": columns.rate,
         "samples": len(motion),
         "for": [] if goal.rivals else list(dict.fromkeys(unknown.effect for unknown in wanted)),
-        **fields(goal, "rivals beside taken_as_known=left_out inseparable"),
+        **fields(goal, "rivals beside=nuisance_effects taken_as_known=effects_taken_as_known inseparable"),
         "torque_noise": dict(zip(motion.joint_names, columns.noise.tolist(), strict=True)),
         "unknowns": [
             fields(unknown, "name unit typical determined=", determined=not lost) | figures("std", row)

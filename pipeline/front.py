@@ -13,7 +13,7 @@ from armdyn.model_file import ModelFile, read_model_file
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
     from armdyn.experiments.limits import GripperLimits
-    from armdyn.experiments.plan import Plan
+    from armdyn.experiments.plan import ExperimentPlan
     from armdyn.experiments.rivals import Rivals
     from armdyn.pendulum.path import GripperPath
     from pipeline.motion.excitation import Excitation
@@ -81,15 +81,15 @@ def excite(
     """
     from armdyn.arm.model import required_arm
     from armdyn.effects.catalogue import find
-    from armdyn.experiments.goal import determining, separating
+    from armdyn.experiments.goal import goal_to_determine, goal_to_separate
     from pipeline.motion.excitation import excitation
 
     given = model if isinstance(model, Model) else read_model_file(model).model
     arm = required_arm(given, "a motion is designed", "give an arm's").named_only()
     if rivals is None:
-        goal = determining(arm, [find(name) for name in effects], rate)
+        goal = goal_to_determine(arm, [find(name) for name in effects], rate)
     else:
-        goal = separating(arm, find(rivals[0]), find(rivals[1]), rate)
+        goal = goal_to_separate(arm, find(rivals[0]), find(rivals[1]), rate)
     return excitation(goal, seconds, random=random, compare=False, seed=seed)
 
 
@@ -106,7 +106,7 @@ def next_experiment(
     swing: float | None = None,
     effects: "Iterable[Effect] | None" = None,
     seed: int = 0,
-) -> "Plan":
+) -> "ExperimentPlan":
     """Plan the experiment that distinguishes tied effects best, and the best motion of the gripper for it.
 
     Args:
@@ -126,9 +126,9 @@ def next_experiment(
         InputError: a file cannot be read, the runs cannot be compared, or no gripper moves in them.
         TaskFailedError: there are no effects to distinguish.
     """
-    from armdyn.experiments.rivals import undecided
+    from armdyn.experiments.rivals import rivals_of_study
 
-    _, sentence, found = undecided(CheckedStudy.of(model, runs, held_out, effects=effects).study, rivals)
+    _, sentence, found = rivals_of_study(CheckedStudy.of(model, runs, held_out, effects=effects).study, rivals)
     if found is None:
         raise TaskFailedError(sentence)
     return plan_experiment(found, seconds, rig_limits(travel, speed, acceleration, swing), seed)[0]
@@ -151,7 +151,7 @@ def rig_limits(
 
 def plan_experiment(
     rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say = lambda _: None
-) -> "tuple[Plan, GripperPath | None]":
+) -> "tuple[ExperimentPlan, GripperPath | None]":
     """The plan of an experiment, and its motion, which for Baxter is one that the whole arm can make.
 
     Args:
@@ -161,15 +161,15 @@ def plan_experiment(
         seed: seed of the random motions.
         say: called to report the progress.
     """
-    from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan
+    from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, plan_experiment
     from pipeline.box import LOAD_RADIUS
     from pipeline.motion.feasible_motion import with_feasible_motion
 
-    made = plan(rivals, seconds, limits, seed=seed, say=say)
+    made = plan_experiment(rivals, seconds, limits, seed=seed, say=say)
     if limits is None:
         say("checking the motion on the whole arm")
         made, offer = with_feasible_motion(made, LOAD_RADIUS)
         return made, offer.motion if offer is not None else None
     moving = made.motion
-    useful = moving is not None and moving.outlook.probability > MIN_RIGHT_PROBABILITY
+    useful = moving is not None and moving.expected.probability > MIN_RIGHT_PROBABILITY
     return made, moving.experiment.motion if moving is not None and useful else None

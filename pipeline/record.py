@@ -15,10 +15,10 @@ from mcap.writer import Writer
 
 from armdyn.atomic import GrowingFile
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.recording.channels import Channel, channel_unit, in_contract
+from armdyn.recording.channels import Channel, is_channel_name, unit_conversion
 from armdyn.recording.mcap_run import SIDECAR_RECORD, TIME_FIELD, topic_and_field
 from armdyn.recording.sidecar import Sidecar, sidecar_text
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run, write_run_csv
 from pipeline.processes import Closing
 
@@ -62,7 +62,7 @@ class Recorder(Closing):
         *,
         description: str = "",
         noise: Mapping[str, float] | None = None,
-        known: Mapping[str, Known] | None = None,
+        known: Mapping[str, KnownQuantity] | None = None,
     ) -> None:
         self.path = Path(path)
         self.dropped: dict[str, int] = {}
@@ -89,7 +89,7 @@ class Recorder(Closing):
         self._topic_id = self._register_topics()
         sidecar = Sidecar(
             self._description,
-            {n: Known(std, None, self._units[n]) for n, std in self._noise.items()},
+            {n: KnownQuantity(std, None, self._units[n]) for n, std in self._noise.items()},
             self._known,
         )
         self._writer.add_metadata(SIDECAR_RECORD, {"toml": sidecar_text(sidecar)})
@@ -150,7 +150,7 @@ class Recorder(Closing):
 
     def run(self) -> Run:
         """The run recorded so far: the channels of the contract that have samples."""
-        channels = {name: self.channel(name) for name in self._units if self._samples[name] and in_contract(name)}
+        channels = {name: self.channel(name) for name in self._units if self._samples[name] and is_channel_name(name)}
         warnings = tuple(
             f"{name}: {count} samples left out (missing, infinite, or not later than the one before)"
             for name, count in self.dropped.items()
@@ -228,9 +228,9 @@ class Recorder(Closing):
 
 def _si(name: str, unit: str) -> str:
     """The unit, which for a channel of the contract must be the SI one."""
-    if not in_contract(name):
+    if not is_channel_name(name):
         return unit
-    to_si = channel_unit(name, unit)
+    to_si = unit_conversion(name, unit)
     if to_si != (to_si.unit, 1.0, 0.0):
         raise InputError(f"channel '{name}' is recorded in {to_si.unit}, not in {unit}: convert it first")
     return to_si.unit

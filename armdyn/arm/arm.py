@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdf
-from armdyn.arm.rigid import described_parameters, parents, shape
+from armdyn.arm.rigid import described_parameters, parent_joints, pseudo_inertia_factor
 from armdyn.effects.effect import Reach
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Quantity
@@ -18,11 +18,11 @@ from armdyn.recording.units import sliding_unit
 
 USUAL_EFFORT = 50.0
 """Effort limit, N m, of the joint for which typical sizes of effects are written."""
-BASE = ""
+BASE_AS_JOINT = ""
 """The base, in place of a joint's name."""
 METRES_PER_RADIAN = 0.1
 """Displacement of a joint that slides, m, with the effect of a radian of one that turns."""
-CANNOT: Mapping[Reach, str] = {
+REASONS_AGAINST_EFFECT: Mapping[Reach, str] = {
     "every": "the arm has no joint",
     "turning": "it acts on joints that turn",
     "coupled": "it acts on joints whose neighbour towards the base is of the same kind",
@@ -79,9 +79,9 @@ class Arm:
         return described_parameters(self.model)
 
     @cached_property
-    def shapes(self) -> np.ndarray:
+    def pseudo_inertia_factors(self) -> np.ndarray:
         """(nj, 4, 4) triangular factor of each moved link's pseudo-inertia."""
-        return np.array([shape(p, float(self.described[:, 0].max())) for p in self.described])
+        return np.array([pseudo_inertia_factor(p, float(self.described[:, 0].max())) for p in self.described])
 
     @cached_property
     def without_inertia(self) -> tuple[str, ...]:
@@ -94,10 +94,10 @@ class Arm:
         bodies = {f.parentJoint: f.name for f in reversed(list(self.model.frames)) if f.type == pin.FrameType.BODY}
         return tuple(bodies[joint] for joint in sorted(weightless))
 
-    def within(self, reach: Reach) -> tuple[str, ...]:
-        """Joints that an effect with this reach can act on, or `BASE`."""
+    def reachable_joints(self, reach: Reach) -> tuple[str, ...]:
+        """Joints that an effect with this reach can act on, or `BASE_AS_JOINT`."""
         indices = [i for i, joint in enumerate(self.joints) if joint not in self.carried]
-        inner = [parent if parent in indices else -1 for parent in parents(self.model)]
+        inner = [parent if parent in indices else -1 for parent in parent_joints(self.model)]
         chosen: Mapping[Reach, Iterable[int]] = {
             "every": indices,
             "turning": (i for i in indices if not self.slides[i]),
@@ -105,10 +105,10 @@ class Arm:
             "last": indices[-1:],
             "base": (),
         }
-        return (BASE,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
+        return (BASE_AS_JOINT,) if reach == "base" else tuple(self.joints[i] for i in chosen[reach])
 
     def parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
-        """A parameter of an effect in the units and of the typical size of a joint, or of `BASE`.
+        """A parameter of an effect in the units and of the typical size of a joint, or of `BASE_AS_JOINT`.
 
         Args:
             quantity: its quantity, for a joint that turns with an effort limit of 50 N m.
@@ -116,7 +116,7 @@ class Arm:
             short: name of the quantity.
             joint: name of the joint.
         """
-        if joint == BASE:
+        if joint == BASE_AS_JOINT:
             return quantity.parameter(effect, short)
         i = self.joints.index(joint)
         effort = float(self.model.effortLimit[i])

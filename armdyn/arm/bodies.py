@@ -7,17 +7,17 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.composition import Change, JointFunctions
+from armdyn.arm.composition import ExpressionChange, JointFunctions
 from armdyn.arm.motion import Motion
-from armdyn.arm.rigid import GravityTorques, inverse_dynamics, parents, torque_regressor
+from armdyn.arm.rigid import GravityTorques, inverse_dynamics, parent_joints, torque_regressor
 from armdyn.parameter import RecordedColumn
 from armdyn.recording.channels import Channel, DriveReading
 
-OF_BASE = -1
+BASE_INDEX = -1
 """Index of the base, in place of a joint's index."""
 
 
-class Bodies:
+class RigidBodyChanges:
     """Changes that effects make to the rigid bodies and to gravity, at one vector of parameters.
 
     Args:
@@ -29,7 +29,7 @@ class Bodies:
     Attributes:
         links: (10,) changes of the inertial parameters, by joints with effects on their links.
         gravity: (3,) change of gravity, m/s^2; None where the base has no effects.
-        derivatives: derivatives of these changes, (10, k) by joint, and (3, k) for `OF_BASE`.
+        derivatives: derivatives of these changes, (10, k) by joint, and (3, k) for `BASE_INDEX`.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class Bodies:
         functions: Sequence[JointFunctions],
         theta: Sequence[np.ndarray],
         shapes: np.ndarray,
-        base: tuple[Change, np.ndarray, np.ndarray] | None = None,
+        base: tuple[ExpressionChange, np.ndarray, np.ndarray] | None = None,
     ) -> None:
         self.links: dict[int, np.ndarray] = {}
         self.gravity: np.ndarray | None = None
@@ -47,7 +47,7 @@ class Bodies:
                 self.links[i], self.derivatives[i] = joint.link.at(shape, values)
         if base is not None:
             function, described, values = base
-            self.gravity, self.derivatives[OF_BASE] = function.at(described, values)
+            self.gravity, self.derivatives[BASE_INDEX] = function.at(described, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class MotionSamples:
         """Torques per component of gravity."""
         return GravityTorques(self.model, self.motion.q)
 
-    def rigid(self, joint: int, bodies: Bodies) -> np.ndarray:
+    def rigid(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
         """(n,) change of a joint's torque by the changes of the rigid bodies."""
         change = np.zeros(len(self.time))
         for i, link in bodies.links.items():
@@ -91,7 +91,7 @@ class MotionSamples:
             change += self.changed_per_gravity(joint, bodies) @ bodies.gravity
         return change
 
-    def by_link(self, joint: int, link: int, bodies: Bodies) -> np.ndarray:
+    def by_link(self, joint: int, link: int, bodies: RigidBodyChanges) -> np.ndarray:
         """(n, 10) torque on a joint per inertial parameter of a link, in the changed gravity."""
         columns = self.regressor[:, joint, link]
         if bodies.gravity is not None and bodies.gravity.any():
@@ -99,7 +99,7 @@ class MotionSamples:
             columns[:, :4] += bodies.gravity @ self.per_gravity.of_link(joint, link)
         return columns
 
-    def changed_per_gravity(self, joint: int, bodies: Bodies) -> np.ndarray:
+    def changed_per_gravity(self, joint: int, bodies: RigidBodyChanges) -> np.ndarray:
         """(n, 3) torque on a joint per component of gravity, with the changed links."""
         columns = self.per_gravity.described[joint]
         for i, change in bodies.links.items():
@@ -110,7 +110,7 @@ class MotionSamples:
     @cached_property
     def parents(self) -> tuple[int, ...]:
         """(nj,) index of each joint's neighbour towards the base, -1 for none."""
-        return parents(self.model)
+        return parent_joints(self.model)
 
     def carries(self, joint: int, link: int) -> bool:
         """Whether `joint` carries the link that joint `link` moves."""
@@ -125,7 +125,7 @@ class MotionSamples:
         none = np.zeros(len(self.time))
         rows += [m.q[:, inner], m.v[:, inner], m.a[:, inner]] if inner >= 0 else [none, none, none]
         enabled, read = (self.extra.get(f"{kind}.{self.model.names[joint + 1]}") for kind in ("enabled", "tau"))
-        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held(m.time) > 0.5).astype(float))
-        told = read.told if isinstance(read, DriveReading) else np.zeros((0, 0))
+        rows.append(np.ones(len(self.time)) if enabled is None else (enabled.held_values(m.time) > 0.5).astype(float))
+        told = read.commands if isinstance(read, DriveReading) else np.zeros((0, 0))
         rows += [np.interp(m.time, read.time, row) for row in told] if read is not None and len(told) else [none] * 5
         return np.vstack([*rows, *(column.over(self.extra, m.time) for column in columns)])

@@ -23,9 +23,9 @@ COMPARED_POSTURES = 20
 """Number of postures of a recording at which weights are compared."""
 
 
-def following(arm: Arm, runs: Sequence[Run]) -> Arm:
+def with_carried_joints(arm: Arm, runs: Sequence[Run]) -> Arm:
     """The arm with further joints of its description that change its torques, where all runs contain their motion."""
-    wanted = [joint for joint in left_out(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
+    wanted = [joint for joint in omitted_moving_joints(arm, runs) if all(f"q.{joint}" in run.channels for run in runs)]
     if not wanted:
         return arm
     full = pin.buildModelFromXML(arm.robot.urdf_xml)
@@ -37,7 +37,7 @@ def following(arm: Arm, runs: Sequence[Run]) -> Arm:
     return replace(arm, robot=robot, carried=arm.carried | set(wanted))
 
 
-def left_out(arm: Arm, runs: Sequence[Run]) -> list[str]:
+def omitted_moving_joints(arm: Arm, runs: Sequence[Run]) -> list[str]:
     """Joints of the description that are no part of the arm and change its torques in a recording."""
     if not any(joint not in arm.joints for run in runs for joint in run.joints):
         return []
@@ -53,7 +53,7 @@ def left_out(arm: Arm, runs: Sequence[Run]) -> list[str]:
     return [full.names[j] for j in moving if j in below or any(_matters(full, arm, j, run) for run in runs)]
 
 
-def joints_described(arm: Arm) -> tuple[str, ...]:
+def movable_joints(arm: Arm) -> tuple[str, ...]:
     """All joints of an arm's description that can move, including those that mimic others."""
     root = ET.fromstring(arm.robot.urdf_xml)
     return tuple(str(joint.get("name")) for joint in root.findall("joint") if joint.get("type") != "fixed")

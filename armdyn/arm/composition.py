@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.memory import InternalStates
-from armdyn.arm.physics import Base, Expression, Joint, Link, Neighbour, Told
+from armdyn.arm.physics import Base, DriveCommands, Expression, Joint, Link, Neighbour
 from armdyn.arm.rigid import inertial_parameters
 from armdyn.codegen import Buffered
 from armdyn.effects.effect import Effect, columns_of
@@ -21,14 +21,14 @@ from armdyn.numpy_code import numpy_lines, unknown_operations
 from armdyn.parameter import RecordedColumn
 from armdyn.readout import Sensor
 
-INPUTS = (
+JOINT_INPUTS = (
     "time", "position", "velocity", "acceleration", "direction", "load", "inner q", "inner v", "inner a", "on",
     *("told torque", "told rate", "told total", "told velocity", "voltage"),
 )  # fmt: skip
-DIRECTION_INPUT, LOAD_INPUT, COMMAND_INPUT = (INPUTS.index(name) for name in ("direction", "load", "told torque"))
+DIRECTION_INPUT, LOAD_INPUT, COMMAND_INPUT = (JOINT_INPUTS.index(name) for name in ("direction", "load", "told torque"))
 
 
-class OverTime:
+class ExpressionOverTime:
     """Evaluates (m,) expressions of (15,) symbols of inputs, which change over time, and (k,) symbols of parameters.
 
     Raises:
@@ -64,7 +64,7 @@ class TorqueTerm:
 
     Args:
         expression: the torque, of inputs and parameters.
-        inputs: (15 + c,) symbols in the order of `INPUTS`, then those of `recorded`.
+        inputs: (15 + c,) symbols in the order of `JOINT_INPUTS`, then those of `recorded`.
         theta: (k,) symbols of the parameters.
         remembered: states of the joint's effects, on which the expression may depend.
         recorded: c further recorded quantities that the joint's effects read.
@@ -98,7 +98,7 @@ class TorqueTerm:
         self.loaded = bool(ca.depends_on(expression, inputs[LOAD_INPUT]))
         self.has_rest = bool(self.nonlinear) or not rest.is_zero()
         self.empty = not self.linear and not self.has_rest
-        self._columns = OverTime(_part(derivative.T, self.linear), inputs, theta)
+        self._columns = ExpressionOverTime(_part(derivative.T, self.linear), inputs, theta)
         outputs = [
             rest,
             *(ca.jacobian(rest, theta)[0, i] for i in self.nonlinear),
@@ -107,7 +107,7 @@ class TorqueTerm:
         if self._remembered is not None:
             outputs += ca.horzsplit(ca.jacobian(rest, z))
             inputs = ca.vertcat(inputs, z)
-        self._rest = OverTime(ca.vertcat(*outputs), inputs, theta)
+        self._rest = ExpressionOverTime(ca.vertcat(*outputs), inputs, theta)
 
     def columns(self, inputs: np.ndarray, size: int) -> np.ndarray:
         """(n, linear) columns for (15 + c, n) inputs and `size` parameters."""
@@ -129,7 +129,7 @@ class TorqueTerm:
         return rest.T
 
 
-class Change:
+class ExpressionChange:
     """Change of described values by effects: of a link's inertial parameters, or of gravity in the base's frame.
 
     Args:
@@ -164,14 +164,16 @@ class Change:
         return after[:, 0] - before, derivatives.copy()
 
 
-def base_change(effects: Sequence[Effect]) -> Change:
+def base_change(effects: Sequence[Effect]) -> ExpressionChange:
     """Change of gravity, (3,) m/s^2, by effects on the base, in the order in which they act."""
     names = [f"{e.name}.{short}" for e in effects for short in e.quantities]
     gravity, theta = ca.SX.sym("g", 3), ca.SX.sym("theta", len(names))
     base = Base(gravity)
     for e in effects:
         base = e.apply(base, dict(zip(names, ca.vertsplit(theta), strict=True)))
-    return Change(names, base.gravity, gravity, theta, [q.null for e in effects for q in e.quantities.values()])
+    return ExpressionChange(
+        names, base.gravity, gravity, theta, [q.null for e in effects for q in e.quantities.values()]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,18 +196,18 @@ class JointFunctions:
     inner_torque: TorqueTerm
     offset: TorqueTerm
     sensor: Sensor
-    link: Change | None
+    link: ExpressionChange | None
     remembers: bool
 
     @property
-    def of_before(self) -> bool:
+    def depends_on_past(self) -> bool:
         """Whether a torque depends on the past: by states, a lag or a delay."""
         return self.remembers or self.sensor.lags or self.sensor.delays
 
 
-def depends_on_before(effect: Effect) -> bool:
+def depends_on_past(effect: Effect) -> bool:
     """Whether an effect of an arm makes a torque, or its reading, depend on the past."""
-    return effect.reach != "base" and compose_joint([effect]).of_before
+    return effect.reach != "base" and compose_joint([effect]).depends_on_past
 
 
 def compose_joint(effects: Sequence[Effect]) -> JointFunctions:
@@ -223,11 +225,11 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
     theta = ca.SX.sym("theta", len(names))
     by_name = dict(zip(names, ca.vertsplit(theta), strict=True)) if names else {}
     columns = columns_of(effects)
-    inputs, shape = ca.SX.sym("w", len(INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
+    inputs, shape = ca.SX.sym("w", len(JOINT_INPUTS) + len(columns)), ca.SX.sym("U", 4, 4)
     symbols = ca.vertsplit(inputs)
     time, q, v, a, direction, load, *inner, on = symbols[:COMMAND_INPUT]
-    told = Told(*symbols[COMMAND_INPUT : len(INPUTS)])
-    recorded = dict(zip(columns, symbols[len(INPUTS) :], strict=True))
+    told = DriveCommands(*symbols[COMMAND_INPUT : len(JOINT_INPUTS)])
+    recorded = dict(zip(columns, symbols[len(JOINT_INPUTS) :], strict=True))
     before, link = ca.SX.sym("torque"), Link(shape, ca.SX(4, 4))
     joint = Joint(time, q, v, a, direction, load, Neighbour(*inner), link, on=on, told=told)
     added = []
@@ -236,7 +238,7 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         added.append(ca.substitute(joint.torque, before, 0))
         if not ca.is_equal(ca.jacobian(joint.torque, before), ca.SX(1)):
             raise InputError(f"effect '{e.name}': what it does to the joint's torque must be added, by 'with_torque'")
-    remembered = InternalStates(joint.memory, inputs, load, theta)
+    remembered = InternalStates(joint.added_states, inputs, load, theta)
     parameters = inertial_parameters(joint.link.pseudo_inertia)
     sensor = ca.vertcat(joint.gain, joint.lag, joint.delay)
     if ca.depends_on(ca.vertcat(parameters, sensor), ca.vertcat(inputs, remembered.symbols)):
@@ -251,8 +253,8 @@ def _composed(effects: tuple[Effect, ...]) -> JointFunctions:
         inner_torque=TorqueTerm(joint.inner_torque, inputs, theta, remembered, columns),
         offset=TorqueTerm(joint.offset, inputs, theta, remembered, columns),
         sensor=Sensor(theta, joint.gain, joint.lag, joint.delay),
-        link=Change(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
-        remembers=bool(joint.memory),
+        link=ExpressionChange(names, parameters, shape, theta, null) if ca.depends_on(parameters, theta) else None,
+        remembers=bool(joint.added_states),
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 
-DYNAMICS = {
+DYNAMICS_ATTRIBUTES = {
     "joint_viscous_friction.coefficient": "damping",
     "joint_coulomb_friction.torque": "friction",
     "rotor_inertia.inertia": "armature",
@@ -31,7 +31,7 @@ def _described(model: ArmModel) -> list[Mapping[str, Mapping[str, float]]]:
     """Values by parameter and joint, for each effect with a value that is not zero."""
     robot = model.arm.robot
     found: list[Mapping[str, Mapping[str, float]]] = []
-    for parameter, name in DYNAMICS.items():
+    for parameter, name in DYNAMICS_ATTRIBUTES.items():
         drives = {joint: getattr(dynamics, name) for joint, dynamics in robot.joint_dynamics.items()}
         found.append({parameter: {joint: value for joint, value in drives.items() if value}})
     linear: dict[str, tuple[float, float]] = {}

@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.motion import CERTAIN, MeasuredMotion, Motion
+from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, Motion
 from armdyn.recording.noise import NORMAL_MEDIAN
 
 MAX_NOISE_RATE = 125.0
@@ -29,32 +29,32 @@ MAX_NOISE_SAMPLES, MIN_NOISE_SAMPLES = 2500, 200
 """Largest and smallest number of samples of all recordings together."""
 MAX_RATE_DIFFERENCE = 0.01
 """Largest relative difference between the sampling rates of recordings that are used together."""
-DISTANCES, MAX_DISTANCE_SECONDS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20]), 0.11
+SAMPLE_DISTANCES, MAX_DISTANCE_SECONDS = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20]), 0.11
 """Distances between the samples of a difference, in samples, and the largest of them, s: below 5 Hz the residual is the
 model's error as much as noise."""
-UNCERTAIN_SECONDS = 0.1
+UNCERTAIN_DIRECTION_SECONDS = 0.1
 """Time, s, left out before and after a moment with an uncertain direction of motion: smoothed friction is no step."""
 NOISE_FADING_SPEEDS = (0.03, 0.06, 0.1, 0.15)
 """Speeds of fading frictions, rad/s; see `Motion.own_columns`."""
-RIDGE = 1e-10
+RIDGE_SHARE = 1e-10
 """Ridge as a share of a column's square; a coefficient without information stays zero."""
-ROUNDING = 1e-10
+MIN_COLUMN_SIZE_SHARE = 1e-10
 """Size of a column, as a share of the largest, below which it is rounding: gravity on a joint with a vertical axis."""
 MIN_FILTER_RATIO = 6.0
 """Amplitude density of the noise below the cut-off over that after the low-pass, median over joints, from which drives
 have a low-pass. Of generated robots it is up to 4 without one, and 10 with one."""
-MIN_JOINTS = 3
+MIN_FILTERED_JOINTS = 3
 """Number of joints that must show it: the residual of one alone is its model's error as often as a low-pass."""
 MIN_DRIVE_CUTOFF, MAX_DRIVE_CUTOFF_SHARE = 3.0, 0.2
 """Lowest cut-off, Hz, and highest as a share of the sampling rate: below is motion, above too little of the band."""
 DRIVE_CUTOFFS_TRIED = 40
-WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+DIFFERENCE_WEIGHTS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 """Weights of a difference of fourth order, which keeps the variance of white noise."""
 RELATIVE_FREQUENCIES = np.linspace(0.005, 6.0, 1200)
 """f/f_c at which H is integrated; 1e-5 of it is beyond."""
 
 
-class Drive(NamedTuple):
+class DriveLowPass(NamedTuple):
     """Low-pass of a drive on its recorded torque.
 
     Attributes:
@@ -67,7 +67,7 @@ class Drive(NamedTuple):
     noise: float
 
 
-class Torque(NamedTuple):
+class RecordedTorque(NamedTuple):
     """A recorded torque.
 
     Attributes:
@@ -85,14 +85,16 @@ class Torque(NamedTuple):
     physics: np.ndarray
 
 
-class Recorded(NamedTuple):
+class TorqueRecording(NamedTuple):
     """Torques of one recording by channel, and the motion of all joints."""
 
-    torques: Mapping[str, Torque]
+    torques: Mapping[str, RecordedTorque]
     motion: MeasuredMotion
 
 
-def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequencies: np.ndarray) -> dict[str, Drive]:
+def drive_low_passes(
+    recordings: Sequence[TorqueRecording], model: pin.Model, frequencies: np.ndarray
+) -> dict[str, DriveLowPass]:
     """Low-passes of an arm's drives, by channel; without a low-pass only of channels with enough samples.
 
     The drives of one arm are alike in all its recordings, of which one alone may be too short: where most torques show
@@ -116,25 +118,25 @@ def smoothing_drives(recordings: Sequence[Recorded], model: pin.Model, frequenci
         torques = [(i, recorded.torques[name]) for i, recorded in enumerate(recordings) if name in recorded.torques]
         noises[name] = _noise(torques, moved, frequencies, most)
     shown = {name: (one.std, one.filtered) for name, one in noises.items() if one.filtered is not None}
-    if len(shown) < MIN_JOINTS or np.median([noises[name].ratio for name in shown]) < MIN_FILTER_RATIO:
-        return {name: Drive(np.inf, std) for name, (std, _) in shown.items()}
+    if len(shown) < MIN_FILTERED_JOINTS or np.median([noises[name].ratio for name in shown]) < MIN_FILTER_RATIO:
+        return {name: DriveLowPass(np.inf, std) for name, (std, _) in shown.items()}
     cutoff = float(np.median([drive.cutoff for _, drive in shown.values()]))
     below = float(np.median([drive.noise / std for std, drive in shown.values()]))
-    drives = {name: Drive(cutoff, drive.noise) for name, (_, drive) in shown.items()}
+    drives = {name: DriveLowPass(cutoff, drive.noise) for name, (_, drive) in shown.items()}
     others = {name: one.std for name, one in noises.items() if one.filtered is None and one.std > 0.0}
-    return drives | {name: Drive(cutoff, below * std) for name, std in others.items()}
+    return drives | {name: DriveLowPass(cutoff, below * std) for name, std in others.items()}
 
 
 class _Noise(NamedTuple):
     """Noise of a torque: without a low-pass its standard deviation; else the low-pass, and the densities' ratio."""
 
     std: float
-    filtered: Drive | None = None
+    filtered: DriveLowPass | None = None
     ratio: float = 0.0
 
 
 def _noise(
-    torques: Sequence[tuple[int, Torque]],
+    torques: Sequence[tuple[int, RecordedTorque]],
     moved: Callable[[int, bytes], MotionSamples],
     frequencies: np.ndarray,
     most: int,
@@ -161,10 +163,13 @@ def _noise(
             spectra.append(torque.spectrum)
     joint = torques[0][1].joint
     motion = _one_after_the_other([part.motion for part in parts], step)
-    uncertain = np.abs(motion.direction[:, joint]) < CERTAIN
+    uncertain = np.abs(motion.direction[:, joint]) < MIN_CERTAIN_SIGN
     uncertain[np.cumsum([len(value) for value in values]) - 1] = True  # no difference reaches into another recording
-    used = np.convolve(uncertain, np.ones(2 * round(UNCERTAIN_SECONDS / step) + 1), "same")[: len(uncertain)] < 0.5
-    apart = DISTANCES[DISTANCES * step <= MAX_DISTANCE_SECONDS]
+    used = (
+        np.convolve(uncertain, np.ones(2 * round(UNCERTAIN_DIRECTION_SECONDS / step) + 1), "same")[: len(uncertain)]
+        < 0.5
+    )
+    apart = SAMPLE_DISTANCES[SAMPLE_DISTANCES * step <= MAX_DISTANCE_SECONDS]
     alone = _Noise(_level(np.concatenate(values), np.ones(len(used), dtype=bool), 1))
     if np.count_nonzero(used) < MIN_NOISE_SAMPLES or len(apart) < 3:
         return alone
@@ -177,10 +182,10 @@ def _noise(
     if not np.all(variance > brought_in):
         return alone
     own_noise, smoothed, cutoff = _fitted(apart * step, variance, brought_in)
-    below = smoothed / float(np.sqrt(2.0 * cutoff * interval * BANDWIDTH))
+    below = smoothed / float(np.sqrt(2.0 * cutoff * interval * RELATIVE_NOISE_BANDWIDTH))
     ratio = below / max(own_noise, np.finfo(float).tiny)
     std = float(np.sqrt(variance[0] - brought_in[0]))
-    return _Noise(std, Drive(cutoff, float(np.hypot(own_noise, below))), ratio)
+    return _Noise(std, DriveLowPass(cutoff, float(np.hypot(own_noise, below))), ratio)
 
 
 def _one_after_the_other(motions: Sequence[Motion], step: float) -> Motion:
@@ -208,8 +213,8 @@ def _residual(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndar
         late = np.gradient(load, motion.time)
         columns = np.column_stack([regressor, *own, way * np.abs(load), late, np.gradient(late, motion.time)])
         sizes = np.linalg.norm(columns[used], axis=0)
-        columns /= np.maximum(sizes, ROUNDING * sizes.max())
-        normal = columns[used].T @ columns[used] + RIDGE * np.eye(columns.shape[1])
+        columns /= np.maximum(sizes, MIN_COLUMN_SIZE_SHARE * sizes.max())
+        normal = columns[used].T @ columns[used] + RIDGE_SHARE * np.eye(columns.shape[1])
         found = cho_solve(cho_factor(normal), columns[used].T @ torque[used])
         load, residual = columns[:, : regressor.shape[1]] @ found[: regressor.shape[1]], torque - columns @ found
     return residual
@@ -217,10 +222,10 @@ def _residual(motion: Motion, regressor: np.ndarray, joint: int, torque: np.ndar
 
 def _level(residual: np.ndarray, used: np.ndarray, apart: int) -> float:
     """Standard deviation of the noise in differences of samples `apart`; 0 where there are too few."""
-    count = len(residual) - (len(WEIGHTS) - 1) * apart
+    count = len(residual) - (len(DIFFERENCE_WEIGHTS) - 1) * apart
     if count < MIN_NOISE_SAMPLES // 4:
         return 0.0
-    differences = sum(w * residual[k * apart :][:count] for k, w in enumerate(WEIGHTS))
+    differences = sum(w * residual[k * apart :][:count] for k, w in enumerate(DIFFERENCE_WEIGHTS))
     passed = np.concatenate([[0], np.cumsum(~used)])
     whole = passed[len(residual) + 1 - count :] == passed[:count]
     if np.count_nonzero(whole) < MIN_NOISE_SAMPLES // 4:
@@ -259,18 +264,25 @@ def _fitted(apart: np.ndarray, variance: np.ndarray, brought_in: np.ndarray) -> 
 
 def _shared(apart: np.ndarray) -> np.ndarray:
     """(h,) relative variance of differences of filtered noise, between samples (h,) `apart` in units of 1/f_c."""
-    lags = np.multiply.outer(np.arange(len(WEIGHTS)), apart)
-    correlation = np.interp(lags, LAGS, CORRELATION)
-    products = np.array([(1.0 + (k > 0)) * WEIGHTS[k:] @ WEIGHTS[: len(WEIGHTS) - k] for k in range(len(WEIGHTS))])
+    lags = np.multiply.outer(np.arange(len(DIFFERENCE_WEIGHTS)), apart)
+    correlation = np.interp(lags, RELATIVE_LAGS, FILTERED_NOISE_CORRELATION)
+    products = np.array(
+        [
+            (1.0 + (k > 0)) * DIFFERENCE_WEIGHTS[k:] @ DIFFERENCE_WEIGHTS[: len(DIFFERENCE_WEIGHTS) - k]
+            for k in range(len(DIFFERENCE_WEIGHTS))
+        ]
+    )
     return np.asarray(products @ correlation)
 
 
 _H = (1.0 + RELATIVE_FREQUENCIES**4) ** -2.0
-BANDWIDTH = np.trapezoid(_H, RELATIVE_FREQUENCIES)
+RELATIVE_NOISE_BANDWIDTH = np.trapezoid(_H, RELATIVE_FREQUENCIES)
 """Integral of H over f/f_c."""
-LAGS = np.linspace(0.0, 20.0, 801)
-CORRELATION = (
-    np.trapezoid(_H * np.cos(2.0 * np.pi * np.multiply.outer(LAGS, RELATIVE_FREQUENCIES)), RELATIVE_FREQUENCIES, axis=1)
-    / BANDWIDTH
+RELATIVE_LAGS = np.linspace(0.0, 20.0, 801)
+FILTERED_NOISE_CORRELATION = (
+    np.trapezoid(
+        _H * np.cos(2.0 * np.pi * np.multiply.outer(RELATIVE_LAGS, RELATIVE_FREQUENCIES)), RELATIVE_FREQUENCIES, axis=1
+    )
+    / RELATIVE_NOISE_BANDWIDTH
 )
-"""Autocorrelation of filtered noise at `LAGS`, in units of 1/f_c."""
+"""Autocorrelation of filtered noise at `RELATIVE_LAGS`, in units of 1/f_c."""

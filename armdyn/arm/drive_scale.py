@@ -27,23 +27,23 @@ from scipy.signal import butter, sosfiltfilt
 from armdyn.arm.arm import Arm
 from armdyn.arm.drives import Servo, gain_unit
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.readings import error, reads
-from armdyn.arm.rigid import SIZE, inverse_dynamics, torque_regressor
+from armdyn.arm.readings import drive_error, is_read_from_commands
+from armdyn.arm.rigid import INERTIAL_PARAMETERS, inverse_dynamics, torque_regressor
 from armdyn.effects.joint import payload
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import BoundedSolution, scaled, solve_bounded
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
-BAND_HZ = 6.0
+COMPARED_BAND_HZ = 6.0
 """Cut-off below which both sides are compared: position-controlled arms hardly move faster."""
-STEP_SECONDS = 0.01
+LOW_PASSED_INTERVAL_SECONDS = 0.01
 """Interval of the samples that are low-passed."""
-THINNING = 4
+LOW_PASSED_SAMPLES_PER_KEPT = 4
 """Of so many low-passed samples one is kept: at this rate they are independent."""
-MIN_DIRECTION = 0.9
+MIN_EXPECTED_SIGN = 0.9
 """Expected sign of a velocity from which its friction is known; other samples are left out."""
 DELAYS_TRIED, DELAY_TOLERANCE = np.arange(0.0, 0.0651, 0.0025), 5e-5
 """Delays that are tried, s, and the accuracy of the best one: a delay of a millisecond looks like an inertia of the
@@ -61,8 +61,8 @@ MAX_LIMIT_SHARE = 0.95
 MODEL_ERROR_FACTOR = 3.0
 """Factor on the standard deviations for frictions that no column describes: gains of a Go2's thighs had errors of 28 %
 with a standard deviation of 2 to 3 %; the reported one of an SO-101 hardly changes by it."""
-LOAD_FRICTION, OWN_COLUMNS = 4, 7
-CARRIED = slice(OWN_COLUMNS, OWN_COLUMNS + SIZE)
+LOAD_FRICTION_COLUMN, OWN_COLUMN_COUNT = 4, 7
+LOAD_COLUMNS = slice(OWN_COLUMN_COUNT, OWN_COLUMN_COUNT + INERTIAL_PARAMETERS)
 """Columns: that of the friction in proportion to the load, the number of a joint's own, and those of the load."""
 USUAL_MASS, USUAL_DISTANCE = payload.quantities["mass"].typical, payload.quantities["x"].spread or 0.0
 USUAL_LOAD = USUAL_MASS * USUAL_DISTANCE ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
@@ -81,7 +81,7 @@ RELATIVE_ROUNDING = 1e-12
 that of gravity on a joint with a vertical axis."""
 MIN_SERVO_CORRELATION, MAX_SERVO_LAGS = 0.05, 60
 """Autocorrelation of a residual from which on it counts in the correlation time, and the largest number of lags."""
-NOT_NEGATIVE_COLUMNS = (True, True, True, True, True, False, True, True) + (SIZE - 1) * (False,)
+NOT_NEGATIVE_COLUMNS = (True, True, True, True, True, False, True, True) + (INERTIAL_PARAMETERS - 1) * (False,)
 """Whether the coefficient of each column is not negative."""
 
 
@@ -131,7 +131,10 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
     found, rows = {name: _with_reference(servo, runs) for name, servo in drives.items()}, list[_Rows]()
     for name, servo in list(found.items()):
         kind = _Kind(
-            name, arm, runs, [joint for joint in servo.joints if any(reads(run, joint, servo) for run in runs)]
+            name,
+            arm,
+            runs,
+            [joint for joint in servo.joints if any(is_read_from_commands(run, joint, servo) for run in runs)],
         )
         known = servo.gain is not None and servo.gain.std is None and servo.delay is not None
         if kind.joints and not (known and np.isfinite(servo.saturating)):
@@ -152,13 +155,13 @@ def identified_drives(drives: Mapping[str, Servo], arm: Arm, runs: Sequence[Run]
             raise InputError(
                 f"[drives.{name}]: without its gain every value would be a ratio to it, and no joint of "
                 f"{', '.join(servo.joints)} moves a known weight against gravity far enough to tell: write gain = "
-                f'"... {unit}", or {telling(arm, servo.joints)}'
+                f'"... {unit}", or {recordings_that_identify_gains(arm, servo.joints)}'
             )
         stated = servo.gain is not None and (servo.gain.std or 0.0) <= MAX_IDENTIFIED_STD * servo.gain.value
         gain, relative = 1.0 / compliance, std / compliance
         found[name] = replace(
             servo,
-            gain=Known(gain, loaded_std / compliance * gain, unit),
+            gain=KnownQuantity(gain, loaded_std / compliance * gain, unit),
             unloaded=relative * gain,
             determined=stated or relative < MAX_IDENTIFIED_STD,
         )
@@ -173,7 +176,7 @@ def _with_reference(servo: Servo, runs: Sequence[Run]) -> Servo:
     return replace(servo, reference=float(np.mean(np.abs(np.concatenate(volts)))))
 
 
-def telling(arm: Arm, joints: Sequence[str]) -> str:
+def recordings_that_identify_gains(arm: Arm, joints: Sequence[str]) -> str:
     """Recordings that would determine the gain of these joints' drives, in words."""
     heavy = " or ".join(joints)
     described = shlex.join(["--robot", arm.robot.name] if arm.file is None else ["--urdf", str(arm.file)])
@@ -266,7 +269,9 @@ def _variance(A: np.ndarray, free: np.ndarray) -> np.ndarray:
     return found
 
 
-def _compliances(rows: Sequence[_Rows], gains: Mapping[str, Known | None]) -> dict[str, tuple[float, float, float]]:
+def _compliances(
+    rows: Sequence[_Rows], gains: Mapping[str, KnownQuantity | None]
+) -> dict[str, tuple[float, float, float]]:
     """By kind of drive: 1/k from all joints together, its standard deviation, and that with an unknown load.
 
     A load is assumed where it predicts parts of the recordings that were not fitted. The differences of the values
@@ -294,15 +299,17 @@ class _JointFit:
     """
 
     def __init__(
-        self, rows: Sequence[_Rows], gains: Mapping[str, Known | None], *, carried: bool, left_out: int | None
+        self, rows: Sequence[_Rows], gains: Mapping[str, KnownQuantity | None], *, carried: bool, left_out: int | None
     ) -> None:
         self._rows, self._kinds, self._gains = rows, list(gains), gains
         count = len(gains)
-        self._first = first = count + SIZE
-        values = np.zeros(first + (OWN_COLUMNS - 1) * len(rows))
+        self._first = first = count + INERTIAL_PARAMETERS
+        values = np.zeros(first + (OWN_COLUMN_COUNT - 1) * len(rows))
         values[:count] = [_first_guess(rows, kind, gain) for kind, gain in gains.items()]
         positive = (
-            [True] * count + list(NOT_NEGATIVE_COLUMNS[CARRIED]) + list(NOT_NEGATIVE_COLUMNS[1:OWN_COLUMNS]) * len(rows)
+            [True] * count
+            + list(NOT_NEGATIVE_COLUMNS[LOAD_COLUMNS])
+            + list(NOT_NEGATIVE_COLUMNS[1:OWN_COLUMN_COUNT]) * len(rows)
         )
         load = np.zeros(len(values), dtype=bool)
         load[count:first] = True
@@ -332,15 +339,15 @@ class _JointFit:
             use = row.part != left_out
             A += X[use].T @ X[use]
             b += X[use].T @ y[use]
-            friction = self._first + (OWN_COLUMNS - 1) * k + LOAD_FRICTION - 1
+            friction = self._first + (OWN_COLUMN_COUNT - 1) * k + LOAD_FRICTION_COLUMN - 1
             A[friction, friction] += 1.0 / (USUAL_LOAD_FRICTION * values[self._kinds.index(row.drive)]) ** 2
         return A, b
 
     def _linearised(self, k: int, values: np.ndarray, carried: bool) -> tuple[np.ndarray, np.ndarray]:
         """(n, unknowns) derivatives and (n,) right-hand side of a joint, in units of its noise."""
         row, i = self._rows[k], self._kinds.index(self._rows[k].drive)
-        own, first = OWN_COLUMNS - 1, self._first
-        m, P, X = values[len(self._kinds) : first], row.X[:, CARRIED], np.zeros((len(row.y), len(values)))
+        own, first = OWN_COLUMN_COUNT - 1, self._first
+        m, P, X = values[len(self._kinds) : first], row.X[:, LOAD_COLUMNS], np.zeros((len(row.y), len(values)))
         X[:, i] = row.X[:, 0] + P @ m
         X[:, len(self._kinds) : first] = values[i] * P if carried else 0.0
         X[:, first + own * k : first + own * (k + 1)] = row.X[:, 1 : own + 1]
@@ -354,7 +361,7 @@ class _JointFit:
         return sum(0.5 * float(np.sum(residual**2)) for residual in residuals)
 
 
-def _first_guess(rows: Sequence[_Rows], kind: str, gain: Known | None) -> float:
+def _first_guess(rows: Sequence[_Rows], kind: str, gain: KnownQuantity | None) -> float:
     """1/k of a kind: as stated, or the weighted mean of its joints' own values."""
     if gain is not None:
         return 1.0 / gain.value
@@ -366,13 +373,13 @@ def _first_guess(rows: Sequence[_Rows], kind: str, gain: Known | None) -> float:
 def _rows_of(kind: _Kind, servo: Servo, joint: str, clipped: bool) -> _Rows:
     X, y, part = [], [], []
     for number, run in enumerate(kind.runs):
-        if not reads(run, joint, servo):
+        if not is_read_from_commands(run, joint, servo):
             continue
         time, columns, known = _columns(run, kind.arm, joint)
         share, reading = _shared_error(servo, kind.arm, run, joint, time)
         most = share * servo.saturating
         within = (share > 0.0) & (clipped | (np.abs(reading) < MAX_LIMIT_SHARE * most))
-        used = np.flatnonzero(known & (_low_pass(within.astype(float)) > 0.95))[::THINNING]
+        used = np.flatnonzero(known & (_low_pass(within.astype(float)) > 0.95))[::LOW_PASSED_SAMPLES_PER_KEPT]
         X.append(columns[used])
         y.append(_low_pass(np.clip(reading, -most, most))[used])
         late = time[used] > 0.5 * (time[0] + time[-1])
@@ -384,12 +391,12 @@ def _rows_of(kind: _Kind, servo: Servo, joint: str, clipped: bool) -> _Rows:
 def _shared_error(servo: Servo, arm: Arm, run: Run, joint: str, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) share of a drive's torque at (n,) times, and (n,) that share of its error, relative to the usual gain."""
     share, scale = servo.gate(run, joint, time)
-    return share, share * scale * error(run, arm.joints, joint, servo, servo.delay or 0.0, time, smooth=True)
+    return share, share * scale * drive_error(run, arm.joints, joint, servo, servo.delay or 0.0, time, smooth=True)
 
 
 def _sizes(kind: _Kind, servo: Servo, joint: str) -> np.ndarray:
     """Absolute values of all errors of a joint."""
-    runs = [run for run in kind.runs if reads(run, joint, servo)]
+    runs = [run for run in kind.runs if is_read_from_commands(run, joint, servo)]
     times = (_columns(run, kind.arm, joint)[0] for run in runs)
     return np.concatenate(
         [np.abs(_shared_error(servo, kind.arm, run, joint, t)[1]) for run, t in zip(runs, times, strict=True)]
@@ -405,19 +412,21 @@ def _columns(run: Run, arm: Arm, joint: str) -> tuple[np.ndarray, np.ndarray, np
     way, load, v = at.direction[:, j], torque[:, j], at.v[:, j]
     fading = way * np.exp(-((v / FADING_SPEED) ** 2))
     own = [load, v, at.a[:, j], way, way * np.abs(load), np.ones(len(time)), fading]
-    inner = (time > time[0] + 2.0 / BAND_HZ) & (time < time[-1] - 2.0 / BAND_HZ)
-    return time, _low_pass(np.column_stack([*own, carried[:, j]])), inner & (_low_pass(np.abs(way)) > MIN_DIRECTION)
+    inner = (time > time[0] + 2.0 / COMPARED_BAND_HZ) & (time < time[-1] - 2.0 / COMPARED_BAND_HZ)
+    return time, _low_pass(np.column_stack([*own, carried[:, j]])), inner & (_low_pass(np.abs(way)) > MIN_EXPECTED_SIGN)
 
 
 @cached_with_first_argument
 def _bodies(run: Run, arm: Arm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(n,) times, (n, nj) torques of the described arm, (n, nj, 10) torques per inertial parameter of the last link."""
     motion = measured_motion(run, arm.joints)
-    time = np.arange(motion.start, motion.end, STEP_SECONDS)
+    time = np.arange(motion.start, motion.end, LOW_PASSED_INTERVAL_SECONDS)
     at = motion.at(time)
     return time, inverse_dynamics(arm.model, at.q, at.v, at.a), torque_regressor(arm.model, at.q, at.v, at.a)[:, :, -1]
 
 
 def _low_pass(signal: np.ndarray) -> np.ndarray:
-    sos = butter(2, BAND_HZ, fs=1.0 / STEP_SECONDS, output="sos")
-    return np.asarray(sosfiltfilt(sos, signal, axis=0, padlen=min(len(signal) - 1, round(1.0 / STEP_SECONDS))))
+    sos = butter(2, COMPARED_BAND_HZ, fs=1.0 / LOW_PASSED_INTERVAL_SECONDS, output="sos")
+    return np.asarray(
+        sosfiltfilt(sos, signal, axis=0, padlen=min(len(signal) - 1, round(1.0 / LOW_PASSED_INTERVAL_SECONDS)))
+    )

@@ -13,18 +13,23 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.recording.units import Known, parse_quantity, sliding_unit
+from armdyn.recording.units import KnownQuantity, parse_quantity, sliding_unit
 from armdyn.run import Run
 from urdf.table_file import read_as
 
-Law = Literal["position", "velocity", "torque", "current"]
-GAIN_UNITS: Mapping[Law, str] = {"position": "N m/rad", "velocity": "N m s/rad", "torque": "1", "current": "N m/A"}
+ControlLaw = Literal["position", "velocity", "torque", "current"]
+GAIN_UNITS: Mapping[ControlLaw, str] = {
+    "position": "N m/rad",
+    "velocity": "N m s/rad",
+    "torque": "1",
+    "current": "N m/A",
+}
 """Unit of the gain by law, for a joint that turns."""
-COMMAND_CHANNELS: Mapping[Law, str] = {
+COMMAND_CHANNELS: Mapping[ControlLaw, str] = {
     "position": "q_cmd", "velocity": "v_cmd", "torque": "tau_ff", "current": "current"
 }  # fmt: skip
 """Channel of the command by law; of a drive that is read by its current, the measured current."""
-SCALE = "extra.gain_scale"
+GAIN_SCALE_CHANNEL = "extra.gain_scale"
 """Recorded column: the gain that was set, over that of the model."""
 
 KNOWN_DRIVES: Mapping[str, Mapping[str, str]] = {
@@ -58,8 +63,8 @@ class Servo:
     """
 
     joints: tuple[str, ...]
-    law: Law = "position"
-    gain: Known | None = None
+    law: ControlLaw = "position"
+    gain: KnownQuantity | None = None
     damping: float = 0.0
     supply: float | None = None
     limit: float = np.inf
@@ -88,12 +93,12 @@ class Servo:
         """(n,) share of its torque that it gives at (n,) times, 0 while it is off, and (n,) share of its gain."""
         share, scale = np.ones(len(time)), np.ones(len(time))
         if f"enabled.{joint}" in run.channels:
-            share = (run.channels[f"enabled.{joint}"].held(time) > 0.5).astype(float)
+            share = (run.channels[f"enabled.{joint}"].held_values(time) > 0.5).astype(float)
         if self.supply is not None and f"voltage.{joint}" in run.channels:
             volts = run.channels[f"voltage.{joint}"]
             share = share * np.interp(time, volts.time, np.abs(volts.value)) / self.supply
-        if SCALE in run.extra:
-            scale = run.extra[SCALE].held(time)
+        if GAIN_SCALE_CHANNEL in run.extra:
+            scale = run.extra[GAIN_SCALE_CHANNEL].held_values(time)
         return share, scale
 
     def over_reference(self, run: Run, joint: str, time: np.ndarray) -> np.ndarray:
@@ -114,12 +119,12 @@ class Servo:
         return found | {key: f"{getattr(self, key):.6g} {unit}" for key, unit in changed.items()}
 
 
-def gain_unit(law: Law, slides: bool) -> str:
+def gain_unit(law: ControlLaw, slides: bool) -> str:
     """Unit of the gain of drives with this law, on joints that slide or turn."""
     return sliding_unit(GAIN_UNITS[law]) if slides else GAIN_UNITS[law]
 
 
-def _units(law: Law, slides: bool) -> dict[str, str]:
+def _units(law: ControlLaw, slides: bool) -> dict[str, str]:
     """Units of a drive's quantities, by their keys in a model file."""
     error = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"}[law]
     turning = {
@@ -151,8 +156,8 @@ def read_drives(table: Mapping[str, Any], slides: Mapping[str, bool]) -> dict[st
     for name, entries in table.items():
         with at(f"[drives.{name}]"):
             entry = read_as(_Entry, entries)
-            if entry.law not in get_args(Law):
-                raise UnknownNameError("law", entry.law, get_args(Law))
+            if entry.law not in get_args(ControlLaw):
+                raise UnknownNameError("law", entry.law, get_args(ControlLaw))
             if not entry.joints:
                 raise InputError("joints: name at least one")
             for joint in entry.joints:

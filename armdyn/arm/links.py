@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import SIZE, is_physical
+from armdyn.arm.rigid import INERTIAL_PARAMETERS, is_physical
 
 MAX_STD_SHARE = 0.25
 """Largest standard deviation, without any prior, of a value that the runs determine: as a share of the link's mass,
@@ -133,14 +133,14 @@ def _described_by(inertial: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     if inertial[0] == 0.0:
         values = np.concatenate([np.zeros(4), inertial[4:], inertial[1:4]])
-        return values, np.vstack([np.eye(SIZE), np.eye(SIZE)[1:4]])
+        return values, np.vstack([np.eye(INERTIAL_PARAMETERS), np.eye(INERTIAL_PARAMETERS)[1:4]])
     found, derivatives = _function()(inertial)
     return np.asarray(found)[:, 0], np.asarray(derivatives)
 
 
 @cache
 def _function() -> ca.Function:
-    inertial = ca.SX.sym("pi", SIZE)
+    inertial = ca.SX.sym("pi", INERTIAL_PARAMETERS)
     mass, centre = inertial[0], inertial[1:4] / inertial[0]
     steiner = mass * (ca.dot(centre, centre) * ca.SX.eye(3) - centre @ centre.T)
     about = ca.vertcat(steiner[0, 0], steiner[0, 1], steiner[1, 1], steiner[0, 2], steiner[1, 2], steiner[2, 2])

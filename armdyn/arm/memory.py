@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.physics.definition import Expression, Memory
+from armdyn.physics.definition import AddedState, Expression
 
-GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
-NEWTON_STEPS = 3
+SDIRK_GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
+STATE_NEWTON_STEPS = 3
 """One step is exact where the rate is linear in the state, as in every bristle model."""
 
 
@@ -37,7 +37,7 @@ class InternalStates:
         InputError: a state depends on more than the joint's own motion.
     """
 
-    def __init__(self, memory: Sequence[Memory], inputs: Expression, load: Expression, theta: Expression) -> None:
+    def __init__(self, memory: Sequence[AddedState], inputs: Expression, load: Expression, theta: Expression) -> None:
         self.symbols = ca.vertcat(*(m.symbol for m in memory)) if memory else ca.SX(0, 1)
         rates, starts = (ca.vertcat(*(m[i] for m in memory)) if memory else ca.SX(0, 1) for i in (1, 2))
         if memory and (ca.depends_on(rates, load) or ca.depends_on(starts, ca.vertcat(inputs, self.symbols))):
@@ -71,14 +71,14 @@ def _step(z: Expression, rates: Expression, inputs: Expression, theta: Expressio
     def stage(base: Expression, slopes: Expression, at: Expression) -> tuple[Expression, Expression]:
         """Solution of y = base + gamma h f(y), and its derivatives."""
         y = base
-        for _ in range(NEWTON_STEPS):
+        for _ in range(STATE_NEWTON_STEPS):
             value, by_state, _ = f(y, at, theta)
-            y = y - ca.solve(ca.SX.eye(m) - GAMMA * h * by_state, y - base - GAMMA * h * value)
+            y = y - ca.solve(ca.SX.eye(m) - SDIRK_GAMMA * h * by_state, y - base - SDIRK_GAMMA * h * value)
         _, by_state, by_theta = f(y, at, theta)
-        return y, ca.solve(ca.SX.eye(m) - GAMMA * h * by_state, slopes + GAMMA * h * by_theta)
+        return y, ca.solve(ca.SX.eye(m) - SDIRK_GAMMA * h * by_state, slopes + SDIRK_GAMMA * h * by_theta)
 
-    y, Y = stage(z, S, before + GAMMA * (after - before))
-    share = (1.0 - GAMMA) / GAMMA
+    y, Y = stage(z, S, before + SDIRK_GAMMA * (after - before))
+    share = (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA
     following, derivatives = stage(z + share * (y - z), S + share * (Y - S), after)
     state = ca.vertcat(z, ca.vec(S))
     return ca.Function("step", [state, w, theta], [ca.densify(ca.vertcat(following, ca.vec(derivatives)))])

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.arm import CANNOT, Arm, find_arm
-from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
-from armdyn.arm.carried import following
-from armdyn.arm.composition import Change, JointFunctions, base_change, compose_joint
-from armdyn.arm.drive_scale import identified_drives, telling
+from armdyn.arm.arm import REASONS_AGAINST_EFFECT, Arm, find_arm
+from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
+from armdyn.arm.carried import with_carried_joints
+from armdyn.arm.composition import ExpressionChange, JointFunctions, base_change, compose_joint
+from armdyn.arm.drive_scale import identified_drives, recordings_that_identify_gains
 from armdyn.arm.drives import Servo, read_drives
 from armdyn.arm.motion import motion_channels, torque_channels
-from armdyn.arm.prediction import predict_at_states, predictor_of, prepared_once
+from armdyn.arm.prediction import channel_predictor, predict_at_states, prepared_without_outliers
 from armdyn.arm.prepared import PreparedRun, torque_noise
-from armdyn.arm.readings import with_readings
+from armdyn.arm.readings import with_servo_torques
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.model import Model, Prediction, join_channels
@@ -97,7 +97,7 @@ class ArmModel(Model):
 
     def following(self, runs: Sequence[Run]) -> Self:
         """The model with other joints of the URDF that move, and with identified drives; see `Model.following`."""
-        arm = following(self.arm, runs)
+        arm = with_carried_joints(self.arm, runs)
         drives = identified_drives(self.drives, arm, runs)
         if arm is self.arm and drives == self.drives:
             return self
@@ -105,7 +105,7 @@ class ArmModel(Model):
 
     def reading(self, run: Run) -> Run:
         """The run with torques of servos, from their position or velocity errors; see `Model.reading`."""
-        return with_readings(run, self.arm.joints, tuple(self.drives.values()))
+        return with_servo_torques(run, self.arm.joints, tuple(self.drives.values()))
 
     @property
     def open_questions(self) -> tuple[str, ...]:
@@ -113,7 +113,7 @@ class ArmModel(Model):
         return tuple(
             f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
             f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
-            f"{servo.gain.unit} alone. To tell it, {telling(self.arm, servo.joints)}"
+            f"{servo.gain.unit} alone. To tell it, {recordings_that_identify_gains(self.arm, servo.joints)}"
             for name, servo in self.drives.items()
             if servo.gain is not None and not servo.determined
         )
@@ -128,7 +128,7 @@ class ArmModel(Model):
             "supply_voltage": any(servo.supply is not None for servo in drives),
             "servo_damping": all(servo.law != "position" for servo in drives),
         }
-        return OF_READING | {name for name, told in identified.items() if told}
+        return EFFECTS_IDENTIFIED_PER_DRIVE_KIND | {name for name, told in identified.items() if told}
 
     def servo(self, joint: str) -> Servo | None:
         """The drive of a joint; None where none is declared."""
@@ -150,14 +150,16 @@ class ArmModel(Model):
             InputError: it cannot act on a joint that it names.
             UnknownNameError: it names a joint that the arm lacks.
         """
-        reachable = self.arm.within(effect.reach)
-        if effect.name in OF_DRIVE or effect.acts_on == "drive":
+        reachable = self.arm.reachable_joints(effect.reach)
+        if effect.name in EFFECTS_STATED_BY_DRIVE or effect.acts_on == "drive":
             reachable = tuple(j for j in reachable if (j in self.servo_joints) == (effect.acts_on == "drive"))
         for joint in effect.joints:
             if joint not in self.joints:
                 raise UnknownNameError("joint of the arm", joint, self.joints)
             if joint not in reachable:
-                raise InputError(f"the effect '{effect.name}' cannot act on joint '{joint}': {CANNOT[effect.reach]}")
+                raise InputError(
+                    f"the effect '{effect.name}' cannot act on joint '{joint}': {REASONS_AGAINST_EFFECT[effect.reach]}"
+                )
         return reachable
 
     def with_effect(self, effect: Effect) -> Self:
@@ -167,7 +169,9 @@ class ArmModel(Model):
             InputError: this arm has no joint on which the effect can act, or not the joint that it names.
         """
         if effect.acts_on in self.stages and not self.reachable(effect):
-            raise InputError(f"the effect '{effect.name}' cannot act on this arm: {CANNOT[effect.reach]}")
+            raise InputError(
+                f"the effect '{effect.name}' cannot act on this arm: {REASONS_AGAINST_EFFECT[effect.reach]}"
+            )
         return super().with_effect(effect)
 
     def effect_parameter(self, quantity: Quantity, effect: str, short: str, joint: str) -> Parameter:
@@ -213,7 +217,7 @@ class ArmModel(Model):
         if isinstance(run, PreparedRun):
             return run
         self.predicted_channels(run)
-        return prepared_once(run, self.arm, tuple(one.recording for one in beside))
+        return prepared_without_outliers(run, self.arm, tuple(one.recording for one in beside))
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
         """Noise of the torques with the inertias at `theta`; see `Model.noise`."""
@@ -226,7 +230,7 @@ class ArmModel(Model):
         rigid, armature = self.arm.model.copy(), np.zeros(len(self.arm.joints))
         for i, change in self._bodies(theta).links.items():
             rigid.inertias[i + 1] = pin.Inertia.FromDynamicParameters(self.arm.described[i] + change)
-        for joint, (name,) in self.parts(ROTOR).items():
+        for joint, (name,) in self.parts(ROTOR_EFFECT).items():
             armature[self.arm.joints.index(joint)] = theta[self.names.index(name)]
         rigid.armature = armature
         return rigid
@@ -238,7 +242,7 @@ class ArmModel(Model):
         bodies = self._bodies(theta)
         parts = []
         for name in channels:
-            predictor = predictor_of(run, self.arm, run.channels[name], name)
+            predictor = channel_predictor(run, self.arm, run.channels[name], name)
             values, derivatives = predictor.predict(self._functions, per_joint, bodies)
             parts.append((name, run.channels[name].time, values, self._by_theta(derivatives, len(values))))
         return join_channels(parts)
@@ -259,7 +263,7 @@ class ArmModel(Model):
         """(count, p) derivatives, from those by the parameters of each joint and of the base."""
         found = np.zeros((count, len(self.names)))
         for joint, columns in derivatives.items():
-            found[:, self._base_columns if joint == OF_BASE else self._columns[joint]] = columns
+            found[:, self._base_columns if joint == BASE_INDEX else self._columns[joint]] = columns
         return found
 
     def changed_links(self, theta: np.ndarray) -> Mapping[int, tuple[np.ndarray, np.ndarray]]:
@@ -293,14 +297,16 @@ class ArmModel(Model):
         described, change = np.array(self.arm.model.gravity.linear), self._bodies(theta).gravity
         return described if change is None else described + change
 
-    def _bodies(self, theta: np.ndarray) -> Bodies:
+    def _bodies(self, theta: np.ndarray) -> RigidBodyChanges:
         base = None
         if self._base is not None:
             base = self._base, np.array(self.arm.model.gravity.linear), theta[self._base_columns]
-        return Bodies(self._functions, [theta[columns] for columns in self._columns], self.arm.shapes, base)
+        return RigidBodyChanges(
+            self._functions, [theta[columns] for columns in self._columns], self.arm.pseudo_inertia_factors, base
+        )
 
     @cached_property
-    def _base(self) -> Change | None:
+    def _base(self) -> ExpressionChange | None:
         effects = [e for e in self.effects if e.reach == "base"]
         return base_change(effects) if effects else None
 
@@ -325,11 +331,11 @@ class ArmModel(Model):
         )
 
 
-OF_DRIVE = frozenset({"torque_gain", "torque_delay"})
+EFFECTS_STATED_BY_DRIVE = frozenset({"torque_gain", "torque_delay"})
 """Effects of joints without a declared drive: the table of a drive has the gain and the delay."""
-OF_READING = frozenset({"torque_limit"})
+EFFECTS_IDENTIFIED_PER_DRIVE_KIND = frozenset({"torque_limit"})
 """Effects that are identified for all drives of a kind: their saturation; see `drive_scale`."""
-ROTOR = "rotor_inertia"
+ROTOR_EFFECT = "rotor_inertia"
 """The effect that adds inertia to a joint itself."""
 
 

@@ -10,16 +10,23 @@ from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing.choice import SPLINE_ORDERS, Choice, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.choice import (
+    SPLINE_ORDERS,
+    MeasuredDerivative,
+    SmoothingChoice,
+    best_smoothing,
+    derivative_noise,
+    smooth_curve,
+)
 from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, SplineCurve
 
 MIN_VELOCITY_NOISE = 1e-3
 """Least noise of a joint's velocity, as a share of its speed."""
-CERTAIN = 0.99
+MIN_CERTAIN_SIGN = 0.99
 """Expected sign of a velocity from which its sign is known."""
 MIN_MOVING_SHARE = 0.5
 """Share of the time during which a joint must certainly move for its rests to be left out."""
-CREEP = 1e-3
+CREEP_SPEED = 1e-3
 """Speed of creep, rad/s, and a tenth of it in m/s: a slower joint moves within the elastic deformation of its gears and
 of the bristles of its friction, which has no certain direction (Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica
 30(7), 1994). So a joint at rest has no friction with a random sign. A larger value would suit real arms (other motions
@@ -64,27 +71,31 @@ class JointCurve:
         interval: interval between its samples, s.
         speed_noise: standard deviation of the smoothed velocity, as it matters for friction, rad/s or m/s.
         moving: share of the recording during which the joint certainly moves.
-        stands: whether it mostly rests, so that its rests are compared as well.
-        turns: (k,) times at which the smoothed velocity changes its sign, s.
-        moves: (k + 1,) bool, whether it certainly moves between two turns: smoothed positions oscillate after a stop.
+        mostly_rests: whether it mostly rests, so that its rests are compared as well.
+        reversal_times: (k,) times at which the smoothed velocity changes its sign, s.
+        moves_between_reversals: (k + 1,) bool, whether it certainly moves between two such times: after a stop smoothed
+            positions oscillate.
     """
 
     curve: SplineCurve
-    choice: Choice
+    choice: SmoothingChoice
     interval: float
     speed_noise: float
     moving: float
-    stands: bool
-    turns: np.ndarray
-    moves: np.ndarray
+    mostly_rests: bool
+    reversal_times: np.ndarray
+    moves_between_reversals: np.ndarray
 
     def direction(self, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(n,) expected sign of (n,) velocities at (n,) times; 0 at uncertain ones of a joint that mostly rests.
 
         Friction at rest is not that of a motion.
         """
-        expected = expected_sign(velocity, self.speed_noise) * self.moves[np.searchsorted(self.turns, time)]
-        return np.where(np.abs(expected) < CERTAIN, 0.0, expected) if self.stands else expected
+        expected = (
+            expected_sign(velocity, self.speed_noise)
+            * self.moves_between_reversals[np.searchsorted(self.reversal_times, time)]
+        )
+        return np.where(np.abs(expected) < MIN_CERTAIN_SIGN, 0.0, expected) if self.mostly_rests else expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +114,8 @@ class MeasuredMotion:
         return Motion(time, q, v, a, np.column_stack(ways))
 
     def standing(self, stands: Sequence[bool]) -> "MeasuredMotion":
-        """The same motion with another attribute `stands` of each joint."""
-        joints = tuple(replace(j, stands=still) for j, still in zip(self.joints, stands, strict=True))
+        """The same motion with another attribute `mostly_rests` of each joint."""
+        joints = tuple(replace(j, mostly_rests=still) for j, still in zip(self.joints, stands, strict=True))
         return replace(self, joints=joints)
 
     def direction(self, joint: int, time: np.ndarray) -> np.ndarray:
@@ -157,13 +168,17 @@ def _joint_curve(q: Channel, v: Channel | None, a: Channel | None) -> JointCurve
     """Path of a joint, cached with its position channel, which other versions of a run share."""
     interval = float((q.time[-1] - q.time[0]) / (len(q) - 1))
     choice = best_smoothing(q.time, q.value, SPLINE_ORDERS)
-    rates = [Rates(c.time, c.value, k) for k, c in ((1, v), (2, a)) if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES]
-    curve = smoothed(q.time, q.value, choice, rates)
+    rates = [
+        MeasuredDerivative(c.time, c.value, k)
+        for k, c in ((1, v), (2, a))
+        if c is not None and len(c) >= MIN_SMOOTHED_SAMPLES
+    ]
+    curve = smooth_curve(q.time, q.value, choice, rates)
     position, velocity = curve(q.time)[:, 0], curve(q.time, 1)[:, 0]
     speed = float(np.sqrt(np.mean(velocity**2)))
-    creep = 0.1 * CREEP if q.unit == "m" else CREEP
+    creep = 0.1 * CREEP_SPEED if q.unit == "m" else CREEP_SPEED
     noise = max(derivative_noise(choice, interval, 1), MIN_VELOCITY_NOISE * speed, creep)
-    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= CERTAIN))
+    moving = float(np.mean(np.abs(expected_sign(velocity, noise)) >= MIN_CERTAIN_SIGN))
     turns = np.flatnonzero(np.diff(velocity > 0.0)) + 1
     moves = _moves(q.value, position, np.concatenate([[0], turns]), choice.noise)
     return JointCurve(curve, choice, interval, noise, moving, moving < MIN_MOVING_SHARE, q.time[turns], moves)
@@ -179,7 +194,7 @@ def _moves(recorded: np.ndarray, smoothed: np.ndarray, begins: np.ndarray, noise
     means = (np.add.reduceat(values, begins) / counts for values in (recorded, smoothed))
     own, way = (values - np.repeat(m, counts) for values, m in zip((recorded, smoothed), means, strict=True))
     along, square = np.add.reduceat(own * way, begins), np.add.reduceat(way**2, begins)
-    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= CERTAIN
+    seen = expected_sign(along / np.maximum(noise * np.sqrt(square), np.finfo(float).tiny), 1.0) >= MIN_CERTAIN_SIGN
     way_there = np.abs(smoothed[np.append(begins[1:], len(smoothed)) - 1] - smoothed[begins])
     return seen & (way_there > noise)
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
-from armdyn.physics.definition import ZERO, Expression, Timed
+from armdyn.physics.definition import ZERO, Expression, SensorStage
 
-__all__ = ["Base", "Expression", "Joint", "Link", "Neighbour", "Told"]
+__all__ = ["Base", "DriveCommands", "Expression", "Joint", "Link", "Neighbour"]
 
 ONE: Expression = ca.SX(1)
 
@@ -75,7 +75,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True)
-class Told:
+class DriveCommands:
     """Commands of a drive; 0 for a joint whose torque was measured.
 
     Attributes:
@@ -94,7 +94,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Joint(Timed):
+class Joint(SensorStage):
     """One joint, its drive and its torque sensor.
 
     Attributes:
@@ -127,7 +127,7 @@ class Joint(Timed):
     gain: Expression = ONE
     offset: Expression = ZERO
     on: Expression = ONE
-    told: Told = field(default_factory=Told)
+    told: DriveCommands = field(default_factory=DriveCommands)
 
     def with_torque(self, torque: Expression) -> "Joint":
         """Add to the torque of the drive, N m: positive where friction opposes a positive velocity."""

@@ -18,9 +18,20 @@ from armdyn.errors import InputError
 from urdf import Robot
 from urdf.robot import Array, read_only
 
-MAX_MEANT_RADIANS = 2 * np.pi
+MAX_PLAUSIBLE_RADIANS = 2 * np.pi
 """Position, rad, beyond which a value outside its limits is probably in degrees."""
-PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # kg, kg m, kg m^2 about the joint
+LINK_PARAMETER_NAMES = (
+    "m",
+    "mx",
+    "my",
+    "mz",
+    "Ixx",
+    "Ixy",
+    "Iyy",
+    "Ixz",
+    "Iyz",
+    "Izz",
+)  # kg, kg m, kg m^2 about the joint
 
 
 @dataclass(frozen=True)
@@ -56,7 +67,7 @@ class ArmPosture:
         kinetic_energy: [J].
         potential_energy: potential energy of gravity, 0 with every centre of mass at the base's height [J].
         regressor: Y with tau - d v = Y p at these q, v and zero acceleration, (n, 10 n).
-        parameters: p, ten values per link as in `PER_LINK`, (10 n,) [kg, kg m, kg m^2].
+        parameters: p, ten values per link as in `LINK_PARAMETER_NAMES`, (10 n,) [kg, kg m, kg m^2].
         jacobian: Jacobian of the tool point in base axes, linear rows first, (6, n) [m/rad or 1, 1 or 0].
         manipulability: Yoshikawa's measure for translations of the tool; 0 at a singularity.
         speed: speeds of the tool point within the joints' velocity limits, with any rotation. None without limits.
@@ -206,6 +217,6 @@ def _check_limits(robot: Robot, q: Array) -> None:
         f"{robot.model.lowerPositionLimit[joint]:g} to {robot.model.upperPositionLimit[joint]:g}"
     )
     inside = _margin(robot, np.deg2rad(q)).min() >= 0
-    if inside and np.abs(q).max() > MAX_MEANT_RADIANS:
+    if inside and np.abs(q).max() > MAX_PLAUSIBLE_RADIANS:
         raise InputError(f"{message}; these look like degrees: give radians")
     raise InputError(f"{message}; choose a posture within them")

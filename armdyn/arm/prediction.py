@@ -5,12 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from armdyn.arm.arm import Arm
-from armdyn.arm.bodies import OF_BASE, Bodies, MotionSamples
+from armdyn.arm.bodies import BASE_INDEX, MotionSamples, RigidBodyChanges
 from armdyn.arm.composition import LOAD_INPUT, JointFunctions, TorqueTerm
-from armdyn.arm.drive import Drive, Recorded, smoothing_drives
+from armdyn.arm.drive import DriveLowPass, TorqueRecording, drive_low_passes
 from armdyn.arm.motion import MeasuredMotion, standing_joints
-from armdyn.arm.prepared import FREQUENCIES, PreparedRun, direction_known, interior, motion_in, prepare, recorded
-from armdyn.arm.reduction import Earlier, NonlinearTerm, Reduction, TorqueSum
+from armdyn.arm.prepared import (
+    NOISE_FREQUENCIES,
+    PreparedRun,
+    low_passed_and_thinned,
+    motion_of_run,
+    recorded_torques,
+    samples_inside_motion,
+    samples_with_known_direction,
+)
+from armdyn.arm.reduction import DelayedInputs, NonlinearTerm, Reduction, TorqueSum
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.readout import Interpolated, LowPassed, Sampler
@@ -41,7 +49,7 @@ class ChannelPredictor:
         self._nodes = Reduction(lambda signals: signals, stretch, joint)
 
     def predict(
-        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
+        self, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """(n,) samples of the channel, and (n, k) derivatives by the parameters of each joint that it depends on.
 
@@ -71,7 +79,7 @@ class ChannelPredictor:
         """The reduction to coefficients of signals `delay` s before each stamp."""
         if self._late is None or self._late[0] != delay:
             assert self._motion is not None, "a delayed reading needs the motion at any time"
-            earlier = Earlier(self._stretch, self._motion, delay)
+            earlier = DelayedInputs(self._stretch, self._motion, delay)
             self._late = delay, Reduction(self._sampler.coefficients, self._stretch, self._joint, earlier)
         return self._late[1]
 
@@ -80,7 +88,7 @@ class ChannelPredictor:
         reduced: Reduction,
         functions: Sequence[JointFunctions],
         theta: Sequence[np.ndarray],
-        bodies: Bodies,
+        bodies: RigidBodyChanges,
         *,
         of_bodies: bool = True,
         of_joints: bool = True,
@@ -94,7 +102,7 @@ class ChannelPredictor:
         loading = [i for k in outer for i in bodies.links if self._stretch.carries(k, i)]
         widths = {i: len(theta[i]) for i in dict.fromkeys((j, *outer, *carried, *loading))}
         if bodies.gravity is not None:
-            widths[OF_BASE] = bodies.derivatives[OF_BASE].shape[1]
+            widths[BASE_INDEX] = bodies.derivatives[BASE_INDEX].shape[1]
         total = TorqueSum(len(reduced.described), widths)
         if of_bodies:
             total.value += reduced.described
@@ -115,7 +123,7 @@ class ChannelPredictor:
                     by_weight = np.einsum("k,nkp->np", bodies.gravity, reduced.weight(i))
                     total.by(i)[:] += by_weight @ bodies.derivatives[i][:4]
             total.value += columns @ bodies.gravity
-            total.by(OF_BASE)[:] += columns @ bodies.derivatives[OF_BASE]
+            total.by(BASE_INDEX)[:] += columns @ bodies.derivatives[BASE_INDEX]
         if of_joints:
             for i in outer:
                 self._add(total, functions[i].inner_torque, i, theta[i], bodies, reduced)
@@ -126,7 +134,13 @@ class ChannelPredictor:
         return total
 
     def _add(
-        self, total: TorqueSum, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
+        self,
+        total: TorqueSum,
+        term: TorqueTerm,
+        joint: int,
+        theta: np.ndarray,
+        bodies: RigidBodyChanges,
+        reduced: Reduction,
     ) -> None:
         """Add a term of a joint's functions."""
         if term.empty:
@@ -147,7 +161,7 @@ class ChannelPredictor:
                 total.by(i)[:] += slopes @ bodies.derivatives[i]
 
     def _rest(
-        self, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: Bodies, reduced: Reduction
+        self, term: TorqueTerm, joint: int, theta: np.ndarray, bodies: RigidBodyChanges, reduced: Reduction
     ) -> NonlinearTerm:
         """Nonlinear rest of a term; the last one is reused while the values that it depends on do not change."""
         carried = [i for i in bodies.links if self._stretch.carries(joint, i)] if term.loaded else []
@@ -168,7 +182,7 @@ class ChannelPredictor:
             for i in carried:  # ten columns for a link, however many parameters it has
                 slopes[i] = reduced.reduce(per_load * reduced.signal(self._stretch.by_link(joint, i, bodies)))
             if term.loaded and bodies.gravity is not None:
-                slopes[OF_BASE] = reduced.reduce(
+                slopes[BASE_INDEX] = reduced.reduce(
                     per_load * reduced.signal(self._stretch.changed_per_gravity(joint, bodies))
                 )
         found = NonlinearTerm(key, reduced.reduce(rest[:, :-1]), slopes)
@@ -177,7 +191,7 @@ class ChannelPredictor:
 
 
 def predict_at_states(
-    stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: Bodies
+    stretch: MotionSamples, functions: Sequence[JointFunctions], theta: Sequence[np.ndarray], bodies: RigidBodyChanges
 ) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
     """Predictions as by `ChannelPredictor`, for each joint, at n states that are no motion.
 
@@ -185,7 +199,7 @@ def predict_at_states(
         InputError: an effect makes a torque depend on the past.
     """
     for own in functions:
-        if own.of_before:
+        if own.depends_on_past:
             late = ", ".join(dict.fromkeys(name.partition(".")[0] for name in own.names))
             raise InputError(
                 f"among the effects {late} is one by which a torque depends on what was before, a delay or a state "
@@ -197,8 +211,8 @@ def predict_at_states(
 
 
 @cached_with_first_argument
-def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
-    """The run prepared by `prepare`, without isolated outliers.
+def prepared_without_outliers(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
+    """The run prepared by `low_passed_and_thinned`, without isolated outliers.
 
     Args:
         run: a recording.
@@ -207,33 +221,35 @@ def prepared_once(run: Run, arm: Arm, beside: tuple[Run, ...]) -> PreparedRun:
     """
     clean, own = _recorded(run, arm)
     first, *others = beside or (run,)
-    return prepare(clean, arm.joints, own, *_shown_together(first, arm, tuple(others)))
+    return low_passed_and_thinned(clean, arm.joints, own, *_shown_together(first, arm, tuple(others)))
 
 
 @cached_with_first_argument
-def _shown_together(first: Run, arm: Arm, others: tuple[Run, ...]) -> tuple[Mapping[str, Drive], tuple[bool, ...]]:
+def _shown_together(
+    first: Run, arm: Arm, others: tuple[Run, ...]
+) -> tuple[Mapping[str, DriveLowPass], tuple[bool, ...]]:
     """Low-passes of the drives in several recordings, and whether each joint hardly moved in them."""
     every = [_recorded(run, arm)[1] for run in (first, *others)]
-    return smoothing_drives(every, arm.model, FREQUENCIES), standing_joints([one.motion for one in every])
+    return drive_low_passes(every, arm.model, NOISE_FREQUENCIES), standing_joints([one.motion for one in every])
 
 
 @cached_with_first_argument
-def _recorded(run: Run, arm: Arm) -> tuple[Run, Recorded]:
+def _recorded(run: Run, arm: Arm) -> tuple[Run, TorqueRecording]:
     """A run without isolated outliers, and its torques and motion."""
     names = (f"{kind}.{joint}" for joint in arm.joints for kind in ("q", "v", "a", "tau"))
     clean = without_spikes(run, [name for name in names if name in run.channels])
-    return clean, recorded(clean, arm.model, arm.joints)
+    return clean, recorded_torques(clean, arm.model, arm.joints)
 
 
 @cached_with_first_argument
-def predictor_of(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
+def channel_predictor(run: Run, arm: Arm, channel: Channel, name: str) -> ChannelPredictor:
     """Predictor of the torque channel `name`, filtered as the run was prepared."""
     joint = arm.joints.index(name.removeprefix("tau."))
     sampler: Sampler
-    motion, stretch = motion_in(run, arm.joints), _stretch(run, arm, name)
+    motion, stretch = motion_of_run(run, arm.joints), _stretch(run, arm, name)
     if run.recording is not run:
         stamps, done = stretch.motion.time, run.preparations[name]
-        known = direction_known(motion, joint, stamps, done.cutoff)
+        known = samples_with_known_direction(motion, joint, stamps, done.cutoff)
         sampler = LowPassed(stamps, done.cutoff, channel.time, known, done.smoothed)
     else:
         sampler = Interpolated(channel.time, channel.time)
@@ -249,8 +265,8 @@ def _stretch(run: Run, arm: Arm, name: str) -> MotionSamples:
     first = next(o for o in torques if np.array_equal(recording.channels[o].time, channel.time))
     if first != name:
         return _stretch(run, arm, first)
-    motion = motion_in(run, arm.joints)
-    time = channel.time if recording is run else channel.time[interior(channel, motion)]
+    motion = motion_of_run(run, arm.joints)
+    time = channel.time if recording is run else channel.time[samples_inside_motion(channel, motion)]
     start = min(float(c.time[0]) for c in recording.channels.values())
     drives = {
         key: c for key, c in recording.channels.items() if key.startswith("enabled.") or isinstance(c, DriveReading)

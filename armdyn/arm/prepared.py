@@ -4,7 +4,7 @@ Measured and predicted torques pass the same filter, as in the parallel filterin
 causes no bias. Samples at about twice the cut-off contain the whole band. The torque that the positions' noise causes
 counts as noise.
 
-Torques are compared up to `STIFF_HZ` at least, and up to the end of the torque's own band where that is higher. The
+Torques are compared up to `MAX_STIFF_HZ` at least, and up to the end of the torque's own band where that is higher. The
 band is narrower only where the positions are too noisy, because their noise, differentiated twice and multiplied by the
 inertias, grows like f^2 and exceeds the measured torque above some frequency; or where the drive has smoothed the
 torque before it was recorded (see `drive`).
@@ -16,30 +16,30 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from armdyn.arm.drive import Drive, Recorded, Torque
-from armdyn.arm.motion import CERTAIN, MeasuredMotion, measured_motion
+from armdyn.arm.drive import DriveLowPass, RecordedTorque, TorqueRecording
+from armdyn.arm.motion import MIN_CERTAIN_SIGN, MeasuredMotion, measured_motion
 from armdyn.arm.rigid import inverse_dynamics, torque_regressor
 from armdyn.errors import InputError
 from armdyn.kept import cached_with_first_argument
 from armdyn.recording.channels import MIN_SAMPLES, Channel, DriveReading
 from armdyn.recording.preparation import Preparation
 from armdyn.run import Run
-from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, Choice, best_smoothing
+from armdyn.smoothing.choice import MAX_CUTOFF_SHARE, SmoothingChoice, best_smoothing
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineSamples
 
-STIFF_HZ = 10.0
+MAX_STIFF_HZ = 10.0
 """Frequency up to which the links of arms are stiff (Swevers, Verdonck & De Schutter, IEEE CSM 27, 2007)."""
-BAND_MARGIN = 0.7
+BAND_LIMIT_SHARE = 0.7
 """Share of the frequency at which a torque equals its noise; there its power is 16 times that of the noise."""
 MAX_KEPT_RATE = 125.0
 """Largest rate of the samples that are kept, Hz: no arm's rigid-body motion is faster."""
-WITHIN = 0.5
+COMPARED_CUTOFF_SHARE = 0.5
 """Share of the cut-off of a drive's low-pass that is compared: there 0.06 of the amplitude is gone."""
 MIN_KEPT_SAMPLES = 20
 """Least number of samples of a torque that are kept, where so many were recorded."""
-POSTURES = 20
+AVERAGED_POSTURES = 20
 """Number of postures of a run over which inertias are averaged."""
-FREQUENCIES = np.linspace(0.0, MAX_KEPT_RATE / (2.0 * WHITE_RATE_SHARE), 701)
+NOISE_FREQUENCIES = np.linspace(0.0, MAX_KEPT_RATE / (2.0 * WHITE_RATE_SHARE), 701)
 """Frequencies of the spectra of the positions' noise, Hz."""
 EDGE_PERIODS = 0.5
 """Periods of the cut-off that are left out at both ends, where smoothing has neighbours on one side only."""
@@ -52,45 +52,45 @@ READING_FADING_SPEEDS = (0.05, 0.15)
 """Speeds of fading frictions, rad/s or m/s; see `Motion.own_columns`."""
 
 
-def cutoff_of(stamps: np.ndarray, torque: np.ndarray, choice: Choice, brought_in: np.ndarray) -> float:
+def comparison_cutoff(stamps: np.ndarray, torque: np.ndarray, choice: SmoothingChoice, brought_in: np.ndarray) -> float:
     """The cut-off, Hz, with which as much torque and as little noise as possible is compared.
 
-    It is the f up to `STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S the
-    spectrum of the measured torque and P that of the torque by the positions' noise.
+    It is the f up to `MAX_STIFF_HZ`, or up to the torque's own band, that maximises int_0^f S(f') - P(f') df', with S
+    the spectrum of the measured torque and P that of the torque by the positions' noise.
 
     Args:
         stamps: (n,) time stamps, s.
         torque: (n,) torque, N m or N.
         choice: the best smoothing of the torque, whose cut-off is the end of its own band.
-        brought_in: (nf,) P at `FREQUENCIES`; see `position_noise`.
+        brought_in: (nf,) P at `NOISE_FREQUENCIES`; see `torque_spectra_of_position_noise`.
     """
     interval = float((stamps[-1] - stamps[0]) / (len(stamps) - 1))
     as_recorded, per_second = 1.0 / interval, min(MIN_KEPT_SAMPLES, len(stamps) // 3) / float(stamps[-1] - stamps[0])
     # Without visible noise up to the highest cut-off that was tried, the end of the band is unknown.
-    own_band = BAND_MARGIN * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
-    widest = min(max(STIFF_HZ, own_band), float(FREQUENCIES[-1]))
+    own_band = BAND_LIMIT_SHARE * choice.cutoff if choice.cutoff < 0.99 * MAX_CUTOFF_SHARE / interval else 0.0
+    widest = min(max(MAX_STIFF_HZ, own_band), float(NOISE_FREQUENCIES[-1]))
     frequencies, measured = _spectrum(stamps, torque, interval)
     frequencies, measured = frequencies[frequencies <= widest], measured[frequencies <= widest]
-    last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, FREQUENCIES, brought_in))))
+    last = int(np.argmax(np.cumsum(measured - np.interp(frequencies, NOISE_FREQUENCIES, brought_in))))
     useful = widest if last == len(frequencies) - 1 else float(frequencies[last])
     return min(max(2.0 * WHITE_RATE_SHARE * useful, per_second), as_recorded) / (2.0 * WHITE_RATE_SHARE)
 
 
-def position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
-    """(nj, nf) spectra, (N m)^2/Hz, of the torque by the noise of all smoothed positions, at `FREQUENCIES`.
+def torque_spectra_of_position_noise(model: pin.Model, motion: MeasuredMotion) -> np.ndarray:
+    """(nj, nf) spectra, (N m)^2/Hz, of the torque by the noise of all smoothed positions, at `NOISE_FREQUENCIES`.
 
     A small error e of the positions changes the torque by M(q) e'' + dg/dq e; squared factors are averaged over the
     run's postures.
     """
     data = model.createData()
-    squares = np.zeros((model.nv, model.nv, len(FREQUENCIES)))
-    for q in motion.at(np.linspace(motion.start, motion.end, POSTURES)).q:
+    squares = np.zeros((model.nv, model.nv, len(NOISE_FREQUENCIES)))
+    for q in motion.at(np.linspace(motion.start, motion.end, AVERAGED_POSTURES)).q:
         mass = np.triu(pin.crba(model, data, q).reshape(model.nv, model.nv))
         stiffness = pin.computeGeneralizedGravityDerivatives(model, data, q).reshape(model.nv, model.nv)
-        inertial = np.multiply.outer(mass + np.triu(mass, 1).T, (2.0 * np.pi * FREQUENCIES) ** 2)
-        squares += (stiffness[:, :, None] - inertial) ** 2 / POSTURES
+        inertial = np.multiply.outer(mass + np.triu(mass, 1).T, (2.0 * np.pi * NOISE_FREQUENCIES) ** 2)
+        squares += (stiffness[:, :, None] - inertial) ** 2 / AVERAGED_POSTURES
     choices = [j.choice for j in motion.joints]
-    passed = [1.0 / (1.0 + (FREQUENCIES / c.cutoff) ** (2 * c.order)) ** 2 for c in choices]
+    passed = [1.0 / (1.0 + (NOISE_FREQUENCIES / c.cutoff) ** (2 * c.order)) ** 2 for c in choices]
     spectra = np.array([j.choice.noise**2 * j.interval for j in motion.joints])[:, None] * np.array(passed)
     return np.asarray(np.einsum("jif,if->jf", squares, spectra))
 
@@ -112,13 +112,13 @@ class PreparedRun(Run):
 
     Attributes:
         original: the recording.
-        done: processing by torque channel.
-        stands: whether each joint mostly rests, so that its rests are compared.
+        processing: processing by torque channel.
+        mostly_resting_joints: whether each joint mostly rests, so that its rests are compared.
     """
 
     original: Run = field(kw_only=True)
-    done: Mapping[str, Preparation] = field(kw_only=True)
-    stands: tuple[bool, ...] = field(kw_only=True)
+    processing: Mapping[str, Preparation] = field(kw_only=True)
+    mostly_resting_joints: tuple[bool, ...] = field(kw_only=True)
 
     @property
     def recording(self) -> Run:
@@ -128,24 +128,24 @@ class PreparedRun(Run):
     @property
     def preparations(self) -> Mapping[str, Preparation]:
         """Processing by torque channel; see `Run.preparations`."""
-        return self.done
+        return self.processing
 
 
 @cached_with_first_argument
-def motion_in(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
-    """The motion of an arm in a run, with the attribute `stands` of a prepared run."""
+def motion_of_run(run: Run, joints: tuple[str, ...]) -> MeasuredMotion:
+    """The motion of an arm in a run, with the attribute `mostly_resting_joints` of a prepared run."""
     motion = measured_motion(run.recording, joints)
-    return motion.standing(run.stands) if isinstance(run, PreparedRun) else motion
+    return motion.standing(run.mostly_resting_joints) if isinstance(run, PreparedRun) else motion
 
 
-def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
+def recorded_torques(run: Run, model: pin.Model, joints: tuple[str, ...]) -> TorqueRecording:
     """Torques of a run without the ends of its motion, and the motion.
 
     Raises:
         InputError: a torque is constant or too short.
     """
     motion = measured_motion(run, joints)
-    brought_in = position_noise(model, motion)
+    brought_in = torque_spectra_of_position_noise(model, motion)
     torques = {}
     for j, joint in enumerate(joints):
         name = f"tau.{joint}"
@@ -154,12 +154,16 @@ def recorded(run: Run, model: pin.Model, joints: tuple[str, ...]) -> Recorded:
             stamps, values = _inside(run, name, motion)
             reading = isinstance(run.channels[name], DriveReading)
             physics = _physics(model, motion, j, stamps) if reading else np.zeros((0, 0))
-            torques[name] = Torque(j, stamps, values, brought_in[j], physics)
-    return Recorded(torques, motion)
+            torques[name] = RecordedTorque(j, stamps, values, brought_in[j], physics)
+    return TorqueRecording(torques, motion)
 
 
-def prepare(
-    run: Run, joints: tuple[str, ...], own: Recorded, drives: Mapping[str, Drive], standing: Sequence[bool]
+def low_passed_and_thinned(
+    run: Run,
+    joints: tuple[str, ...],
+    own: TorqueRecording,
+    drives: Mapping[str, DriveLowPass],
+    standing: Sequence[bool],
 ) -> PreparedRun:
     """The run with low-passed and thinned torques, and with smoothed motion.
 
@@ -177,19 +181,19 @@ def prepare(
     channels, noise, preparations, at_rest = dict(run.channels), dict(run.noise), {}, set[str]()
     for name, (j, stamps, values, brought_in, physics) in own.torques.items():
         raw, choice = run.channels[name], best_smoothing(stamps, values)
-        cutoff = cutoff_of(stamps, values, choice, brought_in)
-        drive = drives.get(name, Drive(np.inf, choice.noise))
+        cutoff = comparison_cutoff(stamps, values, choice, brought_in)
+        drive = drives.get(name, DriveLowPass(np.inf, choice.noise))
         smoothed = bool(np.isfinite(drive.cutoff))
-        cutoff = min(cutoff, WITHIN * drive.cutoff)
+        cutoff = min(cutoff, COMPARED_CUTOFF_SHARE * drive.cutoff)
         if isinstance(raw, DriveReading):
             cutoff = min(cutoff, motion.joints[j].choice.cutoff)
-        known = direction_known(motion, j, stamps, cutoff)
+        known = samples_with_known_direction(motion, j, stamps, cutoff)
         time = _thinned(stamps, known, cutoff)
         if len(time) < 2 and not stands[j]:  # it moves in other recordings only
             stands[j] = True
             at_rest |= {name} if reading[j] else set()
             motion = motion.standing(stands)
-            known = direction_known(motion, j, stamps, cutoff)
+            known = samples_with_known_direction(motion, j, stamps, cutoff)
             time = _thinned(stamps, known, cutoff)
         low = LowPass(SplineSamples(stamps[known], MAX_UNDISTORTED_CUTOFF / cutoff), cutoff)
         channels[name] = Channel(time, low.curve(values[known])(time)[:, 0], raw.unit)
@@ -200,7 +204,7 @@ def prepare(
         if isinstance(raw, DriveReading):
             left = _unexplained(low.curve(physics[known])(time), channels[name].value)
             if left < MAX_UNEXPLAINED_SHARE * float(np.std(values)):
-                noise[name] = float(np.hypot(max(noise[name], left), raw.off))
+                noise[name] = float(np.hypot(max(noise[name], left), raw.common_error_std))
         preparations[name] = Preparation(
             cutoff=cutoff,
             position_cutoff=motion.joints[j].choice.cutoff,
@@ -209,7 +213,7 @@ def prepare(
             recorded_rate=float((len(raw) - 1) / (raw.time[-1] - raw.time[0])),
             recorded=len(raw),
             left_out=float(np.mean(~known)),
-            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= CERTAIN)),
+            moving=float(np.mean(np.abs(motion.direction(j, stamps)) >= MIN_CERTAIN_SIGN)),
             smoothed=drive.cutoff if smoothed else None,
         )
     for name in at_rest if at_rest != set(preparations) else ():
@@ -220,7 +224,8 @@ def prepare(
             channels[f"{kind}.{joint}"] = Channel(q.time, path.curve(q.time, k)[:, 0], f"{q.unit}{per}")
     return PreparedRun(
         run.name, channels, run.known, noise, run.description, run.source, run.warnings,
-        original=run, done=preparations, stands=tuple(stands), outliers=run.outliers, extra=run.extra,
+        original=run, processing=preparations, mostly_resting_joints=tuple(stands), outliers=run.outliers,
+        extra=run.extra,
     )  # fmt: skip
 
 
@@ -234,7 +239,7 @@ def torque_noise(run: PreparedRun, arm: pin.Model, described: pin.Model, joints:
         joints: all joints of the arm, in its order.
     """
     motion = measured_motion(run.recording, joints)
-    before, after = (position_noise(model, motion) for model in (described, arm))
+    before, after = (torque_spectra_of_position_noise(model, motion) for model in (described, arm))
     found = {}
     for name, done in run.preparations.items():
         j = joints.index(name.removeprefix("tau."))
@@ -261,11 +266,11 @@ def _unexplained(physics: np.ndarray, reading: np.ndarray) -> float:
 
 
 def _below(cutoff: float, spectrum: np.ndarray) -> float:
-    """Variance of a signal with a two-sided spectrum (nf,) at `FREQUENCIES`, below a cut-off, Hz."""
-    return 2.0 * float(np.sum(spectrum[cutoff >= FREQUENCIES]) * FREQUENCIES[1])
+    """Variance of a signal with a two-sided spectrum (nf,) at `NOISE_FREQUENCIES`, below a cut-off, Hz."""
+    return 2.0 * float(np.sum(spectrum[cutoff >= NOISE_FREQUENCIES]) * NOISE_FREQUENCIES[1])
 
 
-def interior(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
+def samples_inside_motion(channel: Channel, motion: MeasuredMotion) -> np.ndarray:
     """(n,) bool: samples within the recorded motion, but not at its ends.
 
     At an end a smoothed acceleration has neighbours on one side only, and a several times larger standard deviation.
@@ -282,7 +287,7 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
         InputError: there the torque is constant, or there is hardly any of it.
     """
     raw = run.channels[name]
-    keep = interior(raw, motion)
+    keep = samples_inside_motion(raw, motion)
     if not np.any((raw.time >= motion.start) & (raw.time <= motion.end)):
         raise InputError(
             f"{run.source or run.name}: '{name}', from {raw.time[0]:g} to {raw.time[-1]:g} s, and the positions, from "
@@ -293,12 +298,12 @@ def _inside(run: Run, name: str, motion: MeasuredMotion) -> tuple[np.ndarray, np
             f"{run.source or run.name}: '{name}' has {np.count_nonzero(keep)} samples while the joints' positions were "
             f"recorded, without the ends, at least {MIN_SAMPLES} are needed: record longer"
         )
-    inside = raw.kept(keep)
+    inside = raw.selected(keep)
     replace(run, channels={name: inside}).require_informative(name)
     return inside.time, inside.value
 
 
-def direction_known(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
+def samples_with_known_direction(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cutoff: float) -> np.ndarray:
     """(n,) bool: samples at which the direction of motion is known, or at which a joint that mostly rests is at rest.
 
     Where a joint reverses, its dry friction changes sign at an uncertain moment: one sample of a friction of 25 times
@@ -306,8 +311,8 @@ def direction_known(motion: MeasuredMotion, joint: int, stamps: np.ndarray, cuto
     out of the measured and of the predicted torque. At rest friction takes any value up to breakaway, so rests are left
     out as well, except those of a joint that does little else.
     """
-    uncertain = np.abs(motion.direction(joint, stamps)) < CERTAIN
-    if not motion.joints[joint].stands:
+    uncertain = np.abs(motion.direction(joint, stamps)) < MIN_CERTAIN_SIGN
+    if not motion.joints[joint].mostly_rests:
         return ~uncertain
     edges = np.flatnonzero(np.diff(np.concatenate([[False], uncertain, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):

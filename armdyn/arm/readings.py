@@ -25,7 +25,7 @@ def mean_command(run: Run, joint: str, servo: Servo, edges: np.ndarray) -> np.nd
     """(n,) mean command of a drive, as it follows it, in the n intervals between (n + 1,) `edges`, s."""
     if servo.law == "position" and np.isfinite(servo.rate):
         return _mean(*_followed(run, servo.command(joint), servo.rate), edges)
-    return run.channels[servo.command(joint)].mean_held(edges)
+    return run.channels[servo.command(joint)].mean_held_values(edges)
 
 
 def _mean(time: np.ndarray, value: np.ndarray, slope: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def _followed(run: Run, name: str, rate: float) -> tuple[np.ndarray, np.ndarray,
     return time, value, slope
 
 
-def reads(run: Run, joint: str, servo: Servo) -> bool:
+def is_read_from_commands(run: Run, joint: str, servo: Servo) -> bool:
     """Whether a run contains a drive's command or current, and no measured torque."""
     return f"tau.{joint}" not in run.channels and servo.command(joint) in run.channels
 
@@ -70,7 +70,7 @@ def _midpoints(time: np.ndarray) -> np.ndarray:
     return np.concatenate([[2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]])
 
 
-def error(
+def drive_error(
     run: Run, joints: tuple[str, ...], joint: str, servo: Servo, delay: float, time: np.ndarray, *, smooth: bool
 ) -> np.ndarray:
     """(n,) error of a drive at (n,) times, before gain, gate and limit.
@@ -101,12 +101,12 @@ def error(
 
 
 @cached_with_first_argument
-def with_readings(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) -> Run:
+def with_servo_torques(run: Run, joints: tuple[str, ...], servos: tuple[Servo, ...]) -> Run:
     """The run with `tau.<joint>` of those drives that recorded no torque; `joints` are all joints of the arm."""
     channels = dict(run.channels)
     for servo in servos:
         for joint in servo.joints:
-            if reads(run, joint, servo) and servo.gain is not None and f"q.{joint}" in run.channels:
+            if is_read_from_commands(run, joint, servo) and servo.gain is not None and f"q.{joint}" in run.channels:
                 found = _reading(run, joints, joint, servo, servo.gain.value, servo.gain.std or 0.0)
                 channels |= {} if found is None else {f"tau.{joint}": found}
     return run if len(channels) == len(run.channels) else replace(run, channels=channels)
@@ -120,11 +120,11 @@ def _reading(
     edges = _midpoints(q.time) - delay
     share, scale = servo.gate(run, joint, q.time)
     by_error, by_smooth_error = (
-        scale * gain * error(run, joints, joint, servo, delay, q.time, smooth=smooth) for smooth in (False, True)
+        scale * gain * drive_error(run, joints, joint, servo, delay, q.time, smooth=smooth) for smooth in (False, True)
     )
     velocity, damped = np.zeros(len(q)), 0.0
     if servo.law == "position" and f"v_cmd.{joint}" in run.channels:
-        velocity = run.channels[f"v_cmd.{joint}"].mean_held(edges)
+        velocity = run.channels[f"v_cmd.{joint}"].mean_held_values(edges)
     if servo.damping and servo.law == "position":
         v = measured_motion(run, joints).at(q.time).v[:, joints.index(joint)]
         damped = servo.damping * (velocity - v)

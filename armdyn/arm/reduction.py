@@ -59,7 +59,7 @@ class Reduction:
         reduce: Callable[[np.ndarray], np.ndarray],
         stretch: MotionSamples,
         joint: int,
-        earlier: "Earlier | None" = None,
+        earlier: "DelayedInputs | None" = None,
     ) -> None:
         self.reduce = reduce
         self._stretch, self._joint = stretch, joint
@@ -82,7 +82,7 @@ class Reduction:
         return self.reduce(self._stretch.per_gravity.described[self._joint])
 
 
-class Earlier:
+class DelayedInputs:
     """Inputs of the joints some time before each stamp.
 
     A dry friction changes its sign between two stamps, at a time that its samples do not contain.

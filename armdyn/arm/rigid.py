@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from armdyn.arm.physics import Expression
 
-SIZE = 10
+INERTIAL_PARAMETERS = 10
 MIN_EXTENT, MENDED_EXTENT = 0.001, 0.01
 """Extent of a described link, m, below which it is a point, which no deformation enlarges; then its mended extent."""
 MIN_MASS_SHARE = 1e-3
@@ -35,7 +35,7 @@ def inertia_matrix(parameters: np.ndarray) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def about_centre(parameters: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def inertia_about_centre(parameters: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, kg, centre (3,), m, and inertia (3, 3) about it, kg m^2, of (10,) inertial parameters.
 
     A link without mass has its centre at the origin.
@@ -45,8 +45,8 @@ def about_centre(parameters: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]
     return mass, centre, inertia_matrix(parameters) - _steiner(mass, centre)
 
 
-def about_origin(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """(10,) inertial parameters of a body; the inverse of `about_centre`."""
+def parameters_about_origin(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(10,) inertial parameters of a body; the inverse of `inertia_about_centre`."""
     full = inertia + _steiner(mass, centre)
     return np.array([mass, *(mass * centre), full[0, 0], full[0, 1], full[1, 1], full[0, 2], full[1, 2], full[2, 2]])
 
@@ -61,7 +61,7 @@ def inertial_parameters(J: Expression) -> Expression:
     return ca.vertcat(J[3, 3], J[0:3, 3], yy + zz, -J[0, 1], xx + zz, -J[0, 2], -J[1, 2], xx + yy)
 
 
-def shape(parameters: np.ndarray, heaviest: float) -> np.ndarray:
+def pseudo_inertia_factor(parameters: np.ndarray, heaviest: float) -> np.ndarray:
     """(4, 4) upper triangular U with U U' = J of a link with (10,) parameters, so that it can be deformed.
 
     A link without extent or mass, or with an inertia that no body has, is mended first, without a change of its weight
@@ -102,10 +102,10 @@ def inverse_dynamics(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarr
 def torque_regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """(n, nj, nj, 10) Y with tau_j = sum_l Y[., j, l] pi_l, pi_l the inertial parameters of the l-th moved link."""
     data, (n, nj) = model.createData(), q.shape
-    regressor = np.empty((n, nj, nj * SIZE))
+    regressor = np.empty((n, nj, nj * INERTIAL_PARAMETERS))
     for i, row in enumerate(zip(*map(np.ascontiguousarray, (q, v, a)), strict=True)):
         regressor[i] = pin.computeJointTorqueRegressor(model, data, *row)
-    return regressor.reshape(n, nj, nj, SIZE)
+    return regressor.reshape(n, nj, nj, INERTIAL_PARAMETERS)
 
 
 class GravityTorques:
@@ -123,7 +123,7 @@ class GravityTorques:
         n, nj = q.shape
         self._rotation, self._place = np.empty((nj, n, 3, 3)), np.empty((nj, n, 3))
         self._linear, self._angular = np.empty((nj, n, 3)), np.empty((nj, n, 3))
-        self._model, self._parents = model, parents(model)
+        self._model, self._parents = model, parent_joints(model)
         for i, (axis, parent, placement) in enumerate(
             zip(joint_axes(model), self._parents, list(model.jointPlacements)[1:], strict=True)
         ):
@@ -159,7 +159,7 @@ class GravityTorques:
         return -(mass * self._linear + np.cross(self._angular, moment - mass * self._place))
 
 
-def parents(model: pin.Model) -> tuple[int, ...]:
+def parent_joints(model: pin.Model) -> tuple[int, ...]:
     """(nj,) index of each joint's neighbour towards the base, -1 without one."""
     return tuple(int(parent) - 1 for parent in list(model.parents)[1:])
 

@@ -15,7 +15,7 @@ from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
 from armdyn.arm.readings import mean_command
-from armdyn.arm.simulator import Drives, simulate
+from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.kept import cached_with_first_argument
 from armdyn.run import Run
 
@@ -30,7 +30,7 @@ MIN_ENCODER_STEP = 1e-6
 """Size of a difference, rad or m, below which it is rounding of the file and not an encoder's step."""
 MAX_ROLLOUT_ERROR = 2.0 * np.pi
 """Error, rad or m, beyond which a simulated joint has left the motion; its size has then no meaning."""
-READ_DELAY, COMMAND_DELAY = "torque_delay.time", "command_delay.time"
+TORQUE_DELAY_PARAMETER, COMMAND_DELAY_PARAMETER = "torque_delay.time", "command_delay.time"
 """Parameters that delay a measured torque, and the action of a command."""
 
 
@@ -74,7 +74,7 @@ def _commanded(servo: Servo | None, run: Run, joint: str) -> bool:
     return servo is not None and servo.gain is not None and servo.command(joint) in run.channels
 
 
-def closed(model: ArmModel, run: Run) -> bool:
+def has_all_position_commands(model: ArmModel, run: Run) -> bool:
     """Whether every joint of the arm has a recorded position command."""
     servos = {joint: model.servo(joint) for joint in model.arm.joints}
     return all(s is not None and s.law == "position" and s.command(j) in run.channels for j, s in servos.items())
@@ -87,7 +87,7 @@ def can_roll_out(model: ArmModel, run: Run) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class SimulationWindow:
     """Part of a recording that is simulated from its first state.
 
     Attributes:
@@ -108,7 +108,7 @@ class Window:
 
 
 @cached_with_first_argument
-def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, ...]:
+def simulation_windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[SimulationWindow, ...]:
     """Parts of a recording of `length` s, infinite for the whole, at the stamps of the first joint."""
     motion = measured_motion(run, joints)
     first = run.channels[f"q.{joints[0]}"].time
@@ -123,14 +123,16 @@ def windows(run: Run, joints: tuple[str, ...], length: float) -> tuple[Window, .
     for begin, end in pairwise(edges):
         inside = (time >= begin - 1e-9) & (time <= end + 1e-9)
         at = motion.at(np.array([begin]))
-        found.append(Window(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], measured[inside]))
+        found.append(
+            SimulationWindow(run, float(begin), float(end), (at.q[0], at.v[0]), time[inside], measured[inside])
+        )
     return tuple(found)
 
 
-def rolled(
+def simulated_positions(
     model: ArmModel,
     theta: np.ndarray,
-    window: Window,
+    window: SimulationWindow,
     servos: Sequence[Servo | None] | None = None,
     longest: float = ROLLOUT_STEP,
 ) -> np.ndarray:
@@ -147,7 +149,7 @@ def rolled(
     step = min(longest, _stiff_step(model, theta, own))
     count = max(1, int(np.ceil((window.end - window.begin) / step - 1e-9)))
     edges = window.begin + step * np.arange(count + 1)
-    q, _ = simulate(model, theta, window.start, _drives(model, theta, window.run, own, edges), step)
+    q, _ = simulate_arm(model, theta, window.start, _drives(model, theta, window.run, own, edges), step)
     return np.column_stack([np.interp(window.time, edges, q[:, j]) for j in range(q.shape[1])])
 
 
@@ -159,19 +161,21 @@ def _stiff_step(model: ArmModel, theta: np.ndarray, servos: Sequence[Servo | Non
     return min((MAX_STIFF_STEP_SHARE * float(np.sqrt(inertia / gain)) for inertia, gain in stiff), default=np.inf)
 
 
-def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray) -> Drives:
+def _drives(
+    model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo | None], edges: np.ndarray
+) -> DriveInputs:
     """Inputs of a simulation over the (n,) steps between `edges`, s."""
     channels, values = run.channels, dict(zip(model.names, theta.tolist(), strict=True))
-    drives, middle = Drives.off(len(edges) - 1, len(servos)), (edges[1:] + edges[:-1]) / 2
+    drives, middle = DriveInputs.off(len(edges) - 1, len(servos)), (edges[1:] + edges[:-1]) / 2
     voltage = np.zeros_like(drives.on)
     for j, (joint, servo) in enumerate(zip(model.arm.joints, servos, strict=True)):
         if servo is None or servo.gain is None or not _commanded(servo, run, joint):
-            time = middle + values.get(f"{READ_DELAY}[{joint}]", 0.0)
+            time = middle + values.get(f"{TORQUE_DELAY_PARAMETER}[{joint}]", 0.0)
             drives.on[:, j] = 1.0
             drives.given[:, j] = np.interp(time, channels[f"tau.{joint}"].time, channels[f"tau.{joint}"].value)
             continue
         gain, (share, scale) = servo.gain.value, servo.gate(run, joint, middle)
-        when = edges - (servo.delay or 0.0) - values.get(f"{COMMAND_DELAY}[{joint}]", 0.0)
+        when = edges - (servo.delay or 0.0) - values.get(f"{COMMAND_DELAY_PARAMETER}[{joint}]", 0.0)
         voltage[:, j] = servo.over_reference(run, joint, middle)
         if servo.law in ("torque", "current"):
             torque = scale * gain * mean_command(run, joint, servo, when)
@@ -184,7 +188,7 @@ def _drives(model: ArmModel, theta: np.ndarray, run: Run, servos: Sequence[Servo
             drives.gain[j], drives.damping[j] = gain, servo.damping
         for kind, signal in (("v_cmd", drives.v_cmd), ("tau_ff", drives.given)):
             if f"{kind}.{joint}" in channels:
-                signal[:, j] = channels[f"{kind}.{joint}"].mean_held(when)
+                signal[:, j] = channels[f"{kind}.{joint}"].mean_held_values(when)
     return replace(drives, voltage=voltage)
 
 
@@ -194,11 +198,11 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
     for run, role in runs:
         if not can_roll_out(model, run):
             continue
-        whole = closed(model, run)
+        whole = has_all_position_commands(model, run)
         for length in (np.inf,) if whole else ROLLOUT_SECONDS:
-            parts = windows(run, model.arm.joints, length)
+            parts = simulation_windows(run, model.arm.joints, length)
             with np.errstate(all="ignore"):  # under a torque that nothing resists positions become infinite
-                errors = np.vstack([rolled(model, theta, part) - part.q for part in parts])
+                errors = np.vstack([simulated_positions(model, theta, part) - part.q for part in parts])
             measured = np.vstack([part.q for part in parts])
             time, once = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
             for j, joint in enumerate(model.arm.joints):
@@ -207,9 +211,10 @@ def roll_outs(model: ArmModel, runs: Sequence[tuple[Run, str]]) -> tuple[RollOut
                 found.append(
                     RollOut(
                         run.name, role, "closed_loop" if whole else f"window_{length:g}", joint, q.unit, rms, mae,
-                        None if command is None else _sizes(command.held(q.time) - q.value), encoder_step(q.value),
+                        None if command is None else _sizes(command.held_values(q.time) - q.value),
+                        encoder_step(q.value),
                         time, measured[once, j], (errors + measured)[once, j],
-                        None if command is None else command.held(time),
+                        None if command is None else command.held_values(time),
                     )
                 )  # fmt: skip
     return tuple(found)

@@ -23,7 +23,7 @@ import numpy as np
 from armdyn.arm.arm import Arm
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
-from armdyn.arm.physics import Expression, Told
+from armdyn.arm.physics import DriveCommands, Expression
 from armdyn.arm.symbolic import added_torques, rigid_torques
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.effects.effect import Effect
@@ -34,11 +34,11 @@ SLIDING_NEWTON_STEPS = 3
 COORDINATE_SWEEPS = 2
 """Sweeps of coordinate descent; the rest of a wrong iteration is then an error of the friction in one step."""
 SIGNALS_PER_JOINT = 6
-"""Signals of a joint in every step; see `Drives`."""
+"""Signals of a joint in every step; see `DriveInputs`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Drives:
+class DriveInputs:
     """Drives of an arm's joints over n steps: R = given + on clip(k (q_cmd - q) + d (v_cmd - v), -limit, limit).
 
     Attributes:
@@ -62,15 +62,15 @@ class Drives:
     voltage: np.ndarray | None = None
 
     @classmethod
-    def off(cls, count: int, joints: int) -> "Drives":
+    def off(cls, count: int, joints: int) -> "DriveInputs":
         """Drives that are off over `count` steps; their new arrays may be written to."""
         given, q_cmd, v_cmd, on = (np.zeros((count, joints)) for _ in range(4))
         limit = np.full((count, joints), np.inf)
         return cls(given, q_cmd, v_cmd, limit, on, np.zeros(joints), np.zeros(joints))
 
 
-def simulate(
-    model: ArmModel, theta: np.ndarray, start: tuple[np.ndarray, np.ndarray], drives: Drives, step: float
+def simulate_arm(
+    model: ArmModel, theta: np.ndarray, start: tuple[np.ndarray, np.ndarray], drives: DriveInputs, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Simulate an arm from a state.
 
@@ -95,7 +95,9 @@ def simulate(
     gravity = model.gravity_at(theta)
     values = np.concatenate([links.ravel(), gravity, theta, drives.gain, drives.damping, [step]])
     volts = np.zeros(drives.given.shape) if drives.voltage is None else drives.voltage
-    rows = np.hstack([drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, NO_LIMIT), drives.on, volts])
+    rows = np.hstack(
+        [drives.given, drives.q_cmd, drives.v_cmd, np.minimum(drives.limit, UNLIMITED_TORQUE), drives.on, volts]
+    )
     state = np.concatenate([*start, np.zeros(2 * joints)])
     found = np.empty((count + 1, len(state)))
     inputs = np.zeros((SIGNALS_PER_JOINT * joints, ARM_STEPS_PER_CALL))
@@ -113,7 +115,7 @@ def simulate(
     return found[:, :joints], found[:, joints : 2 * joints]
 
 
-NO_LIMIT = 1e30
+UNLIMITED_TORQUE = 1e30
 """Limit that no torque reaches, N m or N."""
 
 
@@ -147,7 +149,7 @@ def _step(model: ArmModel) -> ca.Function:
     rigid = rigid_torques(model.arm.model, links, gravity, qs, vs, a)
     mass = ca.jacobian(rigid, a)
     told = [ca.SX.sym(name, n) for name in ("asked", "total", "told_v", "volts")]
-    drives = [Told(told[0][i], ca.SX(0), *(part[i] for part in told[1:])) for i in range(n)]
+    drives = [DriveCommands(told[0][i], ca.SX(0), *(part[i] for part in told[1:])) for i in range(n)]
     added, sensor_gain, offset = added_torques(model, (qs, vs, a), way, load, live, theta, drives)
     by_a, zero = ca.jacobian(added, a), ca.SX.zeros(n)
     still = ca.substitute(added, a, zero)

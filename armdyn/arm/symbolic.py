@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.physics import Expression, Joint, Link, Neighbour, Told
-from armdyn.arm.rigid import joint_axes, parents
+from armdyn.arm.physics import DriveCommands, Expression, Joint, Link, Neighbour
+from armdyn.arm.rigid import joint_axes, parent_joints
 from armdyn.errors import InputError
 
 READING_EFFECTS = frozenset({"torque_offset", "torque_gain", "servo_gain"})
@@ -60,7 +60,7 @@ def servo_torque_function(model: ArmModel) -> ca.Function:
         asked[i] = k * (q_cmd[i] - q[i]) + d * (v_cmd[i] - v[i])
         if np.isfinite(servo.largest):
             asked[i] = ca.fmax(-servo.largest, ca.fmin(servo.largest, asked[i]))
-    told = [Told(R, velocity=v_cmd[i]) for i, R in enumerate(asked)]
+    told = [DriveCommands(R, velocity=v_cmd[i]) for i, R in enumerate(asked)]
     none, on, theta = ca.SX.zeros(len(joints)), ca.SX.ones(len(joints)), ca.SX(model.theta())
     _, gain, offset = added_torques(model, (q, v, none), ca.sign(v), none, on, theta, told)
     tau = driven * (ca.vertcat(*asked) - offset) / gain
@@ -94,7 +94,7 @@ def added_torques(
     load: Expression,
     on: Expression,
     theta: Expression,
-    told: Sequence[Told] = (),
+    told: Sequence[DriveCommands] = (),
 ) -> tuple[Expression, Expression, Expression]:
     """(n,) torques that effects add to the drives', and (n,) gains and (n,) offsets of the readings.
 
@@ -110,11 +110,11 @@ def added_torques(
     Raises:
         InputError: an effect depends on time or has states of its own.
     """
-    n, before, time = len(model.arm.joints), parents(model.arm.model), ca.SX.sym("time")
+    n, before, time = len(model.arm.joints), parent_joints(model.arm.model), ca.SX.sym("time")
     torque, gain, offset = [ca.SX(0)] * n, [], []
     for i, (name, inner) in enumerate(zip(model.arm.joints, before, strict=True)):
         neighbour = Neighbour(*(part[inner] if inner >= 0 else ca.SX(0) for part in motion))
-        command, link = told[i] if told else Told(), Link(ca.SX(4, 4), ca.SX(4, 4))
+        command, link = told[i] if told else DriveCommands(), Link(ca.SX(4, 4), ca.SX(4, 4))
         q, v, a = (part[i] for part in motion)
         joint = Joint(time, q, v, a, direction[i], load[i], neighbour, link, on=on[i], told=command)
         for effect in model.effects:
@@ -124,8 +124,8 @@ def added_torques(
             values = {quantity: theta[model.names.index(f"{quantity}[{name}]")] for quantity in full}
             # The link's parameters contain the changes of the link already.
             joint = replace(effect.apply(joint, values), link=joint.link)
-            if joint.memory or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
-                why = "has a state of its own" if joint.memory else "depends on time"
+            if joint.added_states or ca.depends_on(ca.vertcat(joint.torque, joint.inner_torque), time):
+                why = "has a state of its own" if joint.added_states else "depends on time"
                 raise InputError(
                     f"effect '{effect.name}' {why}, which a function of one instant lacks: export the model without it"
                 )
@@ -150,7 +150,7 @@ def rigid_torques(
         v: (n,) per s.
         a: (n,) per s^2.
     """
-    inner = parents(arm)
+    inner = parent_joints(arm)
     placements = list(arm.jointPlacements)[1:]
     axes = joint_axes(arm)
     rotations: list[tuple[Expression, Expression]] = []

@@ -1,7 +1,8 @@
-"""The cost of a schedule of accelerations over SAC's horizon, and its exact derivative; see `sac` for the formulas.
+"""Cost of the gripper's accelerations over the horizon of sequential action control (SAC), with its exact derivative.
 
-The extended state is integrated forwards by the Runge-Kutta method, with the Gram matrix of the signals where the
-question has one, and the adjoint state backwards (reverse differentiation of the discretised cost).
+For the formulas see `armdyn.control.sac`. The extended state is integrated forwards by the Runge-Kutta method, with the
+Gram matrix of the signals where the objective has one, and the adjoint state backwards (reverse differentiation of the
+discretised cost).
 """
 
 from functools import lru_cache
@@ -9,28 +10,30 @@ from functools import lru_cache
 import casadi as ca
 
 from armdyn.codegen import Buffered, compile_functions
-from armdyn.control.questions import Question
+from armdyn.control.questions import MotionObjective
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE, PendulumDynamics
-from armdyn.physics.simulate import runge_kutta
+from armdyn.physics.simulate import runge_kutta_step
 
 SAC_WEIGHTS = ("information_floor", "position_weight", "velocity_weight", "barrier_weight", "barrier")
-"""Settings of SAC that the cost takes as arguments, in this order."""
+"""Names of the settings of sequential action control on which its cost depends, in the order of the arguments."""
 
 
 @lru_cache(maxsize=16)
 def horizon_functions(
-    dynamics: tuple[PendulumDynamics, ...], name: str, question: Question, steps: int, dt: float
+    dynamics: tuple[PendulumDynamics, ...], name: str, question: MotionObjective, steps: int, dt: float
 ) -> tuple[Buffered, Buffered]:
-    """Cost, and cost with gradient: functions of (schedule, extended state, time, theta, weights, scales, gram).
+    """Compile the cost over the horizon, and the cost with its gradient, of a schedule of accelerations.
+
+    Both are functions of (schedule, extended state, time, theta, weights, scales, gram).
 
     Args:
-        dynamics: equations of the model in question, or of both rivals.
+        dynamics: equations of the model, or of both rival models.
         name: identifier of the equations, for the cache of compiled code.
-        question: the purpose of the motion.
+        question: objective of the motion.
         steps: number of steps of the horizon.
         dt: length of a step, s.
     """
-    watched = question.watched
+    watched = question.differentiated_parameters
     extended_size = 2 + sum(PLANAR_STATE_SIZE * (1 + len(names)) for names in watched)
     sizes = [len(d.names) for d in dynamics]
     z, u, t = ca.SX.sym("z", extended_size), ca.SX.sym("u"), ca.SX.sym("t")
@@ -65,7 +68,7 @@ def horizon_functions(
         slopes.append(derivative(reading))
         at, first = at + PLANAR_STATE_SIZE * (1 + len(names)), first + size
     extended = ca.Function("extended", [z, u, t, theta], [ca.vertcat(*rates)])
-    following = runge_kutta(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
+    following = runge_kutta_step(lambda z, t: extended(z, u, t, theta), z, (t, t + dt / 2, t + dt), dt)
 
     floor, w_x, w_v, w_b, barrier = ca.vertsplit(weights)
     running = w_x * x**2 + w_v * v**2 + w_b * ca.fmax(0, ca.fabs(x) - barrier) ** 2
@@ -101,7 +104,7 @@ def horizon_functions(
     _, gradient = back.mapaccum("behind", steps)(ca.MX.zeros(extended_size), *backwards)
     arguments, total = [schedule, start, now, *known, gathered], costs[-1] + value
     built = compile_functions(
-        f"sac_{name}{question.tag}",
+        f"sac_{name}{question.cache_key}",
         {
             "cost": ca.Function("cost", arguments, [total]),
             "gradient": ca.Function("gradient", arguments, [total, gradient[:, flip].T]),

@@ -21,18 +21,19 @@ from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import TaskFailedError
 
 FIRST_QUASI_NEWTON_STEPS = 2
-"""Number of quasi-Newton steps first: Newton's method from a stationary guess can end at one that does not swing."""
+"""Number of quasi-Newton steps before Newton's method, which from a guess at rest can end at a motion without a
+swing."""
 ARMIJO_SHARE = 1e-4
 MIN_STEP_LENGTH = 2.0**-20
 
 
 @dataclass(frozen=True)
 class DiscreteProblem:
-    """Symbolic functions of a problem: minimise ``sum_k l(s_k, u_k) + m(s_N)`` with ``s_{k+1} = f(s_k, u_k)``.
+    """Optimal control problem in discrete time: minimise ``sum_k l(s_k, u_k) + m(s_N)`` with ``s_{k+1} = f(s_k, u_k)``.
 
     Quasi-Newton steps use the Gauss-Newton Hessian of squared residuals, Newton steps the exact one.
 
-    The last argument p contains every number that may change between solutions.
+    The argument p contains every number that may change between solutions.
 
     Attributes:
         name: identifier, used for the cache of compiled code.
@@ -59,7 +60,7 @@ class DiscreteProblem:
 
 @dataclass(frozen=True)
 class Solution:
-    """A locally optimal trajectory.
+    """A locally optimal trajectory of a discrete problem.
 
     Attributes:
         states: (n, N+1) states at the nodes.
@@ -77,7 +78,7 @@ class Solution:
 
 
 class ProjectionOptimizer:
-    """Solves one `DiscreteProblem` over a fixed number of steps; build it once, solve often."""
+    """Solves a `DiscreteProblem` with a fixed number of steps for different start states and parameters."""
 
     def __init__(self, problem: DiscreteProblem, steps: int) -> None:
         self.problem, self.steps = problem, steps
@@ -101,7 +102,7 @@ class ProjectionOptimizer:
         tolerance: float = 1e-6,
         most_iterations: int = 60,
     ) -> Solution:
-        """Minimise the cost, starting from the trajectory that `guess` gives.
+        """Minimise the cost, starting from the trajectory with the controls `guess`.
 
         Args:
             initial: (n,) state at step 0.

@@ -1,4 +1,4 @@
-"""Purpose of a motion: to determine the length, several parameters, or which of two rivals is true.
+"""Objective of a gripper's motion: to determine the length or several parameters, or to distinguish two rival models.
 
 All but the first are criteria of one matrix. The load cell's signals g are the derivatives of its reading with respect
 to the wanted parameters and to the nuisance ones; for two rivals, the wanted signal is the difference of their
@@ -26,7 +26,11 @@ from armdyn.pendulum.model import PendulumModel
 
 
 class Criterion(Enum):
-    """The criterion that a motion minimises; see the head of this file."""
+    """Criterion of the information matrix that a motion minimises.
+
+    `DETERMINANT` is D-optimality, `INVERSE` A-optimality (trace of the inverse), `DIRECTION` the variance in one
+    direction of the parameters, and `FLOOR` a cost of the length alone at each moment.
+    """
 
     DETERMINANT = "determinant"
     INVERSE = "inverse"
@@ -35,15 +39,15 @@ class Criterion(Enum):
 
 
 @dataclass(frozen=True)
-class Question:
-    """The purpose of a motion; make it with `information` or `separation`.
+class MotionObjective:
+    """Objective of a motion; `information_objective` and `separation_objective` make one.
 
     Attributes:
-        wanted: wanted parameters; empty for rivals.
-        nuisance: further unknowns; for rivals, those of the rival.
+        wanted: parameters to determine; empty for rivals.
+        nuisance: further unknown parameters; for rivals, those of the rival model.
         criterion: criterion of the information.
         direction: weights of the wanted parameters, each in its typical size, for the criterion of one direction.
-        rivals: whether the purpose is to distinguish two models.
+        rivals: whether the objective is to distinguish two models.
     """
 
     wanted: tuple[str, ...]
@@ -54,7 +58,7 @@ class Question:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the cost is a logarithm of all signals together; the length alone is judged at each moment."""
+        """Whether the cost is a logarithm of the summed information, rather than a cost at each moment."""
         return self.criterion is not Criterion.FLOOR
 
     @property
@@ -63,24 +67,24 @@ class Question:
         return (*self.wanted, *self.nuisance)
 
     @property
-    def watched(self) -> tuple[tuple[str, ...], ...]:
-        """Parameters with respect to which readings are differentiated, by model."""
+    def differentiated_parameters(self) -> tuple[tuple[str, ...], ...]:
+        """Parameters with respect to which readings are differentiated, for each model."""
         return ((), self.nuisance) if self.rivals else (self.parameters,)
 
     @property
-    def wanted_signals(self) -> int:
-        """Number of wanted signals, which come first."""
+    def wanted_signal_count(self) -> int:
+        """Number of signals on the wanted parameters, which precede the nuisance signals."""
         return 1 if self.rivals else len(self.wanted)
 
     @property
-    def size(self) -> int:
-        """Number of all signals."""
-        return self.wanted_signals + len(self.nuisance)
+    def signal_count(self) -> int:
+        """Number of all signals: wanted and nuisance."""
+        return self.wanted_signal_count + len(self.nuisance)
 
     @property
-    def tag(self) -> str:
-        """Identifier of the question, for the cache of compiled code."""
-        return f"_{self.criterion.value}_{self.size}" if self.logarithmic else ""
+    def cache_key(self) -> str:
+        """Identifier of the objective, for the cache of compiled code."""
+        return f"_{self.criterion.value}_{self.signal_count}" if self.logarithmic else ""
 
     def check(self, models: Sequence[PendulumModel]) -> None:
         """Refuse parameters that a model lacks.
@@ -93,12 +97,12 @@ class Question:
                 raise UnknownNameError("parameter", name, models[-1].physics_names)
 
     def signals(self, readings: Sequence[Any], slopes: Sequence[Any], scales: Any) -> Any:
-        """(k,) signals, the wanted ones first.
+        """(k,) signals: derivatives of the force by the parameters, over its noise, the wanted ones first.
 
         Args:
             readings: force of every model, N.
-            slopes: (1, m) derivatives of the readings with respect to the watched parameters of each model.
-            scales: (m + 1,) typical size of every parameter, followed by the noise.
+            slopes: (1, m) derivatives of each model's force by `differentiated_parameters`.
+            scales: (m + 1,) typical size of every parameter, followed by the noise of the force.
         """
         if not self.logarithmic:
             return slopes[0]
@@ -107,8 +111,8 @@ class Question:
         return ca.vertcat((readings[0] - readings[1]) / noise, scaled) if self.rivals else scaled
 
     def criterion_function(self) -> ca.Function:
-        """A function ``G (k, k) -> cost, F (k, k)`` with F = d cost/dG."""
-        k, wanted = self.size, self.wanted_signals
+        """The criterion as a function ``G (k, k) -> cost, F (k, k)`` of the Gram matrix G, with F = d cost/dG."""
+        k, wanted = self.signal_count, self.wanted_signal_count
         if not self.logarithmic:
             return ca.Function("criterion", [ca.SX(0, 0)], [0, ca.SX(0, 0)])
         G = ca.SX.sym("G", k, k)
@@ -126,17 +130,17 @@ class Question:
         return ca.Function("criterion", [G], [cost, ca.densify(ca.reshape(ca.gradient(cost, ca.vec(G)), k, k))])
 
 
-LENGTH_QUESTION = Question(("length",), criterion=Criterion.FLOOR)
-"""The paper's question: the length alone, judged at each moment."""
+LENGTH_OBJECTIVE = MotionObjective(("length",), criterion=Criterion.FLOOR)
+"""Objective to determine the string's length alone, with a cost at each moment (Ansari & Murphey 2016)."""
 
 
-def information(
+def information_objective(
     wanted: Sequence[str],
     nuisance: Sequence[str] = (),
     criterion: Criterion = Criterion.DETERMINANT,
     direction: Sequence[float] = (),
-) -> Question:
-    """The question for information on some parameters, with others unknown as well.
+) -> MotionObjective:
+    """Objective to determine the `wanted` parameters, while the `nuisance` parameters are unknown too.
 
     Raises:
         InputError: no parameter is wanted, one is given twice, or the direction does not fit.
@@ -147,9 +151,9 @@ def information(
         raise InputError("the floor is for the length alone: choose determinant, inverse or direction")
     if (criterion is Criterion.DIRECTION) != bool(direction) or (direction and len(direction) != len(wanted)):
         raise InputError("the criterion of a direction needs one weight for each parameter that is wanted")
-    return Question(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
+    return MotionObjective(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
 
 
-def separation(unknowns: Sequence[str]) -> Question:
-    """The question which of two models is true, for any values of the rival's `unknowns`."""
-    return Question((), tuple(unknowns), rivals=True)
+def separation_objective(unknowns: Sequence[str]) -> MotionObjective:
+    """Objective to distinguish two models, for any values of the rival model's `unknowns`."""
+    return MotionObjective((), tuple(unknowns), rivals=True)

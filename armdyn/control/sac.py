@@ -1,4 +1,4 @@
-r"""Sequential Action Control: a needle of gripper acceleration that makes the load cell informative.
+r"""Sequential Action Control (SAC): short pulses of gripper acceleration that make the load cell informative.
 
 The extended state holds the gripper (x, v), one or two pendulums (phi, P) and psi = d(phi, P)/dtheta for the parameters
 in question. The information of the load cell on them is in signals g(t), see `questions`. The cost over the horizon is
@@ -24,14 +24,14 @@ from time import perf_counter
 import numpy as np
 
 from armdyn.control.horizon import SAC_WEIGHTS, horizon_functions
-from armdyn.control.questions import LENGTH_QUESTION, Question
+from armdyn.control.questions import LENGTH_OBJECTIVE, MotionObjective
 from armdyn.errors import InputError
 from armdyn.pendulum.model import PendulumModel
 
 
 @dataclass(frozen=True)
 class SacSettings:
-    """Weights and limits of SAC; the defaults were found to work for Baxter's line.
+    """Weights and limits of sequential action control; the defaults suit a gripper line of Baxter.
 
     Attributes:
         horizon: length of the horizon, s.
@@ -42,7 +42,7 @@ class SacSettings:
         largest_acceleration: largest acceleration of the gripper, m/s^2.
         largest_speed: largest speed of the gripper, m/s; actions that would exceed it are cut.
         time_exponent: beta, the exponent of the penalty on later actions.
-        first_duration: first duration of a needle, s; it is halved until the cost falls.
+        first_duration: first duration of a pulse, s; it is halved until the cost falls.
         halvings: largest number of halvings.
         information_floor: G0, N/m; a floor on |Gamma|.
         position_weight: w_x, 1/m^2.
@@ -82,17 +82,17 @@ class SacSettings:
 
     @property
     def steps(self) -> int:
-        """Number of integration steps of the horizon."""
+        """Number of integration steps in the horizon."""
         return round(self.horizon / self.dt)
 
     def weights(self) -> np.ndarray:
-        """(5,) weights in the order of `SAC_WEIGHTS`."""
+        """(5,) weights of the cost in the order of `SAC_WEIGHTS`."""
         return np.array([getattr(self, name) for name in SAC_WEIGHTS])
 
 
 @dataclass(frozen=True)
 class SacState:
-    """State of the gripper and the load, with the derivatives of the load's state by the parameters in question.
+    """State of gripper and load at which an action is chosen, with derivatives of the load's state by the parameters.
 
     Attributes:
         time: time, s.
@@ -101,9 +101,9 @@ class SacState:
         pendulum: (2,) angle and momentum, see `dynamics`.
         sensitivity: (2,) derivative of `pendulum` with respect to the length, or (2, m) with respect to m parameters;
             (2, 0) for a hypothesis that is compared with a rival.
-        rival: (2,) angle and momentum of the rival's load; None where there is no rival.
+        rival: (2,) angle and momentum of the rival's load; None without a rival.
         rival_sensitivity: (2, m) derivative of `rival` with respect to the rival's m unknowns.
-        gram: (k, k) Gram matrix G_0 of the k signals; None where the question has none.
+        gram: (k, k) Gram matrix G_0 of the k signals so far; None for the objective of the length alone.
     """
 
     time: float
@@ -116,7 +116,7 @@ class SacState:
     gram: np.ndarray | None = None
 
     def vector(self) -> np.ndarray:
-        """(n,) states and sensitivities in one vector; n = 6 where only the length is estimated."""
+        """(n,) states and their derivatives in one vector; n = 6 if only the length is estimated."""
         parts = [np.array([self.x, self.v]), self.pendulum, self.sensitivity.ravel(order="F")]
         if self.rival is not None and self.rival_sensitivity is not None:
             parts += [self.rival, self.rival_sensitivity.ravel(order="F")]
@@ -125,13 +125,13 @@ class SacState:
 
 @dataclass(frozen=True)
 class SacAction:
-    """One needle of acceleration.
+    """An action of SAC: a pulse of acceleration.
 
     Attributes:
         acceleration: acceleration of the gripper, m/s^2.
-        start: start of the needle, s from now.
-        end: end of the needle, s from now.
-        schedule: (steps,) acceleration held over each integration step of the horizon, m/s^2.
+        start: start of the pulse, s from now.
+        end: end of the pulse, s from now.
+        schedule: (steps,) acceleration in each integration step of the horizon, m/s^2.
         cost: cost of the horizon with the action.
         seconds: computing time, s.
     """
@@ -145,20 +145,20 @@ class SacAction:
 
 
 class SequentialActionControl:
-    """Chooses actions for one composed model, or for two rival models.
+    """Chooses accelerations of the gripper that give information on a model, or distinguish two rival models.
 
     Args:
-        model: model whose parameters are in question, or the hypothesis.
+        model: model whose parameters are to be determined, or the hypothesis.
         settings: weights and limits.
-        question: purpose of the motion; by default the length.
-        rival: rival of the hypothesis, for a question about rivals.
+        question: objective of the motion; by default to determine the length.
+        rival: rival of the hypothesis, for an objective that distinguishes models.
     """
 
     def __init__(
         self,
         model: PendulumModel,
         settings: SacSettings | None = None,
-        question: Question = LENGTH_QUESTION,
+        question: MotionObjective = LENGTH_OBJECTIVE,
         rival: PendulumModel | None = None,
     ) -> None:
         self.settings, self.question = settings or SacSettings(), question
@@ -178,12 +178,12 @@ class SequentialActionControl:
         )
 
     def act(self, state: SacState, model: PendulumModel, rival: PendulumModel | None = None) -> SacAction:
-        """Choose the action from now on.
+        """Choose the next action.
 
         Args:
             state: present state of gripper and load.
             model: model with the latest estimate, and the same effects as the one this controller was built for.
-            rival: rival model with its latest values, and the same effects as before.
+            rival: rival model with its latest values, and the same effects as the one this controller was built for.
         """
         started = perf_counter()
         c = self.settings
@@ -199,7 +199,7 @@ class SequentialActionControl:
         duration = c.first_duration
         for _ in range(c.halvings + 1):
             start, end = max(0.0, middle - duration / 2), min(c.horizon, middle + duration / 2)
-            schedule = self._within_speed(needle(size, start, end, c.steps, c.dt), state.v)
+            schedule = self._within_speed(acceleration_pulse(size, start, end, c.steps, c.dt), state.v)
             tried = float(self._cost(schedule, *fixed)[0][0, 0])
             if tried < free_cost:
                 return SacAction(size, start, end, schedule, tried, perf_counter() - started)
@@ -227,8 +227,8 @@ class SequentialActionControl:
         return np.array(kept)
 
 
-def needle(size: float, start: float, end: float, steps: int, dt: float) -> np.ndarray:
-    """(steps,) acceleration `size` between `start` and `end` s, averaged over each step."""
+def acceleration_pulse(size: float, start: float, end: float, steps: int, dt: float) -> np.ndarray:
+    """(steps,) acceleration in each step of `dt` s, for a pulse of `size`, m/s^2, from `start` to `end`, s."""
     edges = dt * np.arange(steps + 1)
     overlap = np.clip(np.minimum(edges[1:], end) - np.maximum(edges[:-1], start), 0.0, dt)
     return size * overlap / dt

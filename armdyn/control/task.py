@@ -11,18 +11,21 @@ from armdyn.errors import InputError, TaskFailedError
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.variational import VARIATIONAL_STATE_SIZE, VariationalStep
 
-CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
-"""Shares of the effects' values from which a plan is continued where it is not found directly."""
+EFFECT_CONTINUATION_SHARES = (0.0, 0.2, 0.4, 0.7, 1.0)
+"""Shares of the effects' values for which a plan is computed one after another, if it is not found directly."""
 
 
-ROOF_SLOPE, ROOF_RADIUS = 1.0, 0.005
+WALL_ROOF_SLOPE, WALL_ROOF_RADIUS = 1.0, 0.005
 """Slope of a roof over the wall, above which the load must stay, and radius, m, of its ridge. The wall alone is too
 thin: it would push a load inside it to the side, and a fast load passes it between two nodes."""
 
 
 @dataclass(frozen=True)
 class TaskCost:
-    """1/2 (|position - target|_P^2 + |velocity|_Q^2 + |gripper|_S^2) at the end, dt/2 sum (R a^2 + W x_gripper^2).
+    """Cost of a planned swing of the load to a target.
+
+    1/2 (|position - target|_P^2 + |velocity - target velocity|_Q^2 + |gripper|_S^2) at the end, plus
+    dt/2 sum (R a^2 + W x_gripper^2).
 
     Attributes:
         target: (x, z) position of the load relative to the gripper's start, z up, m.
@@ -63,8 +66,8 @@ class TaskCost:
         if self.control_weight <= 0:
             raise InputError(f"control weight {self.control_weight:g}: it must be positive, or the plan is not unique")
 
-    def numbers(self) -> dict[str, float]:
-        """Arguments of the compiled problem by name, in its order; unused terms have no weight."""
+    def problem_arguments(self) -> dict[str, float]:
+        """The cost's numbers by name, in the order of the optimisation problem; unused terms have weight 0."""
         pairs = {
             "": self.target, "v": self.target_velocity, "w_": self.position_weights, "w_v": self.velocity_weights
         }  # fmt: skip
@@ -88,23 +91,23 @@ class TaskCost:
         }
 
     def vector(self) -> np.ndarray:
-        """(21,) values of `numbers` as an array."""
-        return np.array(list(self.numbers().values()))
+        """(21,) values of `problem_arguments` as an array."""
+        return np.array(list(self.problem_arguments().values()))
 
 
-COST_NAMES = tuple(TaskCost((0.0, 0.0)).numbers())
+TASK_COST_NAMES = tuple(TaskCost((0.0, 0.0)).problem_arguments())
 
 
 @dataclass(frozen=True)
 class SwingState:
-    """Start of a swing: state of the string's upper end and the string, and the time, for effects that depend on time.
+    """State at the start of a planned swing.
 
     Attributes:
         x: position of the string's upper end, which follows the gripper with a lag, m.
         v: velocity of the string's upper end, m/s.
         angle: swing angle, rad.
         rate: swing rate, rad/s.
-        time: time of the model, s.
+        time: time since the start of the run, s, for effects that depend on time.
     """
 
     x: float = 0.0
@@ -116,7 +119,7 @@ class SwingState:
 
 @dataclass(frozen=True)
 class SwingPlan:
-    """A planned swing, with one value per node.
+    """A planned swing of the load, with one value for each node in time.
 
     Attributes:
         time: (N+1,) time from the swing's start, s.
@@ -140,7 +143,7 @@ class SwingPlan:
 
 
 class TaskPlanner:
-    """Plans swings of one composed model; the formulation is built once, lengths and targets may change freely."""
+    """Plans swings of a load to a target, for a model with fixed effects; parameter values and targets may change."""
 
     def __init__(self, model: PendulumModel, steps: int = 500, dt: float = 0.01) -> None:
         if steps < 2 or not dt > 0:
@@ -153,7 +156,7 @@ class TaskPlanner:
         self._load = self._variational.load.map(steps + 1)
 
     def optimizer(self, *, constrained: bool) -> ProjectionOptimizer:
-        """The optimiser of the task; it is faster without walls, slack and ends of the line."""
+        """The optimiser of the task; `constrained` includes the wall, a slack string and the ends of the line."""
         return _optimizer(self._variational, self._formulation, self.steps, constrained)
 
     def plan(
@@ -186,7 +189,7 @@ class TaskPlanner:
             # From rest, strong friction hides the swing: it is found while the effects grow from zero.
             null = np.array([model.parameters[n].null if "." in n else model.value(n) for n in self._names])
             controls = None
-            for share in CONTINUATION_SHARES:
+            for share in EFFECT_CONTINUATION_SHARES:
                 free = solve(unconstrained, controls, null + share * (theta - null))
                 controls = free.controls
         solution = free
@@ -225,7 +228,7 @@ def _optimizer(variational: VariationalStep, formulation: str, steps: int, const
 
 
 def task_problem(variational: VariationalStep, name: str, *, constrained: bool = False) -> DiscreteProblem:
-    """The task on a variational model; p = (theta, cost in the order of `COST_NAMES`, dt).
+    """The task as an optimal control problem; its p is (theta, cost in the order of `TASK_COST_NAMES`, dt).
 
     Args:
         variational: the equations.
@@ -234,18 +237,18 @@ def task_problem(variational: VariationalStep, name: str, *, constrained: bool =
             ignored.
     """
     thetas = len(variational.names)
-    size = thetas + len(COST_NAMES) + 1
+    size = thetas + len(TASK_COST_NAMES) + 1
     s, u, t, p = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("p", size)
     following, costate = ca.SX.sym("s_next", VARIATIONAL_STATE_SIZE), ca.SX.sym("costate", VARIATIONAL_STATE_SIZE)
     theta, dt = p[:thetas], p[size - 1]
-    c = dict(zip(COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
+    c = dict(zip(TASK_COST_NAMES, ca.vertsplit(p[thetas : size - 1]), strict=True))
     position, velocity = variational.load(s, t, dt, theta)
     arrival = (position[0] - c["x"], position[2] - c["z"], velocity[0] - c["vx"], velocity[2] - c["vz"])
     error = ca.vertcat(*arrival, s[0], s[1])
     weights = ca.vertcat(c["w_x"], c["w_z"], c["w_vx"], c["w_vz"], c["w_gripper_x"], c["w_gripper_v"])
     effort = dt / 2 * (c["w_control"] * u**2 + c["w_travel"] * s[0] ** 2)
-    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + ROOF_RADIUS**2) - ROOF_RADIUS
-    roof = c["wall_z"] + c["clearance"] - ROOF_SLOPE * aside
+    aside = ca.sqrt((position[0] - c["wall_x"]) ** 2 + WALL_ROOF_RADIUS**2) - WALL_ROOF_RADIUS
+    roof = c["wall_z"] + c["clearance"] - WALL_ROOF_SLOPE * aside
     inside = ca.sqrt(dt * c["w_wall"]) * ca.fmax(0, roof - position[2])
     at = (s, u, t, dt, theta)
     # The tension hardly depends on the exact next node, so the extrapolated one suffices.

@@ -65,7 +65,7 @@ def _states(fit: Fit) -> Iterator[tuple[Site, list[Variable]]]:
 
 def _followed(model: PhysicsModel, run: Run, theta: np.ndarray) -> Mapping[str, np.ndarray]:
     """States as fitted, and inputs as recorded."""
-    path = model.path(run)
+    path = model.input_path(run)
     states = model.rollout(path, theta, model.predicted_channels(run)).states[:, : len(model.physics.states)]
     inputs = {name: path.nodes[1 + 3 * k] for k, name in enumerate(model.physics.inputs)}
     found = {**dict(zip(model.physics.states, states.T, strict=True)), **inputs}

@@ -14,12 +14,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.physics import Base, Joint, Link, Neighbour, Told
+from armdyn.arm.physics import Base, DriveCommands, Joint, Link, Neighbour
 from armdyn.effects.effect import Effect
 from armdyn.errors import ArmdynError, InputError
 from armdyn.parameter import Quantity, RecordedColumn
 from armdyn.pendulum.physics import Gripper, Load, Sensor, String, Tension
-from armdyn.physics.definition import Expression, Memory
+from armdyn.physics.definition import AddedState, Expression
 from armdyn.recording.channels import is_auxiliary
 from armdyn.recording.units import si_unit, to_base_units
 from armdyn.user_code import place_of
@@ -79,7 +79,7 @@ def check_applied(item: Effect, path: Path) -> None:
         kind = type(changed).__name__
         raise _fault(item, path, f"it returns a {kind}: return the {item.acts_on} that it was given, with changes")
     before, after = _expressions(given), _expressions(changed)
-    brought = getattr(changed, "memory", ())
+    brought = getattr(changed, "added_states", ())
     remembered = ca.vertcat(ca.SX(0, 1), *(m.symbol for m in brought))
     try:
         difference = ca.densify(ca.vertcat(*(a - b for a, b in zip(after, before, strict=True))))
@@ -173,7 +173,7 @@ def _joint(*w: Expression) -> Joint:
     link = Link(ca.SX(np.diag([0.1, 0.1, 0.1, 1.0])), ca.SX(4, 4))
     time, q, v, a, direction, load, inner_q, inner_v, inner_a, on, *told = w
     inner = Neighbour(inner_q, inner_v, inner_a)
-    return Joint(time, q, v, a, direction, load, inner, link, on=on, told=Told(*told))
+    return Joint(time, q, v, a, direction, load, inner, link, on=on, told=DriveCommands(*told))
 
 
 _AT_REST = [0.0] * 15
@@ -210,7 +210,7 @@ def _expressions(stage: Any) -> list[Expression]:
         value = getattr(stage, each.name)
         if isinstance(value, Link):
             found.append(ca.reshape(value.pseudo_inertia, -1, 1))
-        elif isinstance(value, Memory | tuple):
+        elif isinstance(value, AddedState | tuple):
             continue
         elif is_dataclass(value):
             found += _expressions(value)

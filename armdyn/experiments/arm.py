@@ -1,4 +1,4 @@
-"""Design an arm's motion for a purpose, within limits of torque and posture, and predict its information.
+"""Design the motion of an arm that determines wanted unknowns best, within limits of torque and posture.
 
 Distances to obstacles are linearised at the postures of the last motion that are near them, again in every round.
 """
@@ -11,35 +11,36 @@ from typing import Protocol
 
 import numpy as np
 
-from armdyn.experiments.columns import Columns
-from armdyn.experiments.criteria import Criterion
-from armdyn.experiments.limits import MotionLimits, two_sided
-from armdyn.experiments.search import Evaluated, MotionProblem
-from armdyn.experiments.series import Basis, Series
+from armdyn.experiments.columns import TorqueRegressor
+from armdyn.experiments.criteria import InformationCriterion
+from armdyn.experiments.limits import MotionLimits, two_sided_excess
+from armdyn.experiments.search import EvaluatedMotion, MotionProblem
+from armdyn.experiments.series import FourierSeries, SeriesBasis
 
 INSTANTS_PER_SECOND = 8.0
-"""Instants per second at which information and torques are computed: eight times the highest frequency."""
+"""Number of instants per second at which information and torques of a motion are computed."""
 KINEMATIC_REFINEMENT = 3
-"""Factor on that number for positions, speeds and accelerations, whose peaks cost little to find."""
+"""Factor on `INSTANTS_PER_SECOND` for positions, speeds and accelerations, whose peaks cost little to find."""
 ARM_ROUND_STEPS = (20, 40, 40, 30, 20, 15)
-"""Numbers of L-BFGS steps of the rounds."""
+"""Numbers of L-BFGS steps in the rounds of the search for an arm's motion."""
 ARM_STARTS = 3
-"""Number of random motions from which the search starts; see `MotionProblem.starts`."""
-WATCHED_MARGIN = 0.3
-"""Margin of a posture below which its distance is constrained; see `Postures.margin`."""
+"""Number of random motions of an arm from which the search starts."""
+MAX_CONSTRAINED_MARGIN = 0.3
+"""Margin of a posture below which its distance from obstacles is constrained; see `PostureConstraint.margin`."""
 MIN_MARGIN = -0.4
-"""Margin below which a posture is too deep inside an obstacle to be led out of it."""
+"""Margin below which a posture is so deep inside an obstacle that linearised constraints do not lead out of it."""
 MARGIN_DIFFERENCE = 1e-4
 """Step of the finite differences of margins, rad or m."""
-COLLISION_EXCESS = 0.03
-"""Excess of a motion with a forbidden posture: a random motion with one is made smaller in such steps."""
+FORBIDDEN_POSTURE_EXCESS = 0.03
+"""Excess over limits that is assigned to a motion with a forbidden posture, as a share: such a motion is made smaller
+by this share."""
 CENTRE_RANGE_SHARE = 0.7
 """Share of the range of positions from which the centre of a random motion is drawn."""
 MAX_CENTRES = 200
-"""Number of centres that are drawn before the arm counts as unable to stand anywhere."""
+"""Number of random centres that are tried before the arm counts as unable to rest anywhere."""
 
 
-class Postures(Protocol):
+class PostureConstraint(Protocol):
     """Decides which postures are allowed, for example free of collisions."""
 
     def free(self, q: np.ndarray) -> bool:
@@ -53,122 +54,124 @@ class Postures(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ArmProblem(MotionProblem):
-    """Find a motion of an arm that minimises a criterion.
+    """Search for the motion of an arm that minimises a criterion of its information matrix.
 
     Attributes:
         columns: the regressor of the wanted and all other unknowns.
-        criterion: function of the information that is minimised.
-        series: the series of which motions consist.
+        criterion: function of the information matrix that is minimised.
+        series: Fourier series of which motions consist.
         limits: limits of joints and torques.
         postures: decides which postures are allowed.
-        cuts: half-spaces normal . q >= bound that contain the allowed postures, one at every instant of the finer grid:
-            normals (n, nj), 0 where nothing is near, and bounds (n,), -infinity there; None where there are none.
+        posture_half_spaces: half-spaces normal . q >= bound that contain the allowed postures, one at every instant of
+            `kinematic_basis`: normals (n, nj) and bounds (n,), 0 and -infinity far from obstacles; None without them.
     """
 
-    columns: Columns
-    criterion: Criterion
-    series: Series
+    columns: TorqueRegressor
+    criterion: InformationCriterion
+    series: FourierSeries
     limits: MotionLimits
-    postures: Postures
-    cuts: tuple[np.ndarray, np.ndarray] | None = None
+    postures: PostureConstraint
+    posture_half_spaces: tuple[np.ndarray, np.ndarray] | None = None
 
-    steps, starts = ARM_ROUND_STEPS, ARM_STARTS
+    steps_per_round, start_count = ARM_ROUND_STEPS, ARM_STARTS
 
     @cached_property
-    def grid(self) -> Basis:
-        """The series at (n,) instants of one period, at which information and torques are computed."""
+    def torque_basis(self) -> SeriesBasis:
+        """The Fourier series at the (n,) instants at which information and torques are computed."""
         count = max(ceil(INSTANTS_PER_SECOND * self.series.period), 4 * self.series.harmonics)
-        return self.series.at(self.series.period * np.arange(count) / count)
+        return self.series.basis_at(self.series.period * np.arange(count) / count)
 
     @cached_property
-    def finer(self) -> Basis:
-        """The series at instants `KINEMATIC_REFINEMENT` times as dense as in `grid`."""
-        count = KINEMATIC_REFINEMENT * len(self.grid.time)
-        return self.series.at(self.series.period * np.arange(count) / count)
+    def kinematic_basis(self) -> SeriesBasis:
+        """The Fourier series at `KINEMATIC_REFINEMENT` times as many instants as `torque_basis`."""
+        count = KINEMATIC_REFINEMENT * len(self.torque_basis.time)
+        return self.series.basis_at(self.series.period * np.arange(count) / count)
 
     @property
     def weight(self) -> float:
-        """Number of samples of the recording per instant of the grid."""
-        return self.columns.rate * self.series.seconds / len(self.grid.time)
+        """Number of recorded samples for each instant at which the information is computed."""
+        return self.columns.rate * self.series.seconds / len(self.torque_basis.time)
 
     def information(self, x: np.ndarray) -> np.ndarray:
-        """(P, P) Fisher information of a recording of the whole motion."""
-        columns = self.columns.at(self.grid.motion(x))
+        """(P, P) Fisher information of a recording of the motion with coefficients x."""
+        columns = self.columns.values_along(self.torque_basis.motion(x))
         X = columns.reshape(-1, columns.shape[2])
         return np.asarray(self.weight * X.T @ X)
 
     def cost(self, x: np.ndarray) -> float:
-        """Value of the criterion for a motion."""
+        """Value of the criterion for the motion with coefficients x."""
         return self.criterion(self.information(x))[0]
 
     def grid_excess(self, x: np.ndarray) -> float:
         """Largest share by which a limit of position, speed, acceleration or torque is exceeded."""
-        torque = self.columns.torque(self.grid.motion(x))
+        torque = self.columns.described_torque(self.torque_basis.motion(x))
         return max(self.kinematic_excess(x), float(np.max(np.abs(torque) / self.limits.effort)) - 1.0)
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit is exceeded; `COLLISION_EXCESS` where only a posture is not allowed."""
+        """Largest share by which a motion exceeds a limit; a forbidden posture counts `FORBIDDEN_POSTURE_EXCESS`."""
         excess = self.grid_excess(x)
         if excess > 0.0:
             return excess
-        q = self.grid.motion(x).q
+        q = self.torque_basis.motion(x).q
         # Postures far apart are tested first: a motion that is too large mostly fails there at once.
         order = np.argsort(np.arange(len(q)) * 0.6180339887 % 1.0)
-        return excess if all(self.postures.free(posture) for posture in q[order]) else COLLISION_EXCESS
+        return excess if all(self.postures.free(posture) for posture in q[order]) else FORBIDDEN_POSTURE_EXCESS
 
-    def centre(self, rng: np.random.Generator) -> np.ndarray | None:
-        """A posture that is allowed and that the joints' torques can hold."""
-        still = np.zeros((len(self.limits.half), self.series.size))
+    def random_centre(self, rng: np.random.Generator) -> np.ndarray | None:
+        """A random posture that is allowed and that the joints' torques can hold; None if none was found."""
+        still = np.zeros((len(self.limits.half_range), self.series.coefficient_count))
         for _ in range(MAX_CENTRES):
-            away = self.limits.half * rng.uniform(-1.0, 1.0, len(still))
+            away = self.limits.half_range * rng.uniform(-1.0, 1.0, len(still))
             still[:, 0] = self.limits.middle + CENTRE_RANGE_SHARE * away
             if self.postures.free(still[:, 0]) and self.grid_excess(still) <= 0.0:
                 return still[:, 0]
         return None
 
-    def about(self, x: np.ndarray) -> "ArmProblem":
-        """The problem with half-spaces at the postures of a motion that are near an obstacle."""
-        finer, margin = self.finer.motion(x).q, self.postures.margin
+    def linearised_around(self, x: np.ndarray) -> "ArmProblem":
+        """The problem with obstacles replaced by half-spaces, at those postures of a motion that are near one."""
+        finer, margin = self.kinematic_basis.motion(x).q, self.postures.margin
         normal, bound = np.zeros(finer.shape), np.full(len(finer), -np.inf)
-        for i, q in enumerate(self.grid.motion(x).q):
+        for i, q in enumerate(self.torque_basis.motion(x).q):
             here = margin(q)
-            if here > WATCHED_MARGIN:
+            if here > MAX_CONSTRAINED_MARGIN:
                 continue
             steps = MARGIN_DIFFERENCE * np.eye(len(q))
             slope = np.array([margin(q + step) - here for step in steps]) / MARGIN_DIFFERENCE
             for away in range(-(KINEMATIC_REFINEMENT // 2), KINEMATIC_REFINEMENT // 2 + 1):
                 k = (KINEMATIC_REFINEMENT * i + away) % len(finer)
                 normal[k], bound[k] = slope, slope @ finer[k] - (margin(finer[k]) if away else here)
-        return replace(self, cuts=(normal, bound))
+        return replace(self, posture_half_spaces=(normal, bound))
 
-    def accepted(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The motion after a round, or a motion between, in which no posture is deep inside an obstacle.
+    def motion_after_round(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """The motion after a round of the search, shortened so that no posture is deep inside an obstacle.
 
         The constraint linearised at a deep posture may lead further through the obstacle.
         """
         for share in (1.0, 0.5, 0.25, 0.1):
             x = before + share * (after - before)
-            touching = (q for q in self.grid.motion(x).q if not self.postures.free(q))  # fast; distances are not
+            touching = (
+                q for q in self.torque_basis.motion(x).q if not self.postures.free(q)
+            )  # fast; distances are not
             if all(self.postures.margin(q) > MIN_MARGIN for q in touching):
                 return np.asarray(x)
         return before
 
-    def effect(self, x: np.ndarray) -> Evaluated:
-        """Criterion, torques and postures of a motion, with their gradient."""
+    def cost_and_constraints(self, x: np.ndarray) -> EvaluatedMotion:
+        """Criterion of a motion, and its constraints on torques and postures, with their gradient."""
         effort = self.limits.effort
-        columns, torque, by_motion = self.columns.with_slopes(self.grid.motion(x))
+        columns, torque, by_motion = self.columns.with_gradient(self.torque_basis.motion(x))
         X = columns.reshape(-1, columns.shape[2])
         value, by_information = self.criterion(self.weight * X.T @ X)
         by_columns = (2.0 * self.weight * X @ by_information).reshape(columns.shape)
-        beyond = [two_sided(torque / effort)]
-        if self.cuts is not None:
-            normal, bound = self.cuts
-            beyond.append(bound - np.einsum("nj,nj->n", normal, self.finer.motion(x).q))
+        beyond = [two_sided_excess(torque / effort)]
+        if self.posture_half_spaces is not None:
+            normal, bound = self.posture_half_spaces
+            beyond.append(bound - np.einsum("nj,nj->n", normal, self.kinematic_basis.motion(x).q))
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
-            total = self.grid.gradient(*by_motion(by_columns, (weights[0][0] - weights[0][1]) / effort))
-            if self.cuts is not None:
-                total -= (weights[1][:, None] * normal).T @ self.finer.functions[0]
+            total = self.torque_basis.gradient(*by_motion(by_columns, (weights[0][0] - weights[0][1]) / effort))
+            if self.posture_half_spaces is not None:
+                total -= (weights[1][:, None] * normal).T @ self.kinematic_basis.functions[0]
             return total
 
-        return Evaluated(value, beyond, gradient)
+        return EvaluatedMotion(value, beyond, gradient)

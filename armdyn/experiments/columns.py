@@ -15,26 +15,27 @@ from armdyn.experiments.series import AxisMotion
 from armdyn.parameter import Parameter
 
 TORQUE_NOISE_SHARE = 2e-3
-"""Standard deviation of a torque sample, as a share of the joint's effort limit, where it is not known. Recordings of
-Baxter have 0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
+"""Standard deviation of a torque sample, as a share of the joint's effort limit, if the noise is not known. Recordings
+of Baxter have 0.05 to 0.10 N m on joints of 50 N m and 0.014 to 0.07 N m on joints of 15 N m."""
 SLOW_SPEED_SHARE = 0.02
-"""Share of a joint's speed limit below which its direction is uncertain, so that its dry friction gives little
-information."""
+"""Speed below which a joint's direction of motion is uncertain, as a share of its speed limit."""
 REGRESSION_PRIOR_SIZE = 10.0
 """Prior standard deviation of an unknown before the recording, in typical sizes, as in a repair's fits."""
-PROBED_STATES = 50
-"""Number of random states; an unknown that changes no torque at any of them acts through another one."""
+RANDOM_STATES_FOR_ACTIVE_PARAMETERS = 50
+"""Number of random states at which torques are differentiated to find unknowns that act only through another
+unknown."""
 STATE_DIFFERENCE = 1e-5
-"""Step of finite differences, rad, rad/s, rad/s^2."""
-Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Step of finite differences of torques by positions, rad, velocities, rad/s, and accelerations, rad/s^2."""
+MotionGradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """The unknowns of an arm's model as columns of one linear regression per joint.
+class TorqueRegressor:
+    """Regressor of an arm's torques: one column for each unknown of its model.
 
     Attributes:
-        model: model with every effect that is wanted or may be present, at values with derivatives; see `present`.
+        model: model with every effect that is wanted or may be present, at the values of
+            `at_active_values`.
         rate: sampling rate of the recording, Hz.
     """
 
@@ -43,22 +44,22 @@ class Columns:
 
     @property
     def arm(self) -> Arm:
-        """The arm as described, without effects."""
+        """The arm as its description states it, without effects."""
         return self.model.arm
 
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """(P,) unknowns in the order of the columns."""
+        """(P,) unknown parameters in the order of the columns."""
         return tuple(self.model.parameters.values())
 
     @cached_property
     def typical(self) -> np.ndarray:
-        """(P,) typical sizes in the unknowns' units; columns are for changes of this size."""
+        """(P,) typical sizes of the unknowns, in their units; a column is for a change of this size."""
         return np.array([p.typical for p in self.unknowns])
 
     @cached_property
     def prior(self) -> np.ndarray:
-        """(P,) prior standard deviations before the recording, in typical sizes."""
+        """(P,) prior standard deviations of the unknowns, in typical sizes."""
         stds = [p.prior.std / p.typical if p.prior else REGRESSION_PRIOR_SIZE for p in self.unknowns]
         return np.minimum(stds, REGRESSION_PRIOR_SIZE)
 
@@ -67,15 +68,15 @@ class Columns:
         """(nj,) standard deviation of a torque sample, N m or N."""
         return TORQUE_NOISE_SHARE * np.asarray(self.arm.robot.limits.effort)
 
-    def of(self, effect: str, joint: str | None = None) -> np.ndarray:
+    def column_indices(self, effect: str, joint: str | None = None) -> np.ndarray:
         """Column indices of an effect's unknowns, on one joint or on all."""
         return np.flatnonzero([p.effect == effect and joint in (None, p.joint) for p in self.unknowns])
 
-    def at(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj, P) changes of the torques, in units of their noise, for changes of typical size."""
+    def values_along(self, motion: AxisMotion) -> np.ndarray:
+        """(n, nj, P) regressor along a motion: changes of torques over their noise, for changes of typical size."""
         return self._columns(self._states(motion))
 
-    def torque(self, motion: AxisMotion) -> np.ndarray:
+    def described_torque(self, motion: AxisMotion) -> np.ndarray:
         """(n, nj) motor torques of the arm as described, N m or N, with damping, rotors and springs."""
         return self._torque(self._states(motion))
 
@@ -94,12 +95,12 @@ class Columns:
         drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a
         return states.described + drives + springs
 
-    def with_slopes(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, Gradient]:
-        """Columns (n, nj, P) and torques (n, nj), and a function for the gradient of any number that depends on them.
+    def with_gradient(self, motion: AxisMotion) -> tuple[np.ndarray, np.ndarray, MotionGradient]:
+        """The regressor and the torques along a motion, with a function for derivatives by the motion.
 
         Returns:
-            Columns, torques, and a function that turns the derivatives of a number with respect to columns and torques
-            into those with respect to positions, velocities and accelerations, (n, nj) each.
+            (n, nj, P) regressor, (n, nj) torques, and a function: from the derivatives of a number with respect to
+            both it computes those with respect to positions, velocities and accelerations, (n, nj) each.
         """
         n, nj = motion.q.shape
         shifts = np.vstack([np.zeros((1, 3 * nj)), STATE_DIFFERENCE * np.eye(3 * nj)])
@@ -120,13 +121,15 @@ class Columns:
         return columns[0], torque[0], gradient
 
 
-def present(model: ArmModel) -> ArmModel:
-    """The model at values at which all parameters of its effects have derivatives.
+def at_active_values(model: ArmModel) -> ArmModel:
+    """The model at parameter values at which torques depend on all parameters of its effects.
 
     Effects are at their null values, except where a parameter acts through another one, as a payload's place acts
     through its mass: then the other one is at its typical size.
     """
-    columns = Columns(model, 1.0).at(random_states(model.arm, PROBED_STATES))
+    columns = TorqueRegressor(model, 1.0).values_along(
+        random_joint_states(model.arm, RANDOM_STATES_FOR_ACTIVE_PARAMETERS)
+    )
     acts = dict(zip(model.names, np.any(columns != 0.0, axis=(0, 1)).tolist(), strict=True))
     changed = {}
     for effect in model.effects:
@@ -139,8 +142,8 @@ def present(model: ArmModel) -> ArmModel:
     return model.with_values(changed) if changed else model
 
 
-def random_states(arm: Arm, count: int) -> AxisMotion:
-    """Random states, (count, nj), all over the arm's limits, from a fixed seed."""
+def random_joint_states(arm: Arm, count: int) -> AxisMotion:
+    """Random positions, velocities and accelerations (count, nj) within the arm's limits, from a fixed seed."""
     rng, limits = np.random.default_rng(0), arm.robot.limits
     shape = (count, len(arm.joints))
     lower, upper = (np.clip(bound, -2.0 * np.pi, 2.0 * np.pi) for bound in (limits.lower, limits.upper))

@@ -14,15 +14,15 @@ from scipy.linalg import cho_factor, cho_solve
 
 from armdyn.linear.solve import marginal_information
 
-Valued: TypeAlias = tuple[float, np.ndarray]
-"""Value of a criterion, and its (P, P) symmetric derivatives by the information."""
-Criterion: TypeAlias = Callable[[np.ndarray], Valued]
+ValueAndGradient: TypeAlias = tuple[float, np.ndarray]
+"""Value of a criterion, and its symmetric (P, P) derivative by the information matrix."""
+InformationCriterion: TypeAlias = Callable[[np.ndarray], ValueAndGradient]
 """A function of a (P, P) information matrix that is to be minimised."""
 NEGLIGIBLE_RISE = 1e-4
-"""Rise of chi2 that counts as zero: it keeps the logarithm finite where two effects are still the same."""
+"""Rise of chi2 that counts as zero; it keeps the criterion finite for effects that a motion does not distinguish."""
 
 
-def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
+def posterior_covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """Covariance K (P, P) of the unknowns after a motion.
 
     Args:
@@ -35,13 +35,13 @@ def covariance(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     return np.asarray(cho_solve(factor, np.diag(scale)) * scale[:, None])
 
 
-def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> Valued:
+def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray) -> ValueAndGradient:
     r"""Mean logarithm of the standard deviations of the wanted unknowns, over all directions: D-optimality.
 
     For (P, P) information F, (P,) prior standard deviations and indices W it is log det K_{WW} / (2 |W|), a constant
     less twice the expected gain of information (Chaloner & Verdinelli, Statistical Science 10(3), 1995).
     """
-    K = covariance(information, prior)
+    K = posterior_covariance(information, prior)
     block, columns = K[np.ix_(wanted, wanted)], K[:, wanted]
     size = 2.0 * len(wanted)
     return float(np.linalg.slogdet(block)[1]) / size, -columns @ np.linalg.solve(block, columns.T) / size
@@ -49,14 +49,14 @@ def d_optimality(information: np.ndarray, prior: np.ndarray, wanted: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class RivalSeparation:
-    """An effect on one joint that may be the true one, and the unknowns that a rival effect would fit in its place.
+    """An effect on one joint that may be present, and the unknowns of a rival effect that is fitted in its place.
 
     Attributes:
         effect: name of the effect.
         joint: joint on which it acts; ``""`` for the base.
         rival: name of the effect that is fitted in its place.
         own: indices of the effect's unknowns.
-        fitted: indices of the rival's unknowns on all joints, and of the nuisance.
+        fitted: indices of the rival's unknowns on all joints, and of the nuisance unknowns.
         directions: (len(own), k) orthonormal changes of the effect's unknowns that some motion distinguishes from the
             fitted ones.
     """
@@ -69,11 +69,11 @@ class RivalSeparation:
     directions: np.ndarray
 
     def refitted(self, information: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k, k) matrix L, and (len(own) + len(fitted), k) changes of all these unknowns, the refit included.
+        """Information that remains after the rival's refit: (k, k) matrix L, and the changes of all unknowns.
 
         For (P, P) information F and (P,) prior standard deviations, L is the Schur complement
         F_AA - F_AB (F_BB + Lambda_B)^-1 F_BA: after the refit, chi2 rises by d' L d for a change d along `directions`,
-        in typical sizes.
+        in typical sizes. The changes are (len(own) + len(fitted), k).
         """
         nuisance = np.isin(np.arange(len(prior)), self.fitted)
         L, follow = marginal_information(information + np.diag(nuisance * prior**-2.0), self.own, self.fitted)
@@ -81,12 +81,17 @@ class RivalSeparation:
         return np.asarray(self.directions.T @ L @ self.directions), changes
 
     def separation(self, information: np.ndarray, prior: np.ndarray) -> float:
-        """Smallest rise of chi2 after the refit, over all changes of typical size that can be distinguished."""
+        """Smallest rise of chi2 after the rival's refit, over all distinguishable changes of typical size.
+
+        It takes the (P, P) information and the (P,) prior standard deviations.
+        """
         return max(float(np.linalg.eigvalsh(self.refitted(information, prior)[0])[0]), 0.0)
 
 
-def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]) -> Valued:
-    r"""Logarithm of the harmonic sum of all separations, which the smallest one dominates.
+def log_harmonic_separation(
+    information: np.ndarray, prior: np.ndarray, cases: Sequence[RivalSeparation]
+) -> ValueAndGradient:
+    r"""Logarithm of the sum of the inverse separations, which the smallest separation dominates.
 
     For (P, P) information and (P,) prior standard deviations it is log \sum_A tr L_A^{-1}, over every case A that may
     be true.
@@ -102,10 +107,10 @@ def log_harmonic_separation(information: np.ndarray, prior: np.ndarray, cases: S
     return float(np.log(total)), slopes / total
 
 
-def log_condition(information: np.ndarray, typical: np.ndarray, independent: np.ndarray) -> Valued:
-    """Logarithm of the condition number of the regression on base parameters, in SI units: the common criterion.
+def log_condition(information: np.ndarray, typical: np.ndarray, independent: np.ndarray) -> ValueAndGradient:
+    """Logarithm of the condition number of the regressor of the base parameters, in SI units.
 
-    It is minimised by Gautier & Khalil, IJRR 11(4), 1992, and by FloBaRoID and FIGAROH.
+    It is the common criterion of excitation (Gautier & Khalil, IJRR 11(4), 1992).
 
     Args:
         information: (P, P) Fisher information F.

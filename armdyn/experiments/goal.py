@@ -1,4 +1,4 @@
-"""The goal of a motion: unknowns to determine, or rival effects to distinguish."""
+"""The goal of a designed motion of an arm: unknowns to determine, or rival effects to distinguish."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,84 +10,105 @@ from armdyn.arm.model import ArmModel
 from armdyn.effects.catalogue import find
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.experiments.columns import Columns, present
+from armdyn.experiments.columns import TorqueRegressor, at_active_values
 from armdyn.experiments.criteria import (
-    Criterion,
+    InformationCriterion,
     RivalSeparation,
     d_optimality,
     log_condition,
     log_harmonic_separation,
 )
-from armdyn.experiments.structure import distinguishable, hopeless, independent, random_rows
+from armdyn.experiments.structure import (
+    distinguishable_changes,
+    independent_columns,
+    regressor_at_random_states,
+    unidentifiable_unknowns,
+)
 from armdyn.threads import one_thread
 
 USUAL_EFFECTS = ("joint_viscous_friction", "joint_coulomb_friction", "torque_offset", "rotor_inertia", "link_inertia")
-"""Effects that every arm may have: nuisance beside the wanted ones, or wanted themselves where none is named."""
+"""Effects that every arm may have: nuisance effects, or the wanted ones if none is named."""
 
-NONE = np.zeros(0, dtype=int)
+NO_INDICES = np.zeros(0, dtype=int)
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
-    """The goal of a motion.
+class MotionGoal:
+    """The goal of a designed motion: which unknowns it determines, or which effects it distinguishes.
 
     Attributes:
         columns: regressor of all unknowns.
-        criterion: function to minimise.
+        criterion: function of the information matrix that the motion minimises.
         wanted: indices of the unknowns to determine; with rivals, those of the rivals.
-        hopeless: indices of wanted unknowns that no motion identifies, because others make the same torques.
-        beside: names of the nuisance effects.
-        left_out: names of usual effects that are treated as known, with the reason.
+        unidentifiable: indices of wanted unknowns that no motion identifies, because others make the same torques.
+        nuisance_effects: names of the effects that are fitted together with the wanted ones.
+        effects_taken_as_known: names of usual effects that are treated as known, with the reason.
         rivals: names of two effects to distinguish; empty where unknowns are to be determined.
-        hidden: with rivals, the effects that may be the true one.
-        inseparable: sentences on what no motion can distinguish.
-        rows: (N, P) regressor at random states; see `random_rows`.
+        separations: for rivals, each effect on each joint that may be the true one.
+        inseparable: sentences on effects that no motion can distinguish.
+        random_state_rows: (N, P) regressor at random states of the arm.
     """
 
-    columns: Columns
-    criterion: Criterion
+    columns: TorqueRegressor
+    criterion: InformationCriterion
     wanted: np.ndarray
-    hopeless: np.ndarray
-    beside: tuple[str, ...]
-    left_out: Mapping[str, str]
+    unidentifiable: np.ndarray
+    nuisance_effects: tuple[str, ...]
+    effects_taken_as_known: Mapping[str, str]
     rivals: tuple[str, ...] = ()
-    hidden: tuple[RivalSeparation, ...] = ()
+    separations: tuple[RivalSeparation, ...] = ()
     inseparable: tuple[str, ...] = ()
-    rows: np.ndarray = field(repr=False, kw_only=True)
+    random_state_rows: np.ndarray = field(repr=False, kw_only=True)
 
     @property
-    def conditioned(self) -> Criterion:
-        """The common criterion (condition number) for the same unknowns."""
-        return partial(log_condition, typical=self.columns.typical, independent=independent(self.rows))
+    def condition_number_criterion(self) -> InformationCriterion:
+        """The criterion of the condition number, for the unknowns of this goal."""
+        return partial(
+            log_condition, typical=self.columns.typical, independent=independent_columns(self.random_state_rows)
+        )
 
 
 @one_thread
-def determining(model: ArmModel, wanted: Sequence[Effect], rate: float) -> Goal:
-    """Build the goal to determine unknowns of effects, by default `USUAL_EFFECTS`; `rate` of the recording in Hz.
+def goal_to_determine(model: ArmModel, wanted: Sequence[Effect], rate: float) -> MotionGoal:
+    """The goal to determine the unknowns of effects, by default of `USUAL_EFFECTS`.
+
+    `rate` is the sampling rate of the recording, Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
     """
     effects = list(wanted) or [find(name) for name in USUAL_EFFECTS if model.reachable(find(name))]
     columns = _columns(model, effects, USUAL_EFFECTS, rate)
-    rows, own = random_rows(columns), _indices(columns, effects)
-    alone = hopeless(rows, own, NONE)
+    rows, own = regressor_at_random_states(columns), _indices(columns, effects)
+    alone = unidentifiable_unknowns(rows, own, NO_INDICES)
 
     def confused(beside: Sequence[str]) -> str | None:
-        others = np.setdiff1d(np.concatenate([columns.of(name) for name in beside]), own)
-        lost = np.setdiff1d(hopeless(rows, own, others), alone)
+        others = np.setdiff1d(np.concatenate([columns.column_indices(name) for name in beside]), own)
+        lost = np.setdiff1d(unidentifiable_unknowns(rows, own, others), alone)
         return f"no motion could tell it from {columns.unknowns[lost[0]].name}" if len(lost) else None
 
-    beside, left_out = _nuisance([n for n in USUAL_EFFECTS if len(np.setdiff1d(columns.of(n), own))], confused)
+    beside, left_out = _nuisance(
+        [n for n in USUAL_EFFECTS if len(np.setdiff1d(columns.column_indices(n), own))], confused
+    )
     columns = _columns(model, effects, beside, rate)
-    rows, own = random_rows(columns), _indices(columns, effects)
+    rows, own = regressor_at_random_states(columns), _indices(columns, effects)
     criterion = partial(d_optimality, prior=columns.prior, wanted=own)
-    return Goal(columns, criterion, own, hopeless(rows, own, NONE), beside, left_out, rows=rows)
+    return MotionGoal(
+        columns,
+        criterion,
+        own,
+        unidentifiable_unknowns(rows, own, NO_INDICES),
+        beside,
+        left_out,
+        random_state_rows=rows,
+    )
 
 
 @one_thread
-def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> Goal:
-    """Build the goal to distinguish two effects, whichever is present, by a recording with a sampling rate in Hz.
+def goal_to_separate(model: ArmModel, first: Effect, second: Effect, rate: float) -> MotionGoal:
+    """The goal to distinguish two effects, one of which is present.
+
+    `rate` is the sampling rate of the recording, Hz.
 
     Raises:
         InputError: an effect cannot act on this arm or its joints, or no motion can be designed for it.
@@ -97,7 +118,7 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
         raise InputError(f"--rivals {first.name},{second.name}: name two different effects")
     pair, names = (first, second), (first.name, second.name)
     columns = _columns(model, pair, USUAL_EFFECTS, rate)
-    rows = random_rows(columns)
+    rows = regressor_at_random_states(columns)
 
     def ranks(beside: Sequence[str]) -> list[int]:
         return [case.directions.shape[1] for case in _cases(columns, rows, pair, beside)]
@@ -107,10 +128,10 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
         return "with it no motion could tell some of their changes apart" if fewer else None
 
     at_best = ranks(())
-    usual = [name for name in USUAL_EFFECTS if name not in names and len(columns.of(name))]
+    usual = [name for name in USUAL_EFFECTS if name not in names and len(columns.column_indices(name))]
     beside, left_out = _nuisance(usual, confused)
     columns = _columns(model, pair, beside, rate)
-    rows, own = random_rows(columns), _indices(columns, pair)
+    rows, own = regressor_at_random_states(columns), _indices(columns, pair)
     cases = _cases(columns, rows, pair, beside)
     hidden = tuple(case for case in cases if case.directions.shape[1])
     inseparable = tuple(
@@ -121,8 +142,10 @@ def separating(model: ArmModel, first: Effect, second: Effect, rate: float) -> G
     if not hidden:
         raise TaskFailedError(f"no motion can tell {first.name} from {second.name}: {inseparable[0]}")
     criterion = partial(log_harmonic_separation, prior=columns.prior, cases=hidden)
-    lost = hopeless(rows, own, NONE)
-    return Goal(columns, criterion, own, lost, beside, left_out, names, hidden, inseparable, rows=rows)
+    lost = unidentifiable_unknowns(rows, own, NO_INDICES)
+    return MotionGoal(
+        columns, criterion, own, lost, beside, left_out, names, hidden, inseparable, random_state_rows=rows
+    )
 
 
 def _nuisance(
@@ -140,32 +163,36 @@ def _nuisance(
     return beside, left_out
 
 
-def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> Columns:
+def _columns(model: ArmModel, effects: Sequence[Effect], beside: Sequence[str], rate: float) -> TorqueRegressor:
     """Regressor of wanted effects, and of nuisance effects on all joints on which they can act."""
     for effect in effects:
         model = model.with_effect(effect)
     for effect in map(find, beside):
         if model.reachable(effect) and model.lacks(effect):
             model = model.with_effect(effect)
-    return Columns(present(model), rate)
+    return TorqueRegressor(at_active_values(model), rate)
 
 
-def _indices(columns: Columns, effects: Sequence[Effect]) -> np.ndarray:
+def _indices(columns: TorqueRegressor, effects: Sequence[Effect]) -> np.ndarray:
     """Column indices of the unknowns of these effects, on their joints."""
-    found = [columns.of(e.name, joint) for e in effects for joint in e.joints or columns.model.joints_with(e.name)]
+    found = [
+        columns.column_indices(e.name, joint)
+        for e in effects
+        for joint in e.joints or columns.model.joints_with(e.name)
+    ]
     return np.unique(np.concatenate(found))
 
 
 def _cases(
-    columns: Columns, rows: np.ndarray, pair: tuple[Effect, Effect], beside: Sequence[str]
+    columns: TorqueRegressor, rows: np.ndarray, pair: tuple[Effect, Effect], beside: Sequence[str]
 ) -> tuple[RivalSeparation, ...]:
     """Each effect on each of its joints, against the other effect on all of its joints."""
     found = []
     for truth, rival in (pair, pair[::-1]):
-        every = np.concatenate([_indices(columns, [rival]), *(columns.of(name) for name in beside)])
+        every = np.concatenate([_indices(columns, [rival]), *(columns.column_indices(name) for name in beside)])
         for joint in truth.joints or columns.model.joints_with(truth.name):
-            own = columns.of(truth.name, joint)
+            own = columns.column_indices(truth.name, joint)
             fitted = np.setdiff1d(every, own)
-            directions = distinguishable(rows, own, fitted)
+            directions = distinguishable_changes(rows, own, fitted)
             found.append(RivalSeparation(truth.name, joint, rival.name, own, fitted, directions))
     return tuple(found)

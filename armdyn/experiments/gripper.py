@@ -1,4 +1,4 @@
-r"""Design the motion of the gripper that distinguishes rival hypotheses best.
+r"""Design the motion of a gripper with a load on a string that distinguishes rival hypotheses best.
 
 The smallest separation is maximised, over every ordered pair of hypotheses, between the prediction of one and the best
 refit of the other, within the limits of gripper and swing. At the minimum over the rival's unknowns the derivatives
@@ -18,164 +18,179 @@ import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.experiments.limits import GripperLimits, two_sided
-from armdyn.experiments.search import Evaluated, MotionProblem, Say, random_motions, search, shrink
-from armdyn.experiments.separation import Rival, linear_separation
-from armdyn.experiments.series import Basis, Series
+from armdyn.experiments.limits import GripperLimits, two_sided_excess
+from armdyn.experiments.search import (
+    EvaluatedMotion,
+    MotionProblem,
+    ReportProgress,
+    best_motion,
+    random_motions,
+    shrink_within_limits,
+)
+from armdyn.experiments.separation import RefittedRival, linear_separation
+from armdyn.experiments.series import FourierSeries, SeriesBasis
 from armdyn.pendulum.path import GripperPath
 
 GRIPPER_BAND_HZ = 2.5
-"""Highest frequency of a motion, Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and hardly swings the
-load."""
+"""Highest frequency of a designed motion of the gripper, Hz; within 2 m/s^2 a faster motion is smaller than 8 mm, and
+hardly swings the load."""
 GRIPPER_MAX_PERIOD = 9.6
-"""Longest period, s: 24 harmonics; a longer motion repeats a period of at most this length."""
+"""Longest period of a gripper's motion, s, which has 24 harmonics; a longer motion repeats a period."""
 MIN_MOTION_SECONDS = 3.0
-"""Shortest motion, s; a shorter one contains no swing of a load on a usual string."""
+"""Shortest designed motion of a gripper, s; a shorter one contains no swing of a load on a usual string."""
 MAX_MOTION_SECONDS = 120.0
-"""Longest motion, s."""
+"""Longest designed motion of a gripper, s."""
 NODE_SECONDS = 0.01
-"""Time between the nodes of a motion, s."""
+"""Time between the nodes of a gripper's motion, s."""
 COARSE_NODE_SECONDS = 0.02
-"""Time between the nodes during the search, s; the result is computed with `NODE_SECONDS`."""
+"""Time between the nodes of a gripper's motion during the search, s; the result has `NODE_SECONDS`."""
 RANDOM_MOTIONS = 24
-"""Number of random motions, the best of which are optimised."""
+"""Number of random motions of a gripper, the best of which are optimised."""
 GRIPPER_ROUND_STEPS = (10, 16, 16)
-"""Numbers of L-BFGS steps of the rounds with two hypotheses; more hypotheses share these numbers."""
+"""Numbers of L-BFGS steps in the rounds of the search with two hypotheses; with more hypotheses they are divided."""
 GRIPPER_STARTS = 2
-"""Number of random motions from which the search starts; see `MotionProblem.starts`."""
+"""Number of random motions of a gripper from which the search starts."""
 MIN_ROUND_STEPS = 10
-"""Least number of steps of a round."""
+"""Least number of L-BFGS steps in a round of the search."""
 MINIMUM_SHARPNESS = 4.0
-"""Sharpness of the smooth minimum, over pairs, of the logarithm of the separation."""
+"""Sharpness of the smooth minimum of the logarithms of the separations of all pairs of hypotheses."""
 REFIT_STEPS = 2
-"""Steps of a rival's refit at every motion; it starts from the refit at the motion before."""
+"""Number of steps of a rival's refit at each motion; the refit starts from the values at the previous motion."""
 PAIRS_PER_ROUND = 4
-"""Number of pairs that a round optimises: those that its start separates least."""
-BLIND_RISE = 0.05
-"""Rise of chi2 that even the best random motion does not exceed for a pair that no motion separates: the design gains a
-factor of 10 to 1000, and pairs that can be separated start at 0.3."""
-ADDED_RISE = 1e-6
-"""Added to a rise of chi2, so that pairs that no motion separates have a logarithm."""
+"""Number of pairs of hypotheses that a round of the search optimises: those that are separated least at its start."""
+MAX_INSEPARABLE_CHI2_RISE = 0.05
+"""Rise of chi2 by the best random motion up to which no motion separates a pair of hypotheses. Pairs that a motion
+separates have 0.3 or more, and the design increases it by a factor of 10 to 1000."""
+ADDED_CHI2_RISE = 1e-6
+"""Number added to a rise of chi2, so that its logarithm exists for a pair that no motion separates."""
 NEGLIGIBLE_PAIR_SHARE = 5e-4
-"""Share in the smooth minimum below which the gradient of a pair is left out: it costs a reverse pass."""
-SLACK_EXCESS = 0.05
-"""Excess of a motion along which the string goes slack: the motion is made smaller in such steps."""
+"""Share of a pair of hypotheses in the smooth minimum below which its gradient is neglected."""
+SLACK_STRING_EXCESS = 0.05
+"""Excess over limits that is assigned to a motion that slackens the string, as a share: such a motion is made smaller
+by this share."""
 
-Pair = tuple[int, int]
+HypothesisPair = tuple[int, int]
 """Indices of the hypothesis that is true and of the rival that is refitted."""
 
 
-def motion_series(seconds: float) -> Series:
-    """The series of which a gripper's motion consists.
+def motion_series(seconds: float) -> FourierSeries:
+    """The Fourier series of which a gripper's motion of a duration, s, consists.
 
     Raises:
         InputError: no motion can have this duration.
     """
     if not MIN_MOTION_SECONDS <= seconds <= MAX_MOTION_SECONDS:
         raise InputError(f"a motion of {seconds:g} s: give {MIN_MOTION_SECONDS:g} to {MAX_MOTION_SECONDS:g} s")
-    return Series(NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True)
+    return FourierSeries(
+        NODE_SECONDS * round(seconds / NODE_SECONDS), GRIPPER_BAND_HZ, GRIPPER_MAX_PERIOD, from_start=True
+    )
 
 
 class GripperProblem(MotionProblem):
-    """Find a motion of the gripper, with nodes `step` s apart, that separates hypotheses in an experiment.
+    """Search for the motion of a gripper that separates hypotheses best; the motion's nodes are `step` s apart.
 
     Attributes:
-        pairs: pairs to separate; at first all ordered pairs.
+        pairs: pairs of hypotheses to separate; at first all ordered pairs.
     """
 
-    starts = GRIPPER_STARTS
+    start_count = GRIPPER_STARTS
 
     def __init__(
         self,
         hypotheses: Sequence[Hypothesis],
         experiment: PlannedExperiment,
-        series: Series,
+        series: FourierSeries,
         limits: GripperLimits,
         step: float = COARSE_NODE_SECONDS,
     ) -> None:
         self.series, self.limits, self.swing = series, limits.along, limits.swing
         self._nodes = round(series.seconds / step) + 1
-        still = self.motion(np.zeros((1, series.size)))
-        self._predicted = [PredictedExperiment(h, experiment.along(still)) for h in hypotheses]
-        self.pairs: tuple[Pair, ...] = tuple(permutations(range(len(hypotheses)), 2))
-        self._values: dict[Pair, np.ndarray] = {}
+        still = self.motion(np.zeros((1, series.coefficient_count)))
+        self._predicted = [PredictedExperiment(h, experiment.along_motion(still)) for h in hypotheses]
+        self.pairs: tuple[HypothesisPair, ...] = tuple(permutations(range(len(hypotheses)), 2))
+        self._values: dict[HypothesisPair, np.ndarray] = {}
 
     @cached_property
-    def finer(self) -> Basis:
-        """The nodes themselves, at which positions, velocities and accelerations are limited."""
-        return self.series.at(np.linspace(0.0, self.series.seconds, self._nodes))
+    def kinematic_basis(self) -> SeriesBasis:
+        """The Fourier series at the nodes, at which positions, velocities and accelerations are limited."""
+        return self.series.basis_at(np.linspace(0.0, self.series.seconds, self._nodes))
 
     @property
-    def steps(self) -> tuple[int, ...]:
-        """Numbers of L-BFGS steps of the rounds, fewer for more pairs."""
+    def steps_per_round(self) -> tuple[int, ...]:
+        """Number of L-BFGS steps of each round, smaller for more pairs of hypotheses."""
         share = 2.0 / min(len(self.pairs), PAIRS_PER_ROUND)
         return tuple(max(round(share * count), MIN_ROUND_STEPS) for count in GRIPPER_ROUND_STEPS)
 
     def motion(self, x: np.ndarray) -> GripperPath:
-        """The gripper's motion for (1, size) coefficients."""
-        q, v, a = self.finer.motion(x)
-        return GripperPath(0.0, float(self.finer.time[1]), q[:, 0], v[:, 0], a[:, 0])
+        """The gripper's motion with (1, size) Fourier coefficients x."""
+        q, v, a = self.kinematic_basis.motion(x)
+        return GripperPath(0.0, float(self.kinematic_basis.time[1]), q[:, 0], v[:, 0], a[:, 0])
 
-    def along(self, x: np.ndarray) -> list[PredictedExperiment]:
-        """Prediction of every hypothesis along the motion of (1, size) coefficients."""
+    def predictions_along(self, x: np.ndarray) -> list[PredictedExperiment]:
+        """Prediction of every hypothesis along the motion with (1, size) Fourier coefficients x."""
         motion = self.motion(x)
-        return [predicted.along(motion) for predicted in self._predicted]
+        return [predicted.along_motion(motion) for predicted in self._predicted]
 
     def separations(self, x: np.ndarray) -> np.ndarray:
-        """(pairs,) rise of chi2 of each pair, by linearisation."""
-        here = self.along(x)
+        """(pairs,) rise of chi2 that separates each pair of hypotheses, by linearisation."""
+        here = self.predictions_along(x)
         return np.array([linear_separation(here[i], here[j]) for i, j in self.pairs])
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the smallest separation, by linearisation."""
-        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_RISE))
+        return -float(np.log(max(self.separations(x).min(), 0.0) + ADDED_CHI2_RISE))
 
     def excess(self, x: np.ndarray) -> float:
-        """Largest share by which a limit of gripper or swing is exceeded; `SLACK_EXCESS` where a string goes slack."""
+        """Largest share by which a motion exceeds a limit of gripper or swing.
+
+        It is `SLACK_STRING_EXCESS` where the motion exceeds no limit, but a string goes slack.
+        """
         excess = self.kinematic_excess(x)
         if excess > 0.0:
             return excess
-        here = self.along(x)
+        here = self.predictions_along(x)
         widest = max(float(np.abs(p.swing(p.start)).max()) for p in here) / self.swing - 1.0
         if not widest <= 0.0:
             return widest
         taut = all(float(p.tension(p.start).min()) > 0.0 for p in here)
-        return max(excess, widest) if taut else SLACK_EXCESS
+        return max(excess, widest) if taut else SLACK_STRING_EXCESS
 
-    def centre(self, rng: np.random.Generator) -> np.ndarray:
-        """Position at which the motion starts."""
+    def random_centre(self, rng: np.random.Generator) -> np.ndarray:
+        """(1,) position at which the gripper's motion starts: 0."""
         del rng
         return np.zeros(1)
 
-    def about(self, x: np.ndarray) -> "GripperProblem":
-        """The problem for the pairs that the motion separates least, with their rivals refitted to convergence."""
-        here = self.along(x)
-        hardest = self.only(np.argsort(self.separations(x))[:PAIRS_PER_ROUND])
+    def linearised_around(self, x: np.ndarray) -> "GripperProblem":
+        """The problem for those pairs of hypotheses that the motion x separates least, with converged refits."""
+        here = self.predictions_along(x)
+        hardest = self.with_pairs(np.argsort(self.separations(x))[:PAIRS_PER_ROUND])
         hardest._values = {
-            (i, j): Rival(here[j], here[i].predict(here[i].start)[0]).refitted()[1] for i, j in hardest.pairs
+            (i, j): RefittedRival(here[j], here[i].predict(here[i].start)[0]).best_refit()[1] for i, j in hardest.pairs
         }
         return hardest
 
-    def only(self, which: Iterable[int]) -> "GripperProblem":
-        """The problem for the pairs with these indices only."""
+    def with_pairs(self, which: Iterable[int]) -> "GripperProblem":
+        """The problem for only those pairs of hypotheses that have these indices."""
         other = copy(self)
         other.pairs = tuple(self.pairs[k] for k in which)
         return other
 
-    def effect(self, x: np.ndarray) -> Evaluated:
-        """Negative smooth minimum of the logarithm of the separations, and the swings, with their gradient."""
-        here = self.along(x)
+    def cost_and_constraints(self, x: np.ndarray) -> EvaluatedMotion:
+        """Negative smooth minimum of the logarithms of the separations, and the limits of the swing, with gradient."""
+        here = self.predictions_along(x)
         truths = [p.predict(p.start)[0] for p in here]
         rises, residuals = np.empty(len(self.pairs)), []
         for k, (i, j) in enumerate(self.pairs):
-            rises[k], values = Rival(here[j], truths[i]).refitted(self._values[i, j], REFIT_STEPS)
+            rises[k], values = RefittedRival(here[j], truths[i]).best_refit(self._values[i, j], REFIT_STEPS)
             self._values[i, j] = values
             residuals.append(truths[i] - here[j].predict(values)[0])
-        logs = np.log(rises + ADDED_RISE)
+        logs = np.log(rises + ADDED_CHI2_RISE)
         shares = np.exp(-MINIMUM_SHARPNESS * (logs - logs.min()))
         smallest = float(logs.min() - np.log(shares.sum()) / MINIMUM_SHARPNESS)
         shares /= shares.sum()
-        pulls = [2.0 * share / (rise + ADDED_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)]
+        pulls = [
+            2.0 * share / (rise + ADDED_CHI2_RISE) * r for share, rise, r in zip(shares, rises, residuals, strict=True)
+        ]
 
         def gradient(weights: Sequence[np.ndarray]) -> np.ndarray:
             total = np.zeros(x.size)
@@ -184,13 +199,13 @@ class GripperProblem(MotionProblem):
                 pull = -np.sum(own, axis=0) if own else np.zeros(len(truths[i]))
                 push = (by[0] - by[1]) / self.swing
                 if pull.any() or push.any():
-                    total += predicted.by_coefficients(predicted.start, self.finer, pull, push)
+                    total += predicted.coefficient_gradient(predicted.start, self.kinematic_basis, pull, push)
             for share, pull, (i, j) in zip(shares, pulls, self.pairs, strict=True):
                 if share > NEGLIGIBLE_PAIR_SHARE:
-                    total += here[j].by_coefficients(self._values[i, j], self.finer, pull)
+                    total += here[j].coefficient_gradient(self._values[i, j], self.kinematic_basis, pull)
             return total[None]
 
-        return Evaluated(-smallest, [two_sided(p.swing(p.start) / self.swing) for p in here], gradient)
+        return EvaluatedMotion(-smallest, [two_sided_excess(p.swing(p.start) / self.swing) for p in here], gradient)
 
 
 def design_motion(
@@ -199,13 +214,13 @@ def design_motion(
     seconds: float,
     limits: GripperLimits | None = None,
     seed: int = 0,
-    say: Say = lambda _: None,
+    say: ReportProgress = lambda _: None,
 ) -> tuple[GripperPath, float]:
-    """Find the motion of a duration, s, that maximises the smallest separation between any two hypotheses.
+    """Find the gripper's motion of a duration, s, that maximises the smallest separation of any two hypotheses.
 
     Returns:
-        The motion, within the limits, and the smallest rise of chi2 over all ordered pairs, by linearisation, of the
-        median of the random motions.
+        The motion within the limits; and, for comparison, the smallest rise of chi2 over all ordered pairs by a random
+        motion: the median of the random motions.
 
     Raises:
         InputError: no motion can have this duration.
@@ -219,10 +234,12 @@ def design_motion(
     rises = np.array([problem.separations(x) for x in starts])
     # A pair that no random motion separates is left to other experiments, unless it is the only one.
     widest = dict(zip(problem.pairs, rises.max(axis=0), strict=True))
-    wanted = [k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > BLIND_RISE]
+    wanted = [
+        k for k, (i, j) in enumerate(problem.pairs) if max(widest[i, j], widest[j, i]) > MAX_INSEPARABLE_CHI2_RISE
+    ]
     if wanted:
-        problem, rises = problem.only(wanted), rises[:, wanted]
-    found = search(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
+        problem, rises = problem.with_pairs(wanted), rises[:, wanted]
+    found = best_motion(problem, starts, [-float(rise) for rise in rises.min(axis=1)], say)
     fine = GripperProblem(hypotheses, experiment, series, limits, NODE_SECONDS)
-    inside = shrink(fine, found)
+    inside = shrink_within_limits(fine, found)
     return fine.motion(found * 0.0 if inside is None else inside), float(np.median(rises.min(axis=1)))

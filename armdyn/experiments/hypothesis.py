@@ -1,4 +1,4 @@
-"""Hypotheses on the true model, each as fitted to the runs, and their predictions for an experiment."""
+"""Hypotheses on the true model, each fitted to the runs, and their predictions for an experiment."""
 
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from scipy.linalg import block_diag
 
-from armdyn.experiments.series import Basis
+from armdyn.experiments.series import SeriesBasis
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
@@ -17,23 +17,23 @@ from armdyn.physics.simulate import Rollout, System
 from armdyn.readout import Interpolated, lagged
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
-from armdyn.smoothing.even import halfway, slope
+from armdyn.smoothing.even import first_derivative, motion_at_midpoints
 
 T = TypeVar("T")
-CHANNELS = ("load_force", "swing_angle")
-START_SPREAD = {"initial_angle": 0.01, "initial_rate": 0.03}
-"""Standard deviation of the start of a load that is said to hang at rest, rad and rad/s."""
+EXPERIMENT_CHANNELS = ("load_force", "swing_angle")
+START_STD = {"initial_angle": 0.01, "initial_rate": 0.03}
+"""Standard deviation of angle, rad, and rate, rad/s, at the start of an experiment with a load that hangs at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One hypothesis on the true model.
+    """A hypothesis on the true model: a model with the values that fit the runs best.
 
     Attributes:
         name: name of the effects that it adds.
         model: model with the fitted values.
         free: parameters that a fit may change and that all runs share.
-        information: (k, k) information of runs and priors on `free`, in the inverse squares of their units.
+        information: (k, k) information of runs and priors on `free`, in inverse squares of the parameters' units.
         misfit: chi2 less that of the best hypothesis so far.
     """
 
@@ -45,23 +45,23 @@ class Hypothesis:
 
     @cached_property
     def rest_angle(self) -> float:
-        """Angle at which its load hangs at rest, rad."""
+        """Angle, rad, at which the load hangs at rest by this hypothesis."""
         return self.model.rest_angle()
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedExperiment:
-    """One experiment that could be made.
+    """An experiment that could be done.
 
     Attributes:
         kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest.
-        what: what to do, for a reader.
+        what: instruction for the experimenter.
         motion: motion of the gripper from rest to rest, its time from 0; None where nothing is recorded.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation, in the channel's
             unit.
         changed: parameters with another value in this run only, with that value and its standard deviation.
         measured: parameters that are measured by hand, with the standard deviation of the measurement.
-        turned: parameters whose sign is opposite in this run.
+        sign_reversed: parameters that have the opposite sign in this run.
         rate: sampling rate of each channel, Hz.
     """
 
@@ -71,37 +71,42 @@ class PlannedExperiment:
     noise: Mapping[str, float] = field(default_factory=dict)
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
-    turned: tuple[str, ...] = ()
+    sign_reversed: tuple[str, ...] = ()
     rate: float = 100.0
 
-    def along(self, motion: GripperPath) -> "PlannedExperiment":
-        """The same experiment with another motion."""
+    def along_motion(self, motion: GripperPath) -> "PlannedExperiment":
+        """This experiment with another motion of the gripper."""
         return replace(self, motion=motion)
 
     @cached_property
     def run(self) -> Run | None:
-        """A recording of the experiment, whose measured values do not matter."""
+        """A recording with the motion of the experiment and with zeros as measured values."""
         if self.motion is None:
             return None
         time = self.motion.time
         rows = [
-            *zip(("gripper_x", "gripper_v", "gripper_a"), self.motion.along, ("m", "m/s", "m/s^2"), strict=True),
-            *((name, np.zeros(len(time)), unit) for name, unit in zip(CHANNELS, ("N", "rad"), strict=True)),
+            *zip(
+                ("gripper_x", "gripper_v", "gripper_a"),
+                self.motion.motion_along_line,
+                ("m", "m/s", "m/s^2"),
+                strict=True,
+            ),
+            *((name, np.zeros(len(time)), unit) for name, unit in zip(EXPERIMENT_CHANNELS, ("N", "rad"), strict=True)),
         ]
         return Run("experiment", {name: Channel(time, row, unit) for name, row, unit in rows})
 
 
 class PredictedExperiment:
-    """Prediction of a hypothesis for an experiment, over the noise, with the prior knowledge of its unknowns.
+    """Prediction of a hypothesis for an experiment, divided by the noise, with priors on its unknowns.
 
     Attributes:
         names: names of the unknowns: those that all runs share, then those of this experiment.
-        prior: (m, m) information on them before the experiment.
-        spread: (m, m) square root of the covariance of the true values, if the hypothesis is true.
+        prior: (m, m) information on the unknowns before the experiment.
+        covariance_root: (m, m) square root of the unknowns' covariance, if the hypothesis is true.
         start: (m,) values of the unknowns before the experiment.
-        lower: (m,) smallest values.
-        upper: (m,) largest values.
-        typical: (m,) typical sizes.
+        lower: (m,) smallest values of the unknowns.
+        upper: (m,) largest values of the unknowns.
+        typical: (m,) typical sizes of the unknowns.
     """
 
     def __init__(self, hypothesis: Hypothesis, experiment: PlannedExperiment) -> None:
@@ -112,21 +117,21 @@ class PredictedExperiment:
         hangs = {"initial_angle": hypothesis.rest_angle, "initial_rate": 0.0}
         begin = hangs | {name: value for name, (value, _) in changed.items()}
         self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
-        stds = [changed[name][1] if name in changed else START_SPREAD[name] for name in own]
+        stds = [changed[name][1] if name in changed else START_STD[name] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
-        self.spread = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
+        self.covariance_root = block_diag(_root_of_inverse(hypothesis.information), np.diag(stds))
         bounded = [model.parameters[name] for name in self.names]
         self.lower, self.upper, self.typical = np.array([(p.lower, p.upper, p.typical) for p in bounded]).T
-        self._sign = np.array([-1.0 if name in experiment.turned else 1.0 for name in model.names])
+        self._sign = np.array([-1.0 if name in experiment.sign_reversed else 1.0 for name in model.names])
         # Where a name occurs twice, the last one counts: the value in this run.
         self._place = {name: i for i, name in enumerate(self.names)}
         self._last: dict[str, tuple[bytes, Any]] = {}
 
-    def along(self, motion: GripperPath) -> "PredictedExperiment":
-        """The same prediction for another motion."""
+    def along_motion(self, motion: GripperPath) -> "PredictedExperiment":
+        """The prediction of the same hypothesis for another motion of the gripper."""
         other = copy(self)
-        other.experiment, other._last = self.experiment.along(motion), {}
+        other.experiment, other._last = self.experiment.along_motion(motion), {}
         other.__dict__.pop("weights", None)
         return other
 
@@ -144,7 +149,7 @@ class PredictedExperiment:
         return cast(T, self._last[what][1])
 
     def predict(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) readings over their noise at (m,) values, and (n, m) derivatives; values measured by hand come last."""
+        """(n,) readings over their noise at (m,) unknowns, and (n, m) derivatives; hand-measured values come last."""
         return self._at(values, "prediction", self._predicted)
 
     def _predicted(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,9 +157,9 @@ class PredictedExperiment:
         readings, slopes = [np.zeros(0)], [np.zeros((0, len(self.names)))]
         if e.run is not None and e.motion is not None:
             measured, whole = tuple(self.weights), self.rollout(values)
-            rows = [CHANNELS.index(channel) for channel in measured]
+            rows = [EXPERIMENT_CHANNELS.index(channel) for channel in measured]
             rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
-            found = model.readings(e.run, e.motion, rolled, self.theta(values), measured)
+            found = model.sensor_readings(e.run, e.motion, rolled, self.theta(values), measured)
             columns = [model.names.index(name) for name in self.names]
             # The value of the other runs does not act in this one.
             acts = np.array([name not in e.changed or i == self._place[name] for i, name in enumerate(self.names)])
@@ -170,73 +175,77 @@ class PredictedExperiment:
 
     @cached_property
     def weights(self) -> dict[str, float]:
-        """One over the noise of every channel that the experiment measures, in the order of the readings."""
+        """Inverse of the noise of every channel that the experiment measures, by name."""
         e = self.experiment
         per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
-        return {channel: per_node / e.noise[channel] for channel in CHANNELS if channel in e.noise}
+        return {channel: per_node / e.noise[channel] for channel in EXPERIMENT_CHANNELS if channel in e.noise}
 
     @property
     def motion(self) -> GripperPath:
-        """Motion of the gripper in an experiment that has one."""
+        """The gripper's motion in the experiment, which must have one."""
         assert self.experiment.motion is not None, "an experiment without a motion moves nothing"
         return self.experiment.motion
 
     def rollout(self, values: np.ndarray) -> Rollout:
-        """Both channels along the motion."""
+        """Simulated channels along the motion, at (m,) values of the unknowns."""
         return self._at(
-            values, "rollout", lambda at: self.hypothesis.model.rollout(self.motion, self.theta(at), CHANNELS)
+            values,
+            "rollout",
+            lambda at: self.hypothesis.model.rollout(self.motion, self.theta(at), EXPERIMENT_CHANNELS),
         )
 
     def swing(self, values: np.ndarray) -> np.ndarray:
-        """(K,) angle of the load along the motion, rad."""
-        return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("swing_angle")])
+        """(K,) swing angle along the motion, rad, at (m,) values of the unknowns."""
+        return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")])
 
     def tension(self, values: np.ndarray) -> np.ndarray:
-        """(K,) tension of the string along the motion, N."""
-        return np.asarray(self.rollout(values).outputs[:, CHANNELS.index("load_force")])
+        """(K,) tension of the string along the motion, N, at (m,) values of the unknowns."""
+        return np.asarray(self.rollout(values).outputs[:, EXPERIMENT_CHANNELS.index("load_force")])
 
-    def by_coefficients(
-        self, values: np.ndarray, basis: Basis, readings: np.ndarray, swing: np.ndarray | None = None
+    def coefficient_gradient(
+        self, values: np.ndarray, basis: SeriesBasis, readings: np.ndarray, swing: np.ndarray | None = None
     ) -> np.ndarray:
-        """(size,) derivative of a weighted sum of readings with respect to the coefficients of the motion.
+        """(size,) derivative of a weighted sum of readings with respect to the Fourier coefficients of the motion.
 
         Args:
             values: (m,) values of the unknowns.
             basis: functions of which the motion consists, at its nodes.
-            readings: (n,) weights of the readings over their noise.
-            swing: (K,) weights of the load's angle, besides the readings.
+            readings: (n,) weights of the readings, which are divided by their noise.
+            swing: (K,) weights of the swing angle, in addition to the readings.
         """
         model, motion = self.hypothesis.model, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
         sampler, count = Interpolated(motion.time, motion.time), len(motion.time)
-        outputs = np.zeros((count, len(CHANNELS)))
+        outputs = np.zeros((count, len(EXPERIMENT_CHANNELS)))
         for i, (channel, weight) in enumerate(self.weights.items()):
             part = readings[i * count : (i + 1) * count] * weight
             sensor = model.system.sensors[channel]
-            outputs[:, CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
+            outputs[:, EXPERIMENT_CHANNELS.index(channel)] += sensor.adjoint(part, sampler, physics)
         if swing is not None:
-            outputs[:, CHANNELS.index("swing_angle")] += swing
-        path, adjoint = model.driven_by(motion, physics), _adjoint(model.system, model.formulation)
+            outputs[:, EXPERIMENT_CHANNELS.index("swing_angle")] += swing
+        path, adjoint = model.simulation_inputs(motion, physics), _adjoint(model.system, model.formulation)
         by_input = adjoint.gradient(path, physics, self.rollout(values).states, outputs)
         driving = _driving(basis, model.gripper_lag(physics))
         total = np.zeros(basis.functions.shape[2])
         for rows, functions in zip(by_input, driving, strict=True):
-            inputs = rows[list(DRIVING_ROWS if len(rows) > DRIVING_ROWS[-1] else DRIVING_ROWS[:-1])].ravel()
+            inputs = rows[
+                list(GRIPPER_MOTION_ROWS if len(rows) > GRIPPER_MOTION_ROWS[-1] else GRIPPER_MOTION_ROWS[:-1])
+            ].ravel()
             total += inputs @ functions[: len(inputs)]
         return total
 
 
-DRIVING_ROWS = (1, 2, 3, 7)
-"""Rows of a path with position, velocity, acceleration and jerk of the gripper; only some models have a jerk."""
+GRIPPER_MOTION_ROWS = (1, 2, 3, 7)
+"""Rows of a path's inputs with position, velocity, acceleration and jerk of the gripper; not all models have a jerk."""
 
 
 @lru_cache(maxsize=32)
 def _adjoint(system: System, name: str) -> Adjoint:
-    return Adjoint(system, name, CHANNELS)
+    return Adjoint(system, name, EXPERIMENT_CHANNELS)
 
 
 @lru_cache(maxsize=8)
-def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
+def _driving(basis: SeriesBasis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     """Position, velocity, acceleration and jerk of the string's upper end for each coefficient, stacked.
 
     The shapes are (4 K, size) at the nodes and (4 (K - 1), size) halfway between.
@@ -245,8 +254,8 @@ def _driving(basis: Basis, lag: float) -> tuple[np.ndarray, np.ndarray]:
     rows, step = basis.functions, float(basis.time[1] - basis.time[0])
     if lag > 0.0:
         rows = np.stack([lagged(part, lag, step)[0] for part in rows])
-    between = np.asarray(halfway(rows, step)).reshape(3, count - 1, size)
-    jerk = slope(rows[2], step)
+    between = np.asarray(motion_at_midpoints(rows, step)).reshape(3, count - 1, size)
+    jerk = first_derivative(rows[2], step)
     return np.concatenate([*rows, jerk]), np.concatenate([*between, (jerk[1:] + jerk[:-1]) / 2])
 
 

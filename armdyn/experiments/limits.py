@@ -1,4 +1,4 @@
-"""Limits of position, speed, acceleration and effort of joints or of a gripper."""
+"""Limits of a designed motion: position, speed, acceleration and effort of joints or of a gripper."""
 
 from dataclasses import dataclass, replace
 
@@ -9,14 +9,14 @@ from armdyn.errors import InputError
 from armdyn.experiments.series import AxisMotion
 
 FULL_TURN = 2.0 * np.pi
-"""A full turn, rad; a joint that turns further from its zero comes to the same postures again."""
+"""A full turn, rad: the farthest that a designed motion turns a joint from its zero."""
 KINEMATIC_LIMIT_SHARE, TORQUE_LIMIT_SHARE = 0.97, 0.93
 """Shares of the limits of position, speed and acceleration, and of torque, that an arm's motion uses: an arm does not
 follow its command exactly, and its torques are not exactly those of its description."""
 
 
-def two_sided(share: np.ndarray) -> np.ndarray:
-    """(2, ...) excess of signed shares of a limit beyond 1, and beyond -1; negative inside."""
+def two_sided_excess(share: np.ndarray) -> np.ndarray:
+    """(2, ...) excess of values, as shares of a limit, above 1 and below -1; negative within the limit."""
     return np.stack([share - 1.0, -share - 1.0])
 
 
@@ -39,8 +39,8 @@ class MotionLimits:
     effort: np.ndarray
 
     @classmethod
-    def of(cls, robot: urdf.Robot) -> "MotionLimits":
-        """The shares of a robot's limits that a motion uses."""
+    def of_robot(cls, robot: urdf.Robot) -> "MotionLimits":
+        """The limits of a designed motion of a robot: shares of the robot's own limits."""
         limits = robot.limits
         lower, upper = np.maximum(limits.lower, -FULL_TURN), np.minimum(limits.upper, FULL_TURN)
         middle, reach = (lower + upper) / 2.0, KINEMATIC_LIMIT_SHARE * (upper - lower) / 2.0
@@ -54,24 +54,24 @@ class MotionLimits:
         return np.asarray((self.lower + self.upper) / 2.0)
 
     @property
-    def half(self) -> np.ndarray:
+    def half_range(self) -> np.ndarray:
         """Half the range of the positions, rad or m."""
         return np.asarray((self.upper - self.lower) / 2.0)
 
     @property
-    def sizes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(axes,) distance from the middle, velocity and acceleration that correspond to a share of 1."""
-        return self.half, self.velocity, self.acceleration
+    def full_scale(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(axes,) largest distance from the middle of the range, largest velocity and largest acceleration."""
+        return self.half_range, self.velocity, self.acceleration
 
-    def beyond(self, motion: AxisMotion) -> list[np.ndarray]:
-        """(2, n, axes) excess of position, velocity and acceleration over their limits, as shares; negative inside."""
+    def excess(self, motion: AxisMotion) -> list[np.ndarray]:
+        """(2, n, axes) excess of position, velocity and acceleration over their limits, as shares; negative within."""
         away = (motion.q - self.middle, motion.v, motion.a)
-        return [two_sided(part / size) for part, size in zip(away, self.sizes, strict=True)]
+        return [two_sided_excess(part / size) for part, size in zip(away, self.full_scale, strict=True)]
 
-    def narrower(self, limit: str, joint: int, factor: float) -> "MotionLimits":
+    def reduced(self, limit: str, joint: int, factor: float) -> "MotionLimits":
         """Reduce one limit of one joint by a factor; positions are reduced towards the middle."""
         if limit == "position":
-            half = self.half.copy()
+            half = self.half_range.copy()
             half[joint] *= factor
             return replace(self, lower=self.middle - half, upper=self.middle + half)
         name = "effort" if limit == "torque" else limit
@@ -106,6 +106,6 @@ class GripperLimits:
 
     @property
     def along(self) -> MotionLimits:
-        """The limits of the one axis along the line."""
+        """The limits of the gripper along its line, as limits of one axis."""
         travel, speed, acceleration = (np.array([x]) for x in (self.travel, self.speed, self.acceleration))
         return MotionLimits(-travel, travel, speed, acceleration, np.array([np.inf]))

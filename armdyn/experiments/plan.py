@@ -1,4 +1,4 @@
-"""The plan: every kind of experiment that a laboratory can do, with its expected result, the best first.
+"""Plan the next experiment: compare all kinds of experiments that a laboratory can do by their expected results.
 
 Pairs that no motion of the gripper separates are named, with the reason, as far as the equations give one.
 """
@@ -16,21 +16,21 @@ from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
 from armdyn.experiments.rivals import Rivals, last_motion
-from armdyn.experiments.search import Say
-from armdyn.experiments.separation import ExpectedOutcome, Rival, beliefs, outlook
+from armdyn.experiments.search import ReportProgress
+from armdyn.experiments.separation import ExpectedOutcome, RefittedRival, expected_outcome, hypothesis_probabilities
 from armdyn.pendulum.path import GripperPath
 from armdyn.run import Run
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
 INSEPARABLE_RISE = 1.0
-"""Rise of chi2 by a motion designed for a pair, below which motion cannot separate the pair: far below any margin."""
+"""Rise of chi2 by a motion designed for a pair of hypotheses, below which no motion separates the pair."""
 SAME_ANGLE_SHARE = 0.02
-"""Relative difference up to which two angles are the same."""
+"""Relative difference up to which two rest angles count as equal."""
 MIN_REPORTED_TURN = 1e-3
-"""Smallest turn that is reported, rad."""
+"""Smallest rest angle of the load that a sentence mentions, rad."""
 MIN_REPORTED_CHANGE = 0.02
-"""Smallest change of an unknown that is reported, in typical sizes."""
+"""Smallest change of an unknown that a sentence mentions, in typical sizes."""
 ANGLE_NOISE = 5e-3
 """Noise of an angle sensor that could be added, an encoder or a camera, rad."""
 WEIGHING_ERROR_SHARE = 5e-3
@@ -46,39 +46,39 @@ REST_SECONDS = 60.0
 REST_NODE_SECONDS = 0.02
 """Time between the nodes of a simulation at rest, s."""
 MIN_RIGHT_PROBABILITY = 0.05
-"""Probability of a right verdict up to which an experiment is not worth doing."""
+"""Probability of a right verdict up to which an experiment is not recommended."""
 ROOM_FIXED_EFFECTS = ("wind",)
-"""Effects whose direction is fixed to the room: when the robot is turned round, they change sign along its line."""
+"""Effects with a direction that is fixed in the room: if the robot is turned by 180 degrees, their sign changes."""
 
 
 @dataclass(frozen=True)
-class Inseparable:
-    """A pair of effects that a designed motion does not separate.
+class InseparablePair:
+    """A pair of effects that no motion of the gripper separates.
 
     Attributes:
         effects: names of the two effects.
-        why: the reason, a sentence.
+        why: sentence with the reason.
     """
 
     effects: tuple[str, str]
     why: str
 
 
-def inseparable(
+def inseparable_pairs(
     hypotheses: Sequence[Hypothesis], outlook: ExpectedOutcome, experiment: PlannedExperiment
-) -> tuple[Inseparable, ...]:
-    """All pairs that the motion designed for them does not separate in either direction."""
+) -> tuple[InseparablePair, ...]:
+    """Pairs of hypotheses that the motion designed for them does not separate, whichever of the two is true."""
     rises = np.maximum(outlook.chi2_increase, outlook.chi2_increase.T)
     pairs = [pair for pair in combinations(range(len(hypotheses)), 2) if rises[pair] < INSEPARABLE_RISE]
     both = [(hypotheses[i], hypotheses[j]) for i, j in pairs]
-    return tuple(Inseparable((one.name, other.name), _why(one, other, experiment)) for one, other in both)
+    return tuple(InseparablePair((one.name, other.name), _why(one, other, experiment)) for one, other in both)
 
 
 def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -> str:
     """Changes of the second hypothesis with which it predicts the same as the first."""
     truth, rival = PredictedExperiment(first, experiment), PredictedExperiment(second, experiment)
     readings, _ = truth.predict(truth.start)
-    rise, best = Rival(rival, readings).refitted()
+    rise, best = RefittedRival(rival, readings).best_refit()
     said = (
         f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
         f"({float(np.sqrt(rise / max(len(readings), 1))):.1g} of the noise apart)"
@@ -108,38 +108,38 @@ def _changes(first: Hypothesis, rival: PredictedExperiment, best: np.ndarray) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
-    """An experiment with its expected result.
+class ProposedExperiment:
+    """An experiment that is proposed, with its expected result.
 
     Attributes:
         experiment: the experiment.
-        outlook: its expected result.
-        random: smallest rise of chi2 for the median of random motions; None where no motion was designed.
+        expected: its expected result.
+        random_motion_rise: smallest rise of chi2 for the median of random motions; None without a designed motion.
     """
 
     experiment: PlannedExperiment
-    outlook: ExpectedOutcome
-    random: float | None = None
+    expected: ExpectedOutcome
+    random_motion_rise: float | None = None
 
     @property
     def rank(self) -> tuple[float, bool, float]:
-        """Sort key, smaller first: the probability of a right verdict to a hundredth, manual work, the separation."""
-        return -round(self.outlook.probability, 2), self.experiment.kind != "motion", -self.outlook.separation
+        """Sort key, the best experiment first: by probability of a right verdict, manual work, and separation."""
+        return -round(self.expected.probability, 2), self.experiment.kind != "motion", -self.expected.separation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Displayable):
-    """Result of planning: which experiment to do next.
+class ExperimentPlan(Displayable):
+    """Plan of the next experiment: all proposed experiments, the best first.
 
     Attributes:
         rivals: the hypotheses to distinguish.
         proposals: experiments, the best first.
-        inseparable: pairs that no motion of the gripper separates, with the reason.
+        inseparable: pairs of hypotheses that no motion of the gripper separates, with the reason.
     """
 
     rivals: Rivals
-    proposals: tuple[Proposal, ...]
-    inseparable: tuple[Inseparable, ...]
+    proposals: tuple[ProposedExperiment, ...]
+    inseparable: tuple[InseparablePair, ...]
 
     def __str__(self) -> str:
         return self.sentence
@@ -147,9 +147,9 @@ class Plan(Displayable):
     __repr__ = __str__
 
     def document(self) -> Document:
-        """Build the tables: every experiment with its expected result, present beliefs, and the designed motion."""
-        outlooks = [p.outlook for p in self.proposals]
-        chances, beliefs = [one.probability for one in outlooks], list(self.belief)
+        """Build a document with the experiments, the probabilities of the hypotheses, and the designed motion."""
+        outlooks = [p.expected for p in self.proposals]
+        chances, beliefs = [one.probability for one in outlooks], list(self.rival_probabilities)
         experiments = [
             Column("experiment", [p.experiment.kind for p in self.proposals]),
             Column("separation [std]", [one.separation for one in outlooks], ".1f"),
@@ -177,30 +177,30 @@ class Plan(Displayable):
 
     @property
     def sentence(self) -> str:
-        """Which hypotheses to distinguish, and by which experiment, for a reader."""
+        """Sentence that names the hypotheses to distinguish and the best experiment."""
         names = [h.name for h in self.rivals.hypotheses]
         said = f"To tell {' from '.join(names) if len(names) == 2 else ', '.join(names) + ' apart'}"
-        best = next((p for p in self.proposals if p.outlook.probability > MIN_RIGHT_PROBABILITY), None)
+        best = next((p for p in self.proposals if p.expected.probability > MIN_RIGHT_PROBABILITY), None)
         if best is None:
             return f"{said}: none of these experiments does."
         motion, size = best.experiment.motion, ""
         if best.experiment.kind == "motion" and motion is not None:
             x, _, a = motion.peaks
-            size = f", in {motion.seconds:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
+            size = f", in {motion.duration:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
             size += f"effort {motion.effort:.1f} m²/s³"
         return (
-            f"{said}: {best.experiment.what} ({best.outlook.separation:.1f} standard deviations, "
-            f"a right verdict with {best.outlook.probability:.0%}){size}."
+            f"{said}: {best.experiment.what} ({best.expected.separation:.1f} standard deviations, "
+            f"a right verdict with {best.expected.probability:.0%}){size}."
         )
 
     @property
-    def belief(self) -> list[float]:
+    def rival_probabilities(self) -> list[float]:
         """Probability of each rival, given the runs so far."""
-        return [float(b) for b in beliefs(self.rivals.hypotheses)]
+        return [float(b) for b in hypothesis_probabilities(self.rivals.hypotheses)]
 
     @property
-    def motion(self) -> Proposal | None:
-        """The designed motion; None where none is proposed."""
+    def motion(self) -> ProposedExperiment | None:
+        """The proposed experiment with a designed motion; None without one."""
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
 
 
@@ -211,29 +211,33 @@ def _moved(run: Run) -> list[Curve]:
 
 
 @one_thread
-def plan(
-    rivals: Rivals, seconds: float = 8.0, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
-) -> Plan:
-    """Design a motion of a duration, s, and compare it with every other kind of experiment."""
+def plan_experiment(
+    rivals: Rivals,
+    seconds: float = 8.0,
+    limits: GripperLimits | None = None,
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> ExperimentPlan:
+    """Design a motion that takes `seconds`, and compare it with every other kind of experiment."""
     moving = designed_motion(rivals, seconds, limits, seed, say)
-    pairs = inseparable(rivals.hypotheses, moving.outlook, moving.experiment)
+    pairs = inseparable_pairs(rivals.hypotheses, moving.expected, moving.experiment)
     proposals = [moving]
-    for experiment in other_kinds(rivals, seconds):
-        if not safe(rivals, experiment, limits.swing if limits is not None else np.inf):
+    for experiment in other_experiments(rivals, seconds):
+        if not is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
             continue
         say(f"weighing up: {experiment.kind}")
-        proposals.append(Proposal(experiment, outlook(rivals.hypotheses, experiment, seed)))
-    return Plan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
+        proposals.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
+    return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
 
 
-def safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
-    """Whether every rival predicts a taut string and a swing within `swing`, rad, for an experiment.
+def is_safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
+    """Whether every rival predicts a taut string and swing angles up to `swing`, rad, in an experiment.
 
-    The last run itself, which was made, may exceed that limit.
+    An experiment that repeats the last run may reach the swing angles of that run, even above the limit.
     """
     if experiment.motion is None:
         return True
-    last = experiment.along(last_motion(rivals.last, experiment.motion.seconds))
+    last = experiment.along_motion(last_motion(rivals.last, experiment.motion.duration))
     plain = replace(last, changed={})
     for hypothesis in rivals.hypotheses:
         there, before = PredictedExperiment(hypothesis, experiment), PredictedExperiment(hypothesis, plain)
@@ -244,17 +248,21 @@ def safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
 
 
 def designed_motion(
-    rivals: Rivals, seconds: float, limits: GripperLimits | None = None, seed: int = 0, say: Say = lambda _: None
-) -> Proposal:
-    """The motion that separates the rivals best; pairs that no motion separates are not counted."""
+    rivals: Rivals,
+    seconds: float,
+    limits: GripperLimits | None = None,
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> ProposedExperiment:
+    """The experiment with the motion that separates the rivals best; pairs that no motion separates are ignored."""
     experiment = PlannedExperiment("motion", "swing along the designed motion", noise=rivals.noise)
     motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
-    experiment = experiment.along(motion)
-    return Proposal(experiment, outlook(rivals.hypotheses, experiment, seed), random)
+    experiment = experiment.along_motion(motion)
+    return ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed), random)
 
 
-def other_kinds(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
-    """All other experiments that could be done, along the last run's motion, except those already done."""
+def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
+    """Experiments without a designed motion that were not done yet, such as another load or weighing."""
     best, noise, last = rivals.hypotheses[0].model, rivals.noise, last_motion(rivals.last, seconds)
     mass, length = best.value("mass"), OTHER_LENGTH_RATIO * best.value("length")
     weight, weighing = OTHER_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
@@ -296,7 +304,9 @@ def other_kinds(rivals: Rivals, seconds: float) -> list[PlannedExperiment]:
     return found
 
 
-def with_motion(proposal: Proposal, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str) -> Proposal:
-    """The proposal along another motion, such as one that an arm can follow, with its expected result."""
-    experiment = replace(proposal.experiment.along(motion), what=what)
-    return replace(proposal, experiment=experiment, outlook=outlook(hypotheses, experiment))
+def along_other_motion(
+    proposal: ProposedExperiment, hypotheses: Sequence[Hypothesis], motion: GripperPath, what: str
+) -> ProposedExperiment:
+    """A proposed experiment with another motion, such as one that an arm can follow, and its expected result."""
+    experiment = replace(proposal.experiment.along_motion(motion), what=what)
+    return replace(proposal, experiment=experiment, expected=expected_outcome(hypotheses, experiment))

@@ -1,4 +1,4 @@
-"""Rival hypotheses that a diagnosis leaves, each fitted to the runs, with the information on its values."""
+"""Find the rival hypotheses that a diagnosis does not distinguish, and fit each to the runs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from armdyn.errors import InputError, TaskFailedError, UnknownNameError
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis
+from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis
 from armdyn.experiments.separation import TIE_CHI2
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit, converged
@@ -19,28 +19,28 @@ from armdyn.identify.study import Study
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import marginal_information
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import GripperPath, run_path
+from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
-LIKELY_DEVIATES = 2.0
-"""Size that an unseen effect may well have, in standard deviations."""
+UNSEEN_EFFECT_DEVIATES = 2.0
+"""Size of an effect that the runs may not reveal, in standard deviations of its parameter."""
 MAX_RIVALS = 5
-"""Largest number of rivals in a plan; the most plausible ones are used."""
+"""Largest number of rival hypotheses in a plan; the most plausible ones are used."""
 WELL_KNOWN_STD_SIZES = 0.05
-"""Ratio of standard deviation to typical size up to which a value is well known."""
+"""Ratio of standard deviation to typical size up to which a parameter counts as well known."""
 NO_EFFECT = "nothing"
 """Name of the hypothesis without an added effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """Rival hypotheses, and the noise of the channels.
+    """Rival hypotheses on the true model, and the noise of the channels.
 
     Attributes:
         hypotheses: the hypotheses, the best one so far first.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation.
-        last: the last run, whose experiment could be repeated in another way.
+        last: the last run, whose motion could be repeated in another experiment.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -49,7 +49,7 @@ class Rivals:
 
 
 def require_gripper(study: Study) -> None:
-    """Refuse a study for which no gripper motion can be designed.
+    """Refuse a study for which no motion of a gripper can be designed.
 
     Raises:
         InputError: the model is no pendulum, or the runs contain no gripper position or no channel that is predicted.
@@ -63,29 +63,31 @@ def require_gripper(study: Study) -> None:
     for run in study.runs:
         if "gripper_x" not in run.channels:
             raise InputError(f"{run.name}: has no 'gripper_x', and only a gripper that moves can be planned for")
-        if not any(channel in run.channels for channel in CHANNELS):
-            raise InputError(f"{run.name}: has none of {', '.join(CHANNELS)}, by which an experiment would be judged")
+        if not any(channel in run.channels for channel in EXPERIMENT_CHANNELS):
+            raise InputError(
+                f"{run.name}: has none of {', '.join(EXPERIMENT_CHANNELS)}, by which an experiment would be judged"
+            )
 
 
 @one_thread
-def undecided(
+def rivals_of_study(
     study: Study, names: Sequence[str] | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[str, str, Rivals | None]:
-    """Verdict and sentence of the diagnosis, and the rivals to distinguish; None where there are none.
+    """Diagnose a study; return the verdict, a sentence, and the rivals to distinguish, None without rivals.
 
-    `names` are those of the effects to distinguish, in place of those that the diagnosis leaves.
+    If `names` of effects are given, these are the rivals, and the study is not diagnosed.
 
     Raises:
-        InputError: see `require_gripper` and `named`.
+        InputError: see `require_gripper` and `rivals_by_name`.
         TaskFailedError: the fit has failed.
     """
     require_gripper(study)
     if names is not None:
-        return "", "", named(study, names)
+        return "", "", rivals_by_name(study, names)
     found = diagnose(study, say)
     if found.verdict is Verdict.LOST:
         raise TaskFailedError(found.sentence)
-    rivals = of_diagnosis(study, found) or weakest(study, found)
+    rivals = rivals_of_diagnosis(study, found) or rival_values_of_worst_parameter(study, found)
     said = found.comparison.sentence if rivals is None else ""
     if rivals is None:
         said = f"{found.sentence} Nothing is left to be told apart, and all values are known well."
@@ -95,7 +97,7 @@ def undecided(
 
 
 def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
-    """Sets of effects, beside those of the model as given, that the runs cannot distinguish, the best one first."""
+    """Sets of added effects that the runs cannot distinguish by a diagnosis, the best set first."""
     last, given = found.search.last, found.search.steps[0].effects
     added = group_by_effect([c for c in last.effects if c not in given])
     sets = [tuple(added)]
@@ -106,19 +108,19 @@ def tied_sets(found: Diagnosis) -> list[tuple[Candidate, ...]]:
     return sets
 
 
-def of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
-    """The rivals that a diagnosis leaves; None where it leaves none."""
+def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
+    """The hypotheses that a diagnosis does not distinguish; None if it distinguishes all."""
     sets = tied_sets(found)
     if len(sets) < 2:
         return None
     return _fitted(study, sets, found.search.steps[0].fit)
 
 
-def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
-    """The effect that a diagnosis names first, and others that are not certainly worse; None where all are.
+def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
+    """Rivals of the effect that a diagnosis names first: effects that are not certainly worse; None without rivals.
 
-    An effect is believed where it is certainly better than none. Here the same certainty is required against similar
-    effects: the encoders' noise, differentiated twice, is a model error as well, and decided such pairs wrongly by 11.
+    A diagnosis names an effect that is certainly better than no effect. Here the same certainty is required against
+    similar effects, because model errors can decide between them wrongly.
 
     Args:
         study: study of all runs.
@@ -141,8 +143,8 @@ def contested(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | Non
     return replace(all_of_them, hypotheses=close) if len(close) > 1 else None
 
 
-def named(study: Study, names: Sequence[str]) -> Rivals:
-    """Rivals that a user names: each alone, added to the model as given; a single name is compared with no effect.
+def rivals_by_name(study: Study, names: Sequence[str]) -> Rivals:
+    """Rivals by names of effects: the model with each effect added; a single effect is compared with none.
 
     Raises:
         UnknownNameError: the catalogue has no such effect, or the model has it already.
@@ -157,14 +159,14 @@ def named(study: Study, names: Sequence[str]) -> Rivals:
     return _fitted(study, sets if len(sets) > 1 else [*sets, ()], study.first())
 
 
-def refitted(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
-    """The same rivals, by the names of their effects, fitted to the runs of another study."""
+def rivals_refitted_to(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
+    """Rivals with the effects of each of `sets` added, fitted to the runs of a study."""
     by_name = _by_name(study)
     return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
-def weakest(study: Study, found: Diagnosis) -> Rivals | None:
-    """The value that the runs determine worst and a second possible value of it; None where all are well known.
+def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | None:
+    """Two possible values of the parameter that the runs determine worst; None if all are well known.
 
     Two values of one parameter are rivals like others: their separation is the information on the parameter, with all
     other unknowns as nuisance, times the squared difference of the values.
@@ -181,7 +183,11 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
     if shares[worst] < WELL_KNOWN_STD_SIZES:
         return None
     p, std = parameters[worst], float(stds[worst])
-    away = LIKELY_DEVIATES * std if p.value + LIKELY_DEVIATES * std <= p.upper else -LIKELY_DEVIATES * std
+    away = (
+        UNSEEN_EFFECT_DEVIATES * std
+        if p.value + UNSEEN_EFFECT_DEVIATES * std <= p.upper
+        else -UNSEEN_EFFECT_DEVIATES * std
+    )
     rest = [i for i in range(len(best.free)) if i != worst]
     # With the parameter at the other value, the others change with it, as the runs correlate them.
     moved = [(parameters[i], parameters[i].value + covariance[i, worst] / std**2 * away) for i in rest]
@@ -191,7 +197,7 @@ def weakest(study: Study, found: Diagnosis) -> Rivals | None:
         information=best.information[np.ix_(rest, rest)],
     )  # fmt: skip
     name = f"{p.name} = {p.value + away:.4g} {p.unit}"
-    second = replace(first, name=name, model=best.model.with_values(values), misfit=LIKELY_DEVIATES**2)
+    second = replace(first, name=name, model=best.model.with_values(values), misfit=UNSEEN_EFFECT_DEVIATES**2)
     return Rivals((first, second), noise, study.runs[-1])
 
 
@@ -247,11 +253,11 @@ def _sizeable(model: PendulumModel, name: str, value: float, information: float)
     if abs(value - p.null) >= std:
         return value
     side = -1.0 if value < p.null or p.upper <= p.null else 1.0
-    return float(np.clip(p.null + side * min(p.typical, LIKELY_DEVIATES * std), p.lower, p.upper))
+    return float(np.clip(p.null + side * min(p.typical, UNSEEN_EFFECT_DEVIATES * std), p.lower, p.upper))
 
 
 def last_motion(run: Run, seconds: float) -> GripperPath:
-    """The gripper's motion in a run, or its first part."""
-    path = run_path(run)
+    """The gripper's motion in a run, cut to its first `seconds`."""
+    path = gripper_path(run)
     count = min(len(path.x), round(seconds / path.dt) + 1)
-    return GripperPath(0.0, path.dt, *path.along[:, :count])
+    return GripperPath(0.0, path.dt, *path.motion_along_line[:, :count])

@@ -1,4 +1,4 @@
-r"""Separation of two hypotheses in an experiment, when the rival may be refitted.
+r"""Separation of two hypotheses in an experiment, if the rival is refitted to it.
 
 With d the difference of the predicted readings over their noise, J the rival's derivatives and L the information on its
 unknowns from earlier runs and priors,
@@ -26,25 +26,25 @@ from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.linear.solve import solve_bounded
 
 TIE_CHI2 = 2.0 * TIE_NATS
-"""Difference of chi2 up to which the diagnosis calls two effects tied where the residual is only noise."""
+"""Difference of chi2 up to which a diagnosis does not distinguish two effects, if the residual is only noise."""
 DRAWN_OUTCOMES = 400
 """Number of outcomes of an experiment that are drawn to estimate the probability of a right verdict."""
 ADDED_INFORMATION_SHARE = 1e-9
-"""Share of its own size that is added to the information on an unknown, so that unidentified ones stay at their
+"""Share of its own size that is added to the information on an unknown, so that an unidentifiable unknown keeps its
 value."""
 MAX_REFIT_STEPS = 12
-"""Largest number of steps of a refit of the rival."""
+"""Largest number of steps in the refit of a rival hypothesis."""
 
 
-class Rival:
-    """A hypothesis that is fitted to the prediction of another one; it is also the cost that `descend` minimises."""
+class RefittedRival:
+    """A hypothesis that is fitted to predicted readings of another one: the cost function of this fit."""
 
     def __init__(self, predicted: PredictedExperiment, readings: np.ndarray) -> None:
         self.predicted, self._readings = predicted, readings
         self.lower, self.upper = predicted.lower, predicted.upper
 
     def evaluate(self, values: np.ndarray) -> Expansion:
-        """Half the rise of chi2, expanded at (m,) values of the rival's unknowns."""
+        """Half the rise of chi2 at (m,) values of the rival's unknowns, with gradient and Gauss-Newton Hessian."""
         away, prior = values - self.predicted.start, self.predicted.prior
         with np.errstate(all="ignore"):
             readings, slopes = self.predicted.predict(values)
@@ -54,31 +54,31 @@ class Rival:
             return Expansion(np.inf, np.zeros(len(values)), np.eye(len(values)))
         return Expansion(cost, prior @ away - slopes.T @ rest, slopes.T @ slopes + prior)
 
-    def refitted(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
-        """Rise of chi2 at the rival's best values, and these values (m,)."""
+    def best_refit(self, start: np.ndarray | None = None, steps: int = MAX_REFIT_STEPS) -> tuple[float, np.ndarray]:
+        """Fit the rival; return the rise of chi2 at its best values, and these (m,) values."""
         found = descend(self, self.predicted.start if start is None else start, most_steps=steps, tolerance=0.02)
         return 2.0 * found.at.cost, found.values
 
 
 def linear_separation(truth: PredictedExperiment, rival: PredictedExperiment) -> float:
-    """Rise of chi2 by one linearisation at the rival's present values."""
+    """Rise of chi2 if the rival is refitted to the true hypothesis, by one linearisation at the rival's values."""
     difference = truth.predict(truth.start)[0] - rival.predict(rival.start)[0]
     return float(_rise(rival, rival.start, difference[:, None])[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedOutcome:
-    """Expected result of an experiment.
+    """Expected result of an experiment with h hypotheses.
 
     Attributes:
-        chi2_increase: (h, h) rise of chi2 if the first index is true and the second is refitted; 0 on the diagonal.
-        right: (h,) probability that each hypothesis, if true, is the only one left.
-        belief: (h,) probability of each hypothesis before the experiment.
+        chi2_increase: (h, h) rise of chi2 if hypothesis i is true and hypothesis j is refitted; 0 on the diagonal.
+        right_probability: (h,) probability that each hypothesis, if true, is the only plausible one afterwards.
+        prior_probability: (h,) probability of each hypothesis before the experiment.
     """
 
     chi2_increase: np.ndarray
-    right: np.ndarray
-    belief: np.ndarray
+    right_probability: np.ndarray
+    prior_probability: np.ndarray
 
     @property
     def separation(self) -> float:
@@ -89,18 +89,18 @@ class ExpectedOutcome:
     @property
     def probability(self) -> float:
         """Probability of a unique right verdict, averaged over the hypotheses."""
-        return float(self.belief @ self.right)
+        return float(self.prior_probability @ self.right_probability)
 
 
-def beliefs(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-    """(h,) probability of each hypothesis from its fit to the runs so far."""
+def hypothesis_probabilities(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+    """(h,) probability of each hypothesis, from its fit to the runs so far."""
     misfit = np.array([h.misfit for h in hypotheses])
     weight = np.exp(-0.5 * (misfit - misfit.min()))
     return np.asarray(weight / weight.sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, seed: int = 0) -> ExpectedOutcome:
-    """Predict the result of an experiment, with every rival refitted nonlinearly."""
+def expected_outcome(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, seed: int = 0) -> ExpectedOutcome:
+    """Predict the result of an experiment, by nonlinear refits of every rival and random outcomes."""
     predicted = [PredictedExperiment(h, experiment) for h in hypotheses]
     count = len(predicted)
     rises, right = np.zeros((count, count)), np.ones(count)
@@ -108,7 +108,7 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, see
     for i, truth in enumerate(predicted):
         readings, slopes = truth.predict(truth.start)
         noise = rng.standard_normal((len(readings), DRAWN_OUTCOMES))
-        errors = truth.start[:, None] + truth.spread @ rng.standard_normal((len(truth.start), DRAWN_OUTCOMES))
+        errors = truth.start[:, None] + truth.covariance_root @ rng.standard_normal((len(truth.start), DRAWN_OUTCOMES))
         errors = np.clip(errors, truth.lower[:, None], truth.upper[:, None]) - truth.start[:, None]
         off = noise + slopes @ errors
         own = _rise(truth, truth.start, off)
@@ -116,12 +116,12 @@ def outlook(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment, see
         for j, rival in enumerate(predicted):
             if i == j:
                 continue
-            rises[i, j], best = Rival(rival, readings).refitted()
+            rises[i, j], best = RefittedRival(rival, readings).best_refit()
             other = _rise(rival, best, (readings - rival.predict(best)[0])[:, None] + off)
             earlier = hypotheses[j].misfit - hypotheses[i].misfit
             wins &= other - own + earlier > TIE_CHI2
         right[i] = float(np.mean(wins))
-    return ExpectedOutcome(rises, right, beliefs(hypotheses))
+    return ExpectedOutcome(rises, right, hypothesis_probabilities(hypotheses))
 
 
 def _rise(rival: PredictedExperiment, values: np.ndarray, rest: np.ndarray) -> np.ndarray:

@@ -17,18 +17,17 @@ import numpy as np
 from scipy.linalg import null_space
 
 JOINT_BAND_HZ = 1.0
-"""Highest frequency of a joint's position, Hz: arms follow it, and it is far below the 10 Hz at which their links
-bend."""
+"""Highest frequency of a joint in a designed motion, Hz: arms follow it, and it is far below the 10 Hz at which their
+links bend."""
 MIN_HARMONICS = 4
-"""Least number of harmonics: two of each kind remain where both conditions of rest are met. A very short motion then
-exceeds the band."""
+"""Least number of harmonics of a designed motion, so that two free coefficients remain for the sines and for the
+cosines. A very short motion then exceeds the highest frequency."""
 JOINT_MAX_PERIOD = 20.0
-"""Longest period, s; a longer motion repeats a period of at most this length, so that the number of unknowns is
-limited."""
+"""Longest period of a joint's motion, s; a longer motion repeats a period, which limits the number of coefficients."""
 
 
 class AxisMotion(NamedTuple):
-    """Positions and derivatives of all axes at some times; all arrays are (n, axes).
+    """Positions, velocities and accelerations of all axes at n times; all arrays are (n, axes).
 
     Attributes:
         q: position, rad or m.
@@ -42,8 +41,8 @@ class AxisMotion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
-    """The functions of a series at some instants; a motion is a linear combination of them.
+class SeriesBasis:
+    """Values of the basis functions of a Fourier series at n times; a motion is a linear combination of them.
 
     Attributes:
         time: (n,) instants, s.
@@ -54,7 +53,7 @@ class Basis:
     functions: np.ndarray
 
     def motion(self, x: np.ndarray) -> AxisMotion:
-        """The motion for (axes, size) coefficients."""
+        """The motion with (axes, size) Fourier coefficients x."""
         return AxisMotion(*(functions @ x.T for functions in self.functions))
 
     def gradient(self, by_q: np.ndarray, by_v: np.ndarray, by_a: np.ndarray) -> np.ndarray:
@@ -64,18 +63,18 @@ class Basis:
 
 
 @dataclass(frozen=True)
-class Series:
+class FourierSeries:
     """The Fourier series of which the position of an axis consists.
 
     Attributes:
         seconds: duration of the whole motion, s.
-        band: highest frequency, Hz.
+        max_frequency: highest frequency, Hz.
         longest_period: longest period, s; a longer motion repeats a period.
-        from_start: whether positions are relative to the start of the motion; the centre is then not used.
+        from_start: whether positions are relative to the start of the motion, which makes the centre unused.
     """
 
     seconds: float
-    band: float = JOINT_BAND_HZ
+    max_frequency: float = JOINT_BAND_HZ
     longest_period: float = JOINT_MAX_PERIOD
     from_start: bool = False
 
@@ -86,17 +85,17 @@ class Series:
 
     @property
     def period(self) -> float:
-        """Period P, s."""
+        """Period P of the motion, s."""
         return self.seconds / self.repeats
 
     @property
     def harmonics(self) -> int:
-        """Number of harmonics H."""
-        return max(MIN_HARMONICS, int(self.band * self.period + 1e-9))
+        """Number H of harmonics in the series."""
+        return max(MIN_HARMONICS, int(self.max_frequency * self.period + 1e-9))
 
     @property
-    def size(self) -> int:
-        """Number of coefficients of an axis: the centre, H - 1 of the sines, H - 1 of the cosines."""
+    def coefficient_count(self) -> int:
+        """Number of Fourier coefficients of an axis: the centre, H - 1 for sines and H - 1 for cosines."""
         return 2 * self.harmonics - 1
 
     @cached_property
@@ -108,7 +107,7 @@ class Series:
         return sines, cosines
 
     def functions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """(n, size) values, at (n,) times in s, of the functions or of one of their derivatives."""
+        """(n, size) values of the basis functions, or of their `derivative`-th derivatives, at (n,) times, s."""
         h = np.arange(1, self.harmonics + 1)
         w = 2.0 * np.pi * h / self.period
         phase = np.outer(time, w) + 0.5 * np.pi * derivative
@@ -120,13 +119,13 @@ class Series:
             values -= np.concatenate([[1.0], np.zeros(sines.shape[1]), cosines.sum(axis=0)])
         return values
 
-    def at(self, time: np.ndarray) -> Basis:
-        """The functions and their derivatives at (n,) times, s."""
-        return Basis(time, np.stack([self.functions(time, k) for k in range(3)]))
+    def basis_at(self, time: np.ndarray) -> SeriesBasis:
+        """The basis functions and their derivatives at (n,) times, s."""
+        return SeriesBasis(time, np.stack([self.functions(time, k) for k in range(3)]))
 
-    def low(self, harmonics: int) -> np.ndarray:
-        """(size, size) projection of coefficients onto the first `harmonics` harmonics; the centre stays."""
-        kept = np.zeros((self.size, self.size))
+    def low_harmonics_projection(self, harmonics: int) -> np.ndarray:
+        """(size, size) matrix that projects coefficients onto the first `harmonics` harmonics and keeps the centre."""
+        kept = np.zeros((self.coefficient_count, self.coefficient_count))
         kept[0, 0] = 1.0
         h, m = np.arange(1.0, self.harmonics + 1), self.harmonics - 1
         for power, free, rows in zip((1, 2), self._free, (slice(1, m + 1), slice(m + 1, None)), strict=True):

@@ -1,42 +1,47 @@
-"""Find unknowns that no motion identifies: their columns are spanned by others at every state of the arm."""
+"""Find unknowns that no motion identifies: their regressor columns are linear combinations of others."""
 
 import numpy as np
 from scipy.linalg import orth, qr
 
-from armdyn.experiments.columns import Columns, random_states
+from armdyn.experiments.columns import TorqueRegressor, random_joint_states
 
 RANDOM_STATES = 300
-"""Number of random states that represent all states; each gives a row per joint, many times the number of unknowns."""
+"""Number of random states of an arm at which linear dependence of regressor columns is decided."""
 MAX_SPANNED_SHARE = 1e-6
-"""Independent share of a column's length below which others span it: rounding leaves 1e-12, a motion reveals 1e-3."""
+"""Independent share of a regressor column's length below which it is a linear combination of others; rounding leaves
+1e-12, and a motion reveals 1e-3."""
 
 MIN_VISIBLE_CHANGE = 0.5
-"""Root mean square over random states, all joints together, of a change that a motion can reveal, in units of the
-noise. A designed motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out by 5
-standard deviations."""
-ROUNDING_TORQUE = 1e-6
-"""Change of a torque, in units of the noise, that is only rounding."""
+"""Least change of torques that a motion can reveal, in units of the noise: root mean square over random states, all
+joints together. A designed motion has a quarter of their accelerations; in 20 s at 100 Hz such a change then stands out
+by 5 standard deviations."""
+ROUNDING_TORQUE_DEVIATES = 1e-6
+"""Change of a torque, in units of its noise, below which it is only rounding."""
 MIN_CHANGE_SHARE = 1e-3
-"""Least share of an unknown in a change that no motion reveals, if it takes part in the change at all."""
+"""Least component of an unknown in a unit change of all unknowns that no motion reveals, for the unknown to be
+unidentifiable."""
 
 
-def random_rows(columns: Columns) -> np.ndarray:
-    """(N, P) regressor at random states all over the arm's limits, in typical sizes of the unknowns."""
-    found = columns.at(random_states(columns.arm, RANDOM_STATES))
+def regressor_at_random_states(columns: TorqueRegressor) -> np.ndarray:
+    """(N, P) regressor at random states within the arm's limits, for changes of typical size; a row is one torque."""
+    found = columns.values_along(random_joint_states(columns.arm, RANDOM_STATES))
     rows = found.reshape(-1, found.shape[2])
-    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE] = 0.0
+    rows[:, np.abs(rows).max(axis=0) < ROUNDING_TORQUE_DEVIATES] = 0.0
     return rows
 
 
-def distinguishable(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(len(own), k) orthonormal changes of the `own` unknowns that some motion distinguishes from the `others`.
+def distinguishable_changes(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Find changes of some unknowns that a motion distinguishes from changes of other unknowns.
 
     A change of typical size that the noise hides even at full speed and acceleration counts as indistinguishable.
 
     Args:
-        rows: (N, P) see `random_rows`.
+        rows: (N, P) regressor at random states.
         own: indices of some unknowns.
         others: indices of other unknowns.
+
+    Returns:
+        (len(own), k) orthonormal changes.
     """
     X, span = rows[:, own], _span(rows[:, others])
     _, sizes, directions = np.linalg.svd(X - span @ (span.T @ X), full_matrices=False)
@@ -45,8 +50,8 @@ def distinguishable(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np
     return np.asarray(directions[shows].T)
 
 
-def hopeless(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Indices of the `own` unknowns that no motion distinguishes from the rest of them and from `others`."""
+def unidentifiable_unknowns(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Indices of those `own` unknowns that no motion distinguishes from `others` or from the rest of `own`."""
     X = rows[:, np.concatenate([own, others])]
     lengths = np.linalg.norm(X, axis=0)
     _, sizes, directions = np.linalg.svd(X / np.maximum(lengths, np.finfo(float).tiny), full_matrices=False)
@@ -54,8 +59,8 @@ def hopeless(rows: np.ndarray, own: np.ndarray, others: np.ndarray) -> np.ndarra
     return np.asarray(own[np.linalg.norm(nothing[:, : len(own)], axis=0) > MIN_CHANGE_SHARE])
 
 
-def independent(rows: np.ndarray) -> np.ndarray:
-    """Indices of independent columns that span all others: base parameters by a QR decomposition.
+def independent_columns(rows: np.ndarray) -> np.ndarray:
+    """Indices of linearly independent columns that span all others: base parameters, by a QR decomposition.
 
     Source: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic Systems 8(4), 1991.
     """

@@ -36,7 +36,7 @@ from armdyn.identify.tables import (
 from armdyn.identify.together import Together
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.parameter import Parameter
-from armdyn.recording.preparation import of_all_runs, sentence
+from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.shown import Displayable
 from armdyn.threads import one_thread
 
@@ -111,7 +111,7 @@ class Comparison(Displayable):
 
     def document(self) -> Document:
         """Build the tables of parameters, channels and places where the model fails."""
-        prepared = sentence(of_all_runs(run.preparations for run in self.fit.problem.runs))
+        prepared = preparation_sentence(combined_preparations(run.preparations for run in self.fit.problem.runs))
         model = self.fit.problem.model
         held = [model.background.sentence] if model.background is not None else []
         sections = [

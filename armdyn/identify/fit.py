@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.identify.least_squares import Outcome
 from armdyn.identify.problem import Block, Problem, by_channel, chi2_of, samples_of
-from armdyn.recording.gaps import until
+from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 
 MIN_INDEPENDENT_SHARE = 1e-5
@@ -158,7 +158,7 @@ def independent(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 def first_part(run: Run, window: float) -> Run:
     """The part of a run up to `window` s after the first sample of the compared channels."""
-    return until(run, _begin(run) + window)
+    return run_until(run, _begin(run) + window)
 
 
 def duration(run: Run) -> float:

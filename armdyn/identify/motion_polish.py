@@ -17,10 +17,18 @@ import numpy as np
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.rollout import COARSE_STEP, ROLLOUT_STEP, can_roll_out, closed, encoder_step, rolled, windows
+from armdyn.arm.rollout import (
+    COARSE_STEP,
+    ROLLOUT_STEP,
+    can_roll_out,
+    encoder_step,
+    has_all_position_commands,
+    simulated_positions,
+    simulation_windows,
+)
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import solve_bounded
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 WINDOW_SECONDS, OPEN_LOOP_WINDOW_SECONDS = (2.0, np.inf), (0.5,)
@@ -88,7 +96,9 @@ def polished(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Servo] | 
     usable = [run for run in runs if model.drives and can_roll_out(model, run)]
     if not usable:
         return model
-    lengths = WINDOW_SECONDS if all(closed(model, run) for run in usable) else OPEN_LOOP_WINDOW_SECONDS
+    lengths = (
+        WINDOW_SECONDS if all(has_all_position_commands(model, run) for run in usable) else OPEN_LOOP_WINDOW_SECONDS
+    )
     unknowns = _unknowns(model, model.drives if given is None else given)
     values = np.array([_value(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
@@ -169,7 +179,7 @@ def _with(model: ArmModel, unknowns: Sequence[_Unknown], values: np.ndarray) -> 
     return replace(model.with_parameters(parameters), drives=MappingProxyType(drives))
 
 
-def _agreed(read: Known, moved: float) -> Known:
+def _agreed(read: KnownQuantity, moved: float) -> KnownQuantity:
     """Combine the gain from readings with the gain from motion; its deviation covers the difference of the two."""
     return replace(read, value=moved, std=float(np.hypot(read.std or 0.0, moved - read.value)))
 
@@ -191,7 +201,7 @@ class _Descent:
         self._model, self._unknowns, self._longest = model, unknowns, longest
         self._robust = OPEN_LOOP_ERROR_RATIO if length in OPEN_LOOP_WINDOW_SECONDS else ROBUST_ERROR_RATIO
         joints = model.arm.joints
-        self._windows = [w for run in runs for w in windows(run, joints, length)]
+        self._windows = [w for run in runs for w in simulation_windows(run, joints, length)]
         self._groups = _apart(unknowns)
         ends = np.cumsum([len(w.time) for w in self._windows]).tolist()
         self._rows = [slice(end - len(w.time), end) for w, end in zip(self._windows, ends, strict=True)]
@@ -211,7 +221,7 @@ class _Descent:
             for w, s in zip(self._windows, starts, strict=True)
         ]
         with np.errstate(all="ignore"):
-            parts = [rolled(model, theta, window, servos, self._longest) - window.q for window in begun]
+            parts = [simulated_positions(model, theta, window, servos, self._longest) - window.q for window in begun]
         return np.clip(np.nan_to_num(np.vstack(parts), nan=100.0), -100.0, 100.0)
 
     def down(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from armdyn.errors import InputError
 from armdyn.identify.least_squares import Descent, Expansion, descend
 from armdyn.model import Model
 from armdyn.parameter import Parameter, Prior
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 CACHED_POINTS = 3
@@ -362,7 +362,7 @@ class FreePart:
         return at
 
 
-def _stated(run: Run, name: str) -> Known | None:
+def _stated(run: Run, name: str) -> KnownQuantity | None:
     return run.known.get(name)
 
 

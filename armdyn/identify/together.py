@@ -20,7 +20,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.residual.tests import stacked
 from armdyn.identify.sentence import listed
 from armdyn.kept import cached_with_first_argument
-from armdyn.physics.simulated import simulated
+from armdyn.physics.simulated import as_simulated_model
 from armdyn.threads import one_thread
 
 DETERMINED_STD_SIZES = 1.0
@@ -110,5 +110,7 @@ def _described(fit: Fit, columns: np.ndarray, direction: np.ndarray, alone: np.n
 
 def _settling(fit: Fit, direction: np.ndarray) -> tuple[str, ...]:
     """States that no channel measures and that change along a (P,) direction of the values."""
-    model = simulated(fit.problem.model)
-    return model.states_moved(fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction)))
+    model = as_simulated_model(fit.problem.model)
+    return model.states_sensitive_to(
+        fit.problem.runs[0], *(fit.problem.theta(0, one) for one in (fit.values, direction))
+    )

@@ -1,4 +1,4 @@
-"""Compare an arm's recordings with its description, at a few moments, under every hypothesis on how they were made."""
+"""Compare an arm's recording with its model, for every hypothesis on a mistake in the recording or the description."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,15 +9,15 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.bodies import MotionSamples
-from armdyn.arm.composition import depends_on_before
+from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
 from armdyn.arm.motion import Motion, measured_motion
-from armdyn.arm.prepared import interior
+from armdyn.arm.prepared import samples_inside_motion
 from armdyn.arm.rigid import inverse_dynamics
 from armdyn.effects.effect import Effect
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
-from armdyn.inspection.kinematics import averages
+from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
+from armdyn.inspection.kinematics import local_averages
 from armdyn.kept import cached_with_first_argument
 from armdyn.linear.solve import solve_bounded
 from armdyn.readout import lagged
@@ -26,7 +26,7 @@ from armdyn.run import Run
 ARM_MOMENTS = 120
 """Number of moments at which a recording is evaluated: enough to distinguish a hundred effects of an arm."""
 COARSE_MOMENT_STRIDE = 2
-"""Stride of the moments in a first, coarse evaluation."""
+"""Stride of the moments that the coarse evaluation of hypotheses uses."""
 TORQUE_AVERAGE_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
 SEPARATE_EFFECTS = frozenset(
@@ -36,41 +36,42 @@ SEPARATE_EFFECTS = frozenset(
 LARGE_EFFECT_SIZES = {
     "joint_viscous_friction": 3.0, "joint_coulomb_friction": 3.0, "rotor_inertia": 3.0, "gravity_spring": 2.0,
 }  # fmt: skip
-"""Size that an effect often has, in typical sizes; Baxter's spring is 3.5 times as large as a spring typically is."""
-SIGN_ROUNDS = 3
-"""Number of times that the signs of torques recorded without sign are decided anew."""
+"""Sizes of effects that are often larger than their typical size, in typical sizes, by effect; Baxter's spring is 3.5
+times as large as a spring typically is."""
+SIGN_ESTIMATION_ROUNDS = 3
+"""Number of iterations that estimate the signs of torques that were recorded without sign."""
 SLIGHT_TORQUE_SHARE = 0.02
 """Share of a joint's effort limit below which its torques are nearly zero."""
 USUAL_TORQUE_DELAY = 0.03
-"""Delay that torques often have, s."""
+"""Usual delay of recorded torques, s."""
 USUAL_TILT = 0.1
-"""Tilt that a base often has, rad."""
+"""Usual tilt of an arm's base, rad."""
 USUAL_PAYLOAD_SHARE, USUAL_PAYLOAD_DISTANCE = 0.15, 0.2
 """Mass of a typical payload, as a share of the arm's mass, and its distance from the hand, m."""
 INERTIAL_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
-"""Power of a distance in each of a body's inertial parameters: mass, first moments, second moments."""
+"""Power of length in the unit of each inertial parameter of a body: mass, first moments, second moments."""
 USUAL_DRIVE_SHARES = np.array([0.05, 0.1, 0.1, 0.01])
 """Typical offset, viscous friction, dry friction and rotor inertia of a joint, as shares of its effort limit at 1 rad/s
 and 1 rad/s^2."""
 MAX_LIMITED_EFFORT = 1e4
-"""Effort limit, N m or N, from which a description gives none."""
+"""Effort limit, N m or N, from which a description is taken to state no limit."""
 LIMIT_PRICE_NATS = 10.0
-"""Price, in nats, for each joint that would leave its limits: descriptions have wrong limits now and then."""
+"""Log odds, in nats, against a hypothesis, for each joint that would leave its limits."""
 IMPOSSIBLE_EXCESS, IMPOSSIBLE_PRICE_NATS = 4.0 * np.pi, 20.0
-"""Excess over a limit, rad or m, that no joint has, whatever its description says, and the price of each in nats."""
+"""Excess over a position limit, rad or m, that is impossible for every joint, and the log odds against it, in nats."""
 JOINT_LIMIT_TOLERANCE, MAX_EFFORT_RATIO = 0.3, 2.0
-"""Excess over a limit, rad or m, that still counts as at the limit, and largest ratio of a torque to the effort
+"""Excess over a position limit, rad or m, that is tolerated, and largest possible ratio of a torque to the effort
 limit."""
 DRIVE_PRIOR_INFORMATION = 0.05
 """Prior information on a joint's offset and frictions, in typical sizes, where gravity is fitted with them: the torques
 then count over their mean square."""
 IGNORED_MOMENTS_SHARE = 0.05
-"""Share of the moments beyond a limit that is ignored."""
+"""Share of the moments beyond a limit up to which the limit does not count as exceeded."""
 
 
 @dataclass(frozen=True)
-class Description:
-    """Possible errors of a model's description, rather than of a recording.
+class DescriptionCorrection:
+    """Correction of possible errors in the description of an arm and in what its torque sensors measure.
 
     Attributes:
         gravity: (3,) gravity in the frame of the base, m/s^2; None means that of the model.
@@ -78,8 +79,7 @@ class Description:
         length: factor on all lengths.
         lag: time constant of a low-pass on the torques, s.
         magnitudes: whether the torques were recorded without sign.
-        compensated: whether the weight of the arm as described was subtracted from the torques, but not that of a
-            payload.
+        compensated: whether the weight of the described arm, without a payload, was subtracted from the torques.
     """
 
     gravity: tuple[float, float, float] | None = None
@@ -89,9 +89,9 @@ class Description:
     magnitudes: bool = False
     compensated: bool = False
 
-    def of(self, model: pin.Model) -> pin.Model:
-        """The arm's model with these errors corrected."""
-        if replace(self, lag=0.0, magnitudes=False, compensated=False) == Description():
+    def corrected_model(self, model: pin.Model) -> pin.Model:
+        """The rigid-body model of the arm with these errors corrected."""
+        if replace(self, lag=0.0, magnitudes=False, compensated=False) == DescriptionCorrection():
             return model
         changed = model.copy()
         if self.gravity is not None:
@@ -104,15 +104,15 @@ class Description:
             changed.inertias[i] = pin.Inertia(self.mass * inertia.mass, lever, moment)
         return changed
 
-    def read(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Torques (J, n) and their columns (J, n, k), as a recording with these properties has them."""
+    def as_recorded(self, time: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Torques (J, n) and their derivatives (J, n, k) as they would be recorded at times (n,), s."""
         if self.lag:
             parts = tuple(_lagged(time, part, self.lag) for part in parts)
         return with_sign_of_total(parts[0], *parts) if self.magnitudes else parts
 
 
 def with_sign_of_total(whole: np.ndarray, *parts: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Multiply parts (J, n, ...) of a torque (J, n) by its sign, so that the whole becomes its absolute value."""
+    """Multiply parts (J, n, ...) of torques `whole` (J, n) by the sign of the torques, as in recorded magnitudes."""
     sign = np.where(whole < 0.0, -1.0, 1.0)
     return tuple(sign.reshape(sign.shape + (1,) * (part.ndim - 2)) * part for part in parts)
 
@@ -124,25 +124,25 @@ def _lagged(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
     return np.moveaxis(found.reshape(series.shape), 0, 1)
 
 
-AS_DESCRIBED = Description()
-NO_DESCRIPTION = Description(mass=0.0)
-"""A description without mass: it explains no torque."""
+AS_DESCRIBED = DescriptionCorrection()
+MASSLESS = DescriptionCorrection(mass=0.0)
+"""Correction that removes all masses, so that the model explains no torque."""
 
 
-Meaning: TypeAlias = tuple[Correction, Description]
-"""A hypothesis: how the recording is to be read, and with which description it is compared."""
-Positions: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
-"""How positions are to be read, by channel."""
+RecordingHypothesis: TypeAlias = tuple[Correction, DescriptionCorrection]
+"""A hypothesis on a recording: its correction, and the correction of the arm's description."""
+PositionReadings: TypeAlias = tuple[tuple[str, CorrectedReading], ...]
+"""Corrected readings of positions, each with the name of its channel."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmRun:
-    """One recording of an arm at a few moments.
+    """A recording of an arm at a few moments, which is compared with the arm's model.
 
     Args:
-        model: the model, with the effects that it has.
+        model: the model with its effects.
         run: the recording, without a gap.
-        effects: effects that may be missing.
+        effects: further effects that the model may lack.
     """
 
     model: ArmModel
@@ -154,42 +154,47 @@ class ArmRun:
         """Names of the arm's joints."""
         return self.model.joints
 
-    def slides(self, joint: str) -> bool:
+    def is_prismatic(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
         return self.model.arm.sliding[joint]
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Torque channels of the recording."""
+        """Names of the torque channels of the recording."""
         return self.model.predicted_channels(self.run)
 
     @cached_property
-    def of_joint(self) -> np.ndarray:
-        """(J,) index of each torque's joint."""
+    def joint_indices(self) -> np.ndarray:
+        """(J,) index of the joint of each torque channel."""
         return np.array([self.model.arm.joints.index(c.removeprefix("tau.")) for c in self.channels])
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion at the moments, as recorded."""
+        """The recorded motion at the compared moments."""
         whole = measured_motion(self.run, self.model.arm.joints)
         first = self.run.channels[self.channels[0]]
-        inside = first.time[interior(first, whole)]
+        inside = first.time[samples_inside_motion(first, whole)]
         inside = inside if len(inside) > 1 else first.time
         return whole.at(np.linspace(inside[0], inside[-1], ARM_MOMENTS))
 
     def torque(self, channel: str, late: float = 0.0, pace: float = 0.0) -> np.ndarray:
-        """(n,) averages of a torque around the moments, with the delay and the rate error of its stamps corrected."""
+        """(n,) averages of a recorded torque around the moments, N m or N.
+
+        The stamps are corrected by a delay `late`, s, and a relative error `pace` of the clock's rate.
+        """
         recorded = self.run.channels[channel]
-        stamps = CorrectedReading(channel, late=late, pace=pace).stamped(self.motion.time, float(recorded.time[0]))
-        return averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
+        stamps = CorrectedReading(channel, delay=late, clock_rate_error=pace).stamps_at(
+            self.motion.time, float(recorded.time[0])
+        )
+        return local_averages(recorded, stamps, TORQUE_AVERAGE_SECONDS)
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """(J, n) torques as recorded."""
+        """(J, n) recorded torques at the moments, N m or N."""
         return np.array([self.torque(channel) for channel in self.channels])
 
-    def moved(self, correction: Correction) -> Motion:
-        """The recorded motion after a correction of the recording."""
+    def corrected_motion(self, correction: Correction) -> Motion:
+        """The motion at the moments after a correction of the recording."""
         m = self.motion
         if not any(name.startswith("q.") for name in correction.readings):
             return m
@@ -202,34 +207,36 @@ class ArmRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) independent samples per sample of the torques as recorded."""
+        """(J,) number of independent samples per recorded sample of each torque."""
         residual = self.log_evidence(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3)).residual
-        return independent(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.of_joint])
+        return independent_sample_share(self.measured, residual, SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices])
 
-    def read(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(J, n) torques as a correction reads them, (J,) logarithms of their scale factors, (J,) source indices."""
+    def corrected_torques(self, correction: Correction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(J, n) torques after a correction, (J,) logarithms of its factors, (J,) indices of its source channels."""
         readings = [correction.reading(channel) for channel in self.channels]
         sources = np.array([self.channels.index(r.source) for r in readings])
         recorded = [
-            self.torque(r.source, r.late, r.pace) if r.late or r.pace else self.measured[source]
+            self.torque(r.source, r.delay, r.clock_rate_error)
+            if r.delay or r.clock_rate_error
+            else self.measured[source]
             for r, source in zip(readings, sources, strict=True)
         ]
         factor, offset = np.array([(r.factor, r.offset) for r in readings]).T
         return factor[:, None] * np.array(recorded) + offset[:, None], np.log(np.abs(factor)), sources
 
-    def described(self, motion: Motion, description: Description = AS_DESCRIBED) -> np.ndarray:
-        """(J, n) torques of the model as it is, with its own or another description."""
-        changed = description.of(self.model.arm.model)
+    def described_torques(self, motion: Motion, description: DescriptionCorrection = AS_DESCRIBED) -> np.ndarray:
+        """(J, n) torques of the model for a motion, with a correction of its description."""
+        changed = description.corrected_model(self.model.arm.model)
         if self._own.effects:
             found = self._own.at_states(MotionSamples(changed, motion, motion.time))[0]
         else:
             found = inverse_dynamics(changed, motion.q, motion.v, motion.a)
-        return np.asarray(found.T[self.of_joint]) - (self._weight(motion) if description.compensated else 0.0)
+        return np.asarray(found.T[self.joint_indices]) - (self._weight(motion) if description.compensated else 0.0)
 
     def _weight(self, motion: Motion) -> np.ndarray:
         """(J, n) torques that hold the weight of the arm as described."""
         still = np.zeros_like(motion.q)
-        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.of_joint])
+        return np.asarray(inverse_dynamics(self.model.arm.model, motion.q, still, still).T[self.joint_indices])
 
     def _beyond(self, motion: Motion) -> float:
         """Price in nats of positions beyond the joints' limits."""
@@ -240,15 +247,16 @@ class ArmRun:
 
     def _too_strong(self, torques: np.ndarray) -> np.ndarray:
         """(...) price in nats of (..., J, n) torques that no drive of this arm has."""
-        limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.of_joint, None]
+        limit = MAX_EFFORT_RATIO * self.model.arm.model.effortLimit[self.joint_indices, None]
         return LIMIT_PRICE_NATS * np.count_nonzero(_mostly(np.abs(torques) > limit), axis=-1)
 
-    def screen(self, meanings: Sequence[Meaning]) -> np.ndarray:
-        """(h,) log evidence without inertias, springs and payloads, in a hundredth of the time of `log_evidence`.
+    def coarse_log_evidence(self, meanings: Sequence[RecordingHypothesis]) -> np.ndarray:
+        """(h,) approximate log evidence of hypotheses, nats, in a hundredth of the time of `log_evidence`.
 
-        Every joint has friction, a rotor, an offset and a model error of a tenth of its torque.
+        Every joint has friction, a rotor, an offset and a model error of a tenth of its torque. Changes of inertia,
+        springs and payloads are left out.
         """
-        read = [self.read(correction) for correction, _ in meanings]
+        read = [self.corrected_torques(correction) for correction, _ in meanings]
         coarse = [
             self._coarse(tuple(sorted((n, r) for n, r in c.readings.items() if n.startswith("q."))), description)
             for c, description in meanings
@@ -270,51 +278,58 @@ class ArmRun:
         return np.asarray(total - cost - self._too_strong(y))
 
     @cached_with_first_argument
-    def _coarse(self, positions: Positions, description: Description) -> tuple[np.ndarray, np.ndarray, float]:
+    def _coarse(
+        self, positions: PositionReadings, description: DescriptionCorrection
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         """At some moments (J, n) torques, (J, n, 4) columns of the drives, and the price of the positions."""
-        m = self.moved(Correction(dict(positions)))
+        m = self.corrected_motion(Correction(dict(positions)))
         m = Motion(*(x[::COARSE_MOMENT_STRIDE] for x in (m.time, m.q, m.v, m.a, m.direction)))
-        described, columns = description.read(m.time, self.described(m, description), self._of_drives(m))
+        described, columns = description.as_recorded(m.time, self.described_torques(m, description), self._of_drives(m))
         return described, columns, self._beyond(m)
 
     def _of_drives(self, m: Motion) -> np.ndarray:
         """(J, n, 4) torques of offset, viscous and dry friction, and rotor, of typical size."""
         columns = np.stack([np.ones(m.q.shape), m.v, m.direction, m.a], axis=2).transpose(1, 0, 2)
-        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.of_joint]
+        return (columns * self._effort[:, None, None] * USUAL_DRIVE_SHARES)[self.joint_indices]
 
     def _min_rms(self, log_factor: np.ndarray) -> np.ndarray:
         """(..., J) torques that are nearly zero, for (..., J) logarithms of the factors on the recorded ones."""
-        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.of_joint] * np.exp(log_factor))
+        return np.asarray(SLIGHT_TORQUE_SHARE * self._effort[self.joint_indices] * np.exp(log_factor))
 
     def log_evidence(
-        self, correction: Correction, description: Description = AS_DESCRIBED, weight: np.ndarray | None = None
+        self,
+        correction: Correction,
+        description: DescriptionCorrection = AS_DESCRIBED,
+        weight: np.ndarray | None = None,
     ) -> Evidence:
         """Evidence of a hypothesis, with every effect that may be present."""
-        m = self.moved(correction)
-        y, log_factor, source = self.read(correction)
+        m = self.corrected_motion(correction)
+        y, log_factor, source = self.corrected_torques(correction)
         weight = self.weights[source] if weight is None else weight
         if m is self.motion and description == AS_DESCRIBED:
             f, columns, positive = self._linear_as_described
         else:
-            samples = MotionSamples(description.of(self.model.arm.model), m, m.time)
+            samples = MotionSamples(description.corrected_model(self.model.arm.model), m, m.time)
             f, columns, positive = self._linear(samples, description.mass * description.length)
             f = f - self._weight(m) if description.compensated else f
-            f, columns = description.read(m.time, f, columns)
-        found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
-        for _ in range(SIGN_ROUNDS if description.magnitudes else 0):  # the effects also decide the sign of a torque
+            f, columns = description.as_recorded(m.time, f, columns)
+        found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+        for _ in range(
+            SIGN_ESTIMATION_ROUNDS if description.magnitudes else 0
+        ):  # the effects also decide the sign of a torque
             f, columns = with_sign_of_total(f + columns @ found.sizes, f, columns)
-            found = evidence(Channels(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
+            found = evidence(ChannelReadings(y, f, columns, positive, weight, log_factor, self._min_rms(log_factor)))
         return replace(found, value=found.value - self._beyond(m) - float(self._too_strong(y)))
 
-    def nothing(self) -> float:
-        """Log evidence of a description that explains nothing; a mistake must explain more than it."""
-        return self.log_evidence(Correction(), NO_DESCRIPTION).value
+    def log_evidence_of_no_model(self) -> float:
+        """Log evidence, nats, of a model that explains no torque; a mistake must have more."""
+        return self.log_evidence(Correction(), MASSLESS).value
 
     def gravity(self, correction: Correction) -> np.ndarray:
-        """(3,) gravity, m/s^2, that explains the torques best, fitted together with friction and offsets."""
-        m = self.moved(correction)
-        y, *_ = self.read(correction)
-        gap = y - self.described(m, Description((0.0, 0.0, 0.0)))
+        """(3,) gravity in the base's frame, m/s^2, that fits corrected torques best, with friction and offsets."""
+        m = self.corrected_motion(correction)
+        y, *_ = self.corrected_torques(correction)
+        gap = y - self.described_torques(m, DescriptionCorrection((0.0, 0.0, 0.0)))
         X = np.concatenate([self._per_gravity(m), self._of_drives(m)[:, :, :3]], axis=2)
         turned = np.swapaxes(X, 1, 2) / np.maximum(np.mean(y**2, axis=1), 1e-12)[:, None, None]
         G, slope = turned @ X, (turned @ gap[..., None])[..., 0]
@@ -326,7 +341,7 @@ class ArmRun:
 
     def _per_gravity(self, m: Motion) -> np.ndarray:
         """(J, n, 3) derivatives of the torques by gravity."""
-        return MotionSamples(self.model.arm.model, m, m.time).per_gravity.described[self.of_joint]
+        return MotionSamples(self.model.arm.model, m, m.time).per_gravity.described[self.joint_indices]
 
     @cached_property
     def _effort(self) -> np.ndarray:
@@ -338,13 +353,13 @@ class ArmRun:
     @cached_property
     def _own(self) -> ArmModel:
         """The model with those of its effects whose torque depends only on the present moment."""
-        return self.model.with_only([e.name for e in self.model.effects if not depends_on_before(e)])
+        return self.model.with_only([e.name for e in self.model.effects if not depends_on_past(e)])
 
     @cached_property
     def _extended(self) -> tuple[ArmModel, np.ndarray, np.ndarray]:
         """The model with all effects at null; (p,) typical sizes; (p,) bool, True for sizes that are at least 0."""
         model = self._own.with_candidates(
-            [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_before(e))]
+            [e for e in self.effects if not (e.name in SEPARATE_EFFECTS or depends_on_past(e))]
         )
         size = [p.typical * LARGE_EFFECT_SIZES.get(p.effect or "", 1.0) for p in model.parameters.values()]
         positive = [
@@ -361,13 +376,13 @@ class ArmRun:
         model, size, positive = self._extended
         m = stretch.motion
         torques, derivatives = model.at_states(stretch)
-        described = torques.T[self.of_joint]
+        described = torques.T[self.joint_indices]
         # A link changes by shares of its mass and extent, which the description may have wrong.
         size = np.where([p.effect == "link_inertia" for p in model.parameters.values()], heavier * size, size)
-        own = (derivatives * size).transpose(1, 0, 2)[self.of_joint]
+        own = (derivatives * size).transpose(1, 0, 2)[self.joint_indices]
         load = max(1.0, USUAL_PAYLOAD_SHARE * heavier * float(self.model.arm.described[:, 0].sum()))
         carried = load * USUAL_PAYLOAD_DISTANCE**INERTIAL_POWERS
-        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.of_joint]
+        payload = (stretch.regressor[:, :, -1] * carried).transpose(1, 0, 2)[self.joint_indices]
         tilt = self._per_gravity(m) * (USUAL_TILT * float(np.linalg.norm(self.model.gravity())))
         late = USUAL_TORQUE_DELAY * np.gradient(described, m.time, axis=1)
         delays = late[:, :, None] * np.eye(len(late))[:, None]

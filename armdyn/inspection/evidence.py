@@ -1,6 +1,6 @@
-r"""Evidence of readings under a model in which every effect may be present, in its typical size.
+r"""Bayesian evidence of readings for a model that may lack effects of typical size.
 
-With the described prediction f, columns X of what effects change and their typical sizes W,
+With the prediction f of the model, the derivatives X by the sizes of effects and their typical sizes W,
 
     y = f + X theta + e,    theta ~ N(0, s^2 W^2),    e_j ~ N(0, sigma_j^2 I)  for every channel j,
 
@@ -20,31 +20,31 @@ import numpy as np
 from armdyn.linear.correlation import correlation_time
 from armdyn.linear.solve import log_det, solve_bounded
 
-LACK_SIZES = (0.1, 0.3, 1.0, 3.0)
-"""Values of s that are tried: size of what a description lacks, in typical sizes of effects."""
+MISSING_EFFECT_SIZES = (0.1, 0.3, 1.0, 3.0)
+"""Sizes of missing effects that are tried, in their typical sizes."""
 MODEL_ERROR_FLOOR = 0.1
 """Model error that every model may have, as a share of a channel's root mean square. A mistake makes a larger one; with
 0.03 a real arm whose joints move one at a time (six at rest, whose torques contain no information) seems to have
 exchanged joints."""
 MIN_INDEPENDENT_SHARE_OF_SAMPLES = 0.1
-"""Least number of independent samples per sample of a reading that changes."""
-SIGMA_ROUNDS = 3
-"""Rounds in which sigma is estimated; the evidence then changes by less than a nat."""
+"""Least number of independent samples per sample of a signal that changes."""
+NOISE_ESTIMATION_ROUNDS = 3
+"""Number of iterations that estimate the noise; the evidence then changes by less than a nat."""
 
 
 @dataclass(frozen=True, eq=False)
-class Channels:
+class ChannelReadings:
     """Readings of J channels at n moments, with the prediction of a model.
 
     Attributes:
         measured: (J, n) readings.
-        described: (J, n) prediction of the model as it is.
+        described: (J, n) prediction of the model without further effects.
         columns: (J, n, p) derivatives by the effects' sizes, times their typical sizes.
         positive: (p,) bool, True for sizes that cannot be negative.
-        weight: (J,) independent samples per sample.
-        log_factor: (J,) logarithm of the factor by which the readings were scaled.
+        weight: (J,) number of independent samples per sample.
+        log_factor: (J,) logarithm of the factor by which a correction scaled the readings.
         min_rms: (J,) root mean square below which a channel is ignored.
-        floor: model error that every model of this kind may have, as a share of a channel's root mean square.
+        model_error_floor: error that every model of this kind may have, as a share of a channel's root mean square.
     """
 
     measured: np.ndarray
@@ -54,7 +54,7 @@ class Channels:
     weight: np.ndarray
     log_factor: np.ndarray
     min_rms: np.ndarray
-    floor: float = MODEL_ERROR_FLOOR
+    model_error_floor: float = MODEL_ERROR_FLOOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,26 +74,26 @@ class Evidence:
     sizes: np.ndarray
 
 
-def evidence(given: Channels) -> Evidence:
-    """The evidence at the best of `LACK_SIZES`, all of which are evaluated at once."""
+def evidence(given: ChannelReadings) -> Evidence:
+    """Evidence of readings, for the most probable of `MISSING_EFFECT_SIZES`."""
     gap = given.measured - given.described
     scale = np.maximum(np.sqrt(np.mean(given.measured**2, axis=1)), given.min_rms)
     grams = np.swapaxes(given.columns, 1, 2) @ given.columns
     slopes = np.einsum("jnp,jn->jp", given.columns, gap)
-    size = np.array(LACK_SIZES)[:, None]
+    size = np.array(MISSING_EFFECT_SIZES)[:, None]
     lower = np.where(given.positive, 0.0, -np.inf)
-    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(LACK_SIZES), 1))
+    variance = np.tile(np.maximum((0.1 * scale) ** 2, 0.01 * np.mean(gap**2, axis=1)), (len(MISSING_EFFECT_SIZES), 1))
 
     def spread() -> np.ndarray:
         """(s, p, p) information of the readings on the sizes, with their prior."""
         G = np.tensordot(given.weight / variance, grams, axes=1)
         return np.asarray(np.eye(G.shape[1]) + size[:, :, None] ** 2 * G)
 
-    for _ in range(SIGMA_ROUNDS):
+    for _ in range(NOISE_ESTIMATION_ROUNDS):
         found = solve_bounded(spread(), size**2 * ((given.weight / variance) @ slopes), lower, np.inf)
         theta, free = found.x, found.held == 0
         residual = gap - np.moveaxis(given.columns @ theta.T, 2, 0)
-        variance = np.mean(residual**2, axis=2) + (given.floor * scale) ** 2
+        variance = np.mean(residual**2, axis=2) + (given.model_error_floor * scale) ** 2
     half = 0.5 * log_det(np.where(free[:, :, None] & free[:, None, :], spread(), np.eye(free.shape[1])))
     share = given.weight / variance
     value = -0.5 * (np.sum(share * np.sum(residual**2, axis=2), axis=1) + np.sum((theta / size) ** 2, axis=1)) - half
@@ -102,14 +102,19 @@ def evidence(given: Channels) -> Evidence:
     return Evidence(float(value[best]), residual[best], np.mean(residual[best] ** 2, axis=1) / scale**2, theta[best])
 
 
-def independent(
+def independent_sample_share(
     measured: np.ndarray, residual: np.ndarray, min_rms: np.ndarray, after: np.ndarray | None = None
 ) -> np.ndarray:
-    """(J,) independent samples per sample of (J, n) readings as recorded.
+    """(J,) number of independent samples per sample of (J, n) readings.
 
-    The model's error changes as slowly as the residual (J, n), and where a reading is constant, many samples count as
-    one; `min_rms` as in `Channels`. The readings shortly `after`, (J, n), show by their correlation whether a reading
-    changes; without them the next moments are used.
+    The model's error is correlated as the residual is, and many samples of a constant reading count as one.
+
+    Args:
+        measured: (J, n) readings.
+        residual: (J, n) residuals of a model.
+        min_rms: (J,) root mean square below which a reading is ignored.
+        after: (J, n) readings a short time later, whose correlation shows whether a reading changes; by default the
+            next samples.
     """
     alone = np.array([1.0 / correlation_time([row]) for row in residual])
     centred = measured - measured.mean(axis=1, keepdims=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.carried import joints_described, left_out
+from armdyn.arm.carried import movable_joints, omitted_moving_joints
 from armdyn.arm.model import ArmModel
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available
@@ -15,42 +15,55 @@ from armdyn.errors import InputError
 from armdyn.identify.prepare import with_distinct_names
 from armdyn.inspection import physics
 from armdyn.inspection.arm import ArmRun
-from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount, by_severity
+from armdyn.inspection.check import (
+    Check,
+    Inspection,
+    Severity,
+    WrongRecordingError,
+    rounded,
+    sorted_by_severity,
+)
 from armdyn.inspection.correction import Correction
-from armdyn.inspection.holds import held
-from armdyn.inspection.kinematics import consistent, rate_checks
+from armdyn.inspection.holds import sticking_spans
+from armdyn.inspection.kinematics import rate_checks, without_inconsistent_rates
 from armdyn.inspection.mistakes import arm_mistakes
-from armdyn.inspection.signals import SIGNAL_CHECKS, moves, ranges, steps_of, wraps
+from armdyn.inspection.signals import (
+    SIGNAL_CHECKS,
+    changes_beyond_noise,
+    encoder_step_times,
+    range_checks,
+    wrapped_angle_checks,
+)
 from armdyn.inspection.swing import SwingRun, pendulum_mistakes
 from armdyn.model import Model
 from armdyn.recording.channels import MIN_SAMPLES, channel_kind
 from armdyn.recording.checks import check_run, check_stamps, check_steps
-from armdyn.recording.gaps import between, gaps_of
+from armdyn.recording.gaps import channels_between, gaps_of
 from armdyn.recording.spikes import without_saturation, without_spikes
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
 MAX_COMPARED_SECONDS = 60.0
-"""Length of the middle part of a recording, s, that is compared with the model: a mistake shows everywhere."""
+"""Longest part of a recording, s, from its middle, that an inspection compares with the model."""
 MIN_COMPARED_SAMPLES = 60
-"""Number of samples of every channel below which a recording is not compared with the model."""
+"""Least number of samples of every channel for a comparison of a recording with the model."""
 
 
 @one_thread
-def inspected(
+def inspect_runs(
     runs: Sequence[Run],
     model: Model | None = None,
     effects: Iterable[Effect] | None = None,
     adding: Sequence[Effect] = (),
 ) -> Inspection:
-    """Check recordings, by themselves and against a model.
+    """Inspect recordings: check their signals, and compare them with a model.
 
     Args:
         runs: the recordings.
         model: model of the robot; without it only signals are checked, units against ranges, and rates against
             positions.
-        effects: effects that the model may lack, which are no mistake of a recording; None means all that it can have.
-        adding: effects that the model is about to get, whose values recordings may state.
+        effects: effects that the model may lack, which are no mistake of a recording; None means all possible ones.
+        adding: effects that are going to be added to the model, whose values recordings may state.
     """
     if effects is None:
         effects = available(model) if model is not None else ()
@@ -58,9 +71,9 @@ def inspected(
     if model is not None:
         runs = [model.taking(run) for run in runs]
         model = model.following(runs)
-    found = [check for run in runs for check in checks_of(run, model, effects, adding)]
-    beside = JOINTS_BESIDE.get(model.base) if model is not None else None
-    return Inspection(tuple(runs), by_severity([*found, *(beside(model, runs) if beside else ())]))
+    found = [check for run in runs for check in checks_of_run(run, model, effects, adding)]
+    beside = CHECKS_OF_OTHER_JOINTS.get(model.base) if model is not None else None
+    return Inspection(tuple(runs), sorted_by_severity([*found, *(beside(model, runs) if beside else ())]))
 
 
 def require_usable(inspection: Inspection) -> None:
@@ -73,29 +86,29 @@ def require_usable(inspection: Inspection) -> None:
         raise WrongRecordingError(inspection)
 
 
-def checks_of(
+def checks_of_run(
     run: Run, model: Model | None = None, effects: tuple[Effect, ...] = (), adding: Sequence[Effect] = ()
 ) -> list[Check]:
-    """All findings on one recording; see `inspected`."""
+    """All findings on one recording; for the arguments see `inspect_runs`."""
     refused = _refused(run, check_stamps)
     if refused:
         return refused
-    turned = list(wraps(run))
+    turned = list(wrapped_angle_checks(run))
     for check in turned:
-        run = (check.correction or Correction()).of(run)
+        run = (check.correction or Correction()).applied_to(run)
     found = [*turned, *(check for look in SIGNAL_CHECKS for check in look(run))]
     still = any(check.kind == "no_motion" for check in found)
     mended = run
     compare = COMPARISONS.get(model.base) if model is not None else None
     if compare is None:
-        found += ranges(run)
+        found += range_checks(run)
     elif run.channels and not still:
         piece = longest_piece(run, MAX_COMPARED_SECONDS)
         piece = without_spikes(piece, piece.channels)
         piece = without_saturation(piece, [name for name in piece.channels if channel_kind(name).measured])
-        for check in compare(model, consistent(piece), effects):
+        for check in compare(model, without_inconsistent_rates(piece), effects):
             found.append(replace(check, run=run.name))
-            mended = (check.correction or Correction()).of(mended)
+            mended = (check.correction or Correction()).applied_to(mended)
     refuses = check_steps if model is None else partial(check_run, model, adding=adding)
     return [*found, *rate_checks(mended), *_refused(mended, refuses)]
 
@@ -118,13 +131,17 @@ def _arm_checks(model: ArmModel, run: Run, effects: tuple[Effect, ...]) -> Itera
         return ()  # the comparison reports what is missing
     if _too_few(run, used):
         return ()
-    return physics.checks(ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes)
+    return physics.mistake_checks(
+        ArmRun(model, run, tuple(e for e in effects if e.acts_on in model.stages)), arm_mistakes
+    )
 
 
 def _pendulum_checks(model: Model, run: Run, _: tuple[Effect, ...]) -> Iterable[Check]:
     """Findings from comparing a recording with a pendulum's model; empty where that is not possible."""
     swing = SwingRun(model, run)
-    return physics.checks(swing, pendulum_mistakes) if swing.channels and not _too_few(run, swing.channels) else ()
+    return (
+        physics.mistake_checks(swing, pendulum_mistakes) if swing.channels and not _too_few(run, swing.channels) else ()
+    )
 
 
 def _too_few(run: Run, names: Iterable[str]) -> bool:
@@ -133,12 +150,12 @@ def _too_few(run: Run, names: Iterable[str]) -> bool:
 
 def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
     """Find joints that are not the model's but move in its recordings."""
-    held = left_out(model.arm, runs)
-    unknown = {joint for run in runs for joint in run.joints} - set(joints_described(model.arm))
+    held = omitted_moving_joints(model.arm, runs)
+    unknown = {joint for run in runs for joint in run.joints} - set(movable_joints(model.arm))
     for run in runs:
         for joint in run.joints:
             position = run.channels[f"q.{joint}"]
-            said = f"q.{joint} moves by {amount(float(np.ptp(position.value)))} {position.unit}, "
+            said = f"q.{joint} moves by {rounded(float(np.ptp(position.value)))} {position.unit}, "
             said += "and is no joint of the model"
             if joint in model.arm.carried:
                 severity, more = Severity.NOTE, ", which moves it as recorded and explains no torque of it"
@@ -146,7 +163,7 @@ def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
             elif joint in held:
                 severity, more = Severity.SUSPECT, ", which holds it at its zero, as not all recordings have it"
                 remedy = "compare recordings without it apart, or record it in all of them"
-            elif joint in unknown and moves(position):
+            elif joint in unknown and changes_beyond_noise(position):
                 severity, more = Severity.NOTE, " nor of its description"
                 remedy = "nothing to do, unless it carries the arm or its tool: then take a description that has it"
             else:
@@ -157,15 +174,15 @@ def _joints_beside(model: ArmModel, runs: Sequence[Run]) -> Iterator[Check]:
 COMPARISONS: Mapping[str, Callable[[Any, Run, tuple[Effect, ...]], Iterable[Check]]] = {
     "arm": _arm_checks, "pendulum": _pendulum_checks,
 }  # fmt: skip
-"""Comparison of a recording with its model, by the model's base; without one, values are held against ranges."""
-JOINTS_BESIDE: Mapping[str, Callable[[Any, Sequence[Run]], Iterable[Check]]] = {"arm": _joints_beside}
+"""Function that compares a recording with a model, by the model's base."""
+CHECKS_OF_OTHER_JOINTS: Mapping[str, Callable[[Any, Sequence[Run]], Iterable[Check]]] = {"arm": _joints_beside}
 
 
 def longest_piece(run: Run, seconds: float) -> Run:
-    """The longest stretch without a gap, a step or a sticking joint, of at most `seconds`, from its middle."""
+    """The longest part of a run without a gap, a step or a sticking joint, cut to at most `seconds`."""
     begin = min(float(c.time[0]) for c in run.channels.values())
     end = max(float(c.time[-1]) for c in run.channels.values())
-    spans = sorted([*gaps_of(run), *((t, t) for t in steps_of(run)), *held(run)])
+    spans = sorted([*gaps_of(run), *((t, t) for t in encoder_step_times(run)), *sticking_spans(run)])
     if not spans and end - begin <= seconds:
         return run
     edges = [begin, *(t for span in spans for t in span), end]
@@ -174,4 +191,4 @@ def longest_piece(run: Run, seconds: float) -> Run:
     if last - first > seconds:
         middle = 0.5 * (first + last)
         first, last = middle - 0.5 * seconds, middle + 0.5 * seconds
-    return replace(run, channels=between(run, first, last, MIN_SAMPLES))
+    return replace(run, channels=channels_between(run, first, last, MIN_SAMPLES))

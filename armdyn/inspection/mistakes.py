@@ -1,4 +1,4 @@
-"""Common mistakes in recordings of arms, one function per kind; each yields corrections or changed descriptions."""
+"""Possible mistakes in recordings of arms, one function for each kind of mistake."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -6,48 +6,49 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, Description
-from armdyn.inspection.check import MODEL_PLACEHOLDER, Kind
+from armdyn.inspection.arm import AS_DESCRIBED, IGNORED_MOMENTS_SHARE, ArmRun, DescriptionCorrection
+from armdyn.inspection.check import MODEL_PLACEHOLDER, CheckKind
 from armdyn.inspection.correction import CorrectedReading, Correction
 
 ANGLE_UNITS = ((np.pi / 180.0, "degrees and called rad"), (180.0 / np.pi, "rad and called degrees"))
-"""Factor that corrects a mistaken unit of an angle, and the mistake in words."""
+"""Factors that correct a wrong unit of angles, each with the mistake in words."""
 TORQUE_UNITS: Mapping[str, tuple[float, float]] = {
     "mN m": (1e-3, 0.0), "N cm": (1e-2, 0.0), "kgf cm": (0.0980665, 2.0), "in lbf": (0.112984829, 2.0),
     "kgf m": (9.80665, 2.0), "ft lbf": (1.3558179483, 8.0),
 }  # fmt: skip
-"""Torque units in N m, and their price in nats: a foot-pound is close to the effect of gains and loads."""
+"""Units of torque in which torques may be recorded: the unit in N m, and log odds against it, nats."""
 SINGLE_JOINT_UNITS = ("mN m", "N cm")
-"""Units that a single joint's column may have."""
+"""Units of torque that the column of a single joint may have."""
 TORQUE_CONSTANT_RANGE = (2.0, 400.0)
 """Range of torque constants with gears, N m/A: a smaller one is probably a gain, a larger one another unit."""
 UNIT_TOLERANCE_FACTOR = 1.5
-"""Factor from a known unit within which gains and loads may lie."""
+"""Largest factor between torques in a known unit and the model's torques, which gains and loads may cause."""
 MIN_OWN_FACTOR, OWN_FACTOR_PRICE_NATS = 3.0, 8.0
-"""Factor from which a joint's own factor is no gain, and its price in nats compared with a known unit."""
+"""Least factor on all torques that no gain explains, and the log odds against it, in nats, compared with a known
+unit."""
 MASS_UNITS: Mapping[str, float] = {"g": 1e-3, "lb": 0.45359237}
 LENGTH_UNITS: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
-"""SI values of the units in which a description may have been written."""
+"""SI values of the units of mass and of length in which a description may have been written by mistake."""
 ZERO_OFFSETS: Mapping[str, float] = {
     "a quarter turn": np.pi / 2, "minus a quarter turn": -np.pi / 2, "half a turn": np.pi,
 }  # fmt: skip
 TORQUE_CLOCK_SHIFTS = (0.1, 0.15, 0.2, 0.3, 0.5)
-"""Clock shifts that are tried in both directions, s; a smaller delay is an effect, that of the torque sensor."""
+"""Clock shifts of torques that are tried in both directions, s; a smaller delay is an effect of the torque sensor."""
 SENSOR_LAGS = (0.03, 0.06, 0.09)
-"""Lags of a gripper or a sensor, s, which are effects."""
+"""Lags of a gripper or a sensor that are tried, s; they are effects rather than mistakes."""
 CLOCK_RATE_ERRORS = (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)
-"""Relative rate errors that are tried, of two computers' clocks or of a wrong sampling rate."""
+"""Relative errors of a clock's rate that are tried, as of two computers or of a wrong sampling rate."""
 MIN_CLOCK_SHIFT = 5e-3
-"""Clock shift below which stamps count as right, s."""
+"""Clock shift, s, below which time stamps count as right."""
 TIME_CONSTANTS = (0.1, 0.2, 0.4)
-"""Time constants of averaged torques that are tried, s."""
+"""Time constants of low-passed torques that are tried, s."""
 SINGLE_JOINT_PRICE_NATS = 2.0
-"""Price, in nats, of a mistake on one joint alone."""
+"""Log odds, in nats, against a mistake on one joint alone."""
 LATE_CLOCK_PRICE_NATS = 6.0
-"""Price, in nats, of a late clock: torques of drives are low-passed and late in themselves."""
+"""Log odds, in nats, against a late clock, because torques of drives are low-passed and late anyway."""
 MIN_MOUNTING_ANGLE = np.deg2rad(12.0)
-"""Angle between gravity and its description from which the arm is mounted differently, rather than on a tilted base,
-rad."""
+"""Least angle between gravity and its description for an arm on a wall or ceiling, rad; a smaller angle is an effect, a
+tilted base."""
 
 
 @dataclass(frozen=True)
@@ -57,58 +58,60 @@ class Mistake:
     Attributes:
         kind: kind of the mistake.
         channels: channels concerned.
-        said: the mistake in words, for a reader.
-        remedy: what to do where the correction does not solve it.
+        in_words: the mistake in words.
+        remedy: what to do if the correction does not solve it.
         correction: correction of the recording.
         description: correction of the arm's description.
-        price: log prior odds against it, nats.
-        correctable: whether the correction is known; one estimated with the model would hide what the model lacks.
-        is_effect: whether it is an effect instead of a mistake; then nothing is reported where it explains best.
+        prior_odds_nats: log prior odds against the mistake, nats.
+        correctable: whether the correction is known exactly; an estimated one would hide faults of the model.
+        is_effect: whether it is an effect instead of a mistake, so that it is not reported.
         clock: sentence on a clock, with a placeholder for its error, which is fitted; empty for other mistakes.
     """
 
-    kind: Kind
+    kind: CheckKind
     channels: tuple[str, ...]
-    said: str
+    in_words: str
     remedy: str = ""
     correction: Correction = field(default_factory=Correction)
-    description: Description = AS_DESCRIBED
-    price: float = 0.0
+    description: DescriptionCorrection = AS_DESCRIBED
+    prior_odds_nats: float = 0.0
     correctable: bool = True
     is_effect: bool = False
     clock: str = ""
 
     @property
     def family(self) -> tuple[object, ...]:
-        """Key of the mistakes that differ only in the fitted error of a clock."""
-        return self.kind, self.channels, self.clock or self.said
+        """Key that is equal for mistakes that differ only in the error of a clock."""
+        return self.kind, self.channels, self.clock or self.in_words
 
     def with_clock(self, late: float, pace: float) -> "Mistake":
-        """A copy of the mistake with another clock error of all its channels."""
-        readings = {name: replace(r, late=late, pace=pace) for name, r in self.correction.readings.items()}
-        return replace(self, said=self.clock.format(stamps(late, pace)), correction=Correction(readings))
+        """A copy of the mistake with a clock that has the delay `late`, s, and the relative rate error `pace`."""
+        readings = {name: replace(r, delay=late, clock_rate_error=pace) for name, r in self.correction.readings.items()}
+        return replace(
+            self, in_words=self.clock.format(clock_error_in_words(late, pace)), correction=Correction(readings)
+        )
 
 
-def stamps(late: float, pace: float) -> str:
-    """The error of stamps in words, for a sentence."""
+def clock_error_in_words(late: float, pace: float) -> str:
+    """Describe a clock error in words: a delay `late`, s, and a relative rate error `pace`."""
     shift = f"{abs(late):.3g} s too {'late' if late > 0.0 else 'early'}"
     drift = f"by a clock that runs {100.0 * abs(pace):.2g} % {'fast' if pace > 0.0 else 'slow'}"
     return drift if pace and abs(late) < MIN_CLOCK_SHIFT else f"{shift} and {drift}" if pace else shift
 
 
-def read_as(
-    kind: Kind, channels: Iterable[str], said: str, factor: float = 1.0, *, offset: float = 0.0, price: float = 0.0
+def scaled_channels_mistake(
+    kind: CheckKind, channels: Iterable[str], said: str, factor: float = 1.0, *, offset: float = 0.0, price: float = 0.0
 ) -> Mistake:
-    """The mistake that some channels have a factor and an offset."""
+    """Mistake that is corrected by a factor and an offset on some channels; `price` are log odds against it, nats."""
     readings = {name: CorrectedReading(name, factor, offset) for name in channels}
-    return Mistake(kind, tuple(readings), said, correction=Correction(readings), price=price)
+    return Mistake(kind, tuple(readings), said, correction=Correction(readings), prior_odds_nats=price)
 
 
-def stamped(
+def shifted_clock_mistakes(
     channels: Iterable[str], said: str, price: float, shifts: Iterable[float], rates: Iterable[float] = ()
 ) -> Iterator[Mistake]:
-    """Mistakes of the clock of some channels: delays, s, those of `SENSOR_LAGS` being effects, and rate errors."""
-    of_channels = replace(read_as("clock_shift", channels, said, price=price), clock=said)
+    """Mistakes of the clock of some channels: shifts, s, and relative rate errors; `SENSOR_LAGS` are effects."""
+    of_channels = replace(scaled_channels_mistake("clock_shift", channels, said, price=price), clock=said)
     for late, pace in (*((late, 0.0) for late in shifts), *((0.0, pace) for pace in rates)):
         yield replace(of_channels.with_clock(late, pace), is_effect=late in SENSOR_LAGS)
 
@@ -117,25 +120,32 @@ def _recorded(run: ArmRun, kinds: str, joints: Iterable[str]) -> list[str]:
     return [name for kind in kinds for joint in joints if (name := f"{kind}.{joint}") in run.run.channels]
 
 
-def angle_units(run: ArmRun) -> Iterator[Mistake]:
-    """Degrees are declared as rad, or the reverse."""
-    turning = [joint for joint in run.model.arm.joints if not run.slides(joint)]
+def angle_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of angle units: degrees that are declared as rad, or the reverse."""
+    turning = [joint for joint in run.model.arm.joints if not run.is_prismatic(joint)]
     for factor, said in ANGLE_UNITS:
-        yield read_as("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
+        yield scaled_channels_mistake("angle_unit", _recorded(run, "qva", turning), f"angles are in {said}", factor)
         for joint in run.joints if len(run.joints) > 1 else ():
-            if not run.slides(joint) and (own := _recorded(run, "qva", (joint,))):
-                yield read_as("angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS)
+            if not run.is_prismatic(joint) and (own := _recorded(run, "qva", (joint,))):
+                yield scaled_channels_mistake(
+                    "angle_unit", own, f"q.{joint} is in {said}", factor, price=SINGLE_JOINT_PRICE_NATS
+                )
 
 
-def torque_units(run: ArmRun) -> Iterator[Mistake]:
-    """Torques of all joints or of one are in another unit, or are currents."""
+def torque_unit_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of torque units: torques of all joints or of one joint in another unit, or currents."""
     every = tuple(run.channels)
     for unit, (factor, price) in TORQUE_UNITS.items():
-        yield read_as("torque_unit", every, f"torques are in {unit} and called N m", factor, price=price)
+        yield scaled_channels_mistake(
+            "torque_unit", every, f"torques are in {unit} and called N m", factor, price=price
+        )
         for name in every if len(every) > 1 and unit in SINGLE_JOINT_UNITS else ():
             said = f"{name} is in {unit} and called N m"
-            yield read_as("torque_unit", (name,), said, factor, price=SINGLE_JOINT_PRICE_NATS)
-    products, squares = np.sum(run.described(run.motion) * run.measured, axis=1), np.sum(run.measured**2, axis=1)
+            yield scaled_channels_mistake("torque_unit", (name,), said, factor, price=SINGLE_JOINT_PRICE_NATS)
+    products, squares = (
+        np.sum(run.described_torques(run.motion) * run.measured, axis=1),
+        np.sum(run.measured**2, axis=1),
+    )
     constants = products / np.maximum(squares, 1e-300)
     likely = np.median(constants[constants > 0.0]) if np.any(constants > 0.0) else 0.0
     constants = np.where((constants > 0.02 * likely) & (constants < 50.0 * likely), constants, likely)
@@ -147,7 +157,7 @@ def torque_units(run: ArmRun) -> Iterator[Mistake]:
         size = f"{whole:.3g} times too small" if whole > 1.0 else f"{1.0 / whole:.3g} times too large"
         said = f"torques are about {size}: those of the motors before their gears, or in a unit of their own"
         yield replace(
-            read_as("torque_unit", every, said, whole, price=OWN_FACTOR_PRICE_NATS),
+            scaled_channels_mistake("torque_unit", every, said, whole, price=OWN_FACTOR_PRICE_NATS),
             remedy="give gear_ratio, or scale, in the map of 'armdyn import'", correctable=False,
         )  # fmt: skip
     if TORQUE_CONSTANT_RANGE[0] < likely < TORQUE_CONSTANT_RANGE[1]:
@@ -156,23 +166,27 @@ def torque_units(run: ArmRun) -> Iterator[Mistake]:
         yield Mistake(
             "torque_unit", every, "torques are motor currents, in ampere, and called N m",
             f"give torque_constant and gear_ratio in the map of 'armdyn import'; the model says about {sizes} N m/A",
-            Correction(readings), price=3.0 * len(every), correctable=False,
+            Correction(readings), prior_odds_nats=3.0 * len(every), correctable=False,
         )  # fmt: skip
 
 
-def signs(run: ArmRun) -> Iterator[Mistake]:
-    """Torques or positions have the opposite sign."""
+def sign_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of signs: torques or positions with the opposite sign."""
     torques, several = list(run.channels), len(run.joints) > 1
-    yield read_as("torque_sign", torques, "all torques have the wrong sign", -1.0)
+    yield scaled_channels_mistake("torque_sign", torques, "all torques have the wrong sign", -1.0)
     for name in torques if len(torques) > 1 else ():
-        yield read_as("torque_sign", (name,), f"{name} has the wrong sign", -1.0)
-    yield read_as("position_sign", _recorded(run, "qva", run.joints), "all positions have the wrong sign", -1.0)
+        yield scaled_channels_mistake("torque_sign", (name,), f"{name} has the wrong sign", -1.0)
+    yield scaled_channels_mistake(
+        "position_sign", _recorded(run, "qva", run.joints), "all positions have the wrong sign", -1.0
+    )
     for joint in run.joints if several else ():
-        yield read_as("position_sign", _recorded(run, "qva", (joint,)), f"q.{joint} counts the other way", -1.0)
+        yield scaled_channels_mistake(
+            "position_sign", _recorded(run, "qva", (joint,)), f"q.{joint} counts the other way", -1.0
+        )
 
 
-def orders(run: ArmRun) -> Iterator[Mistake]:
-    """The columns of two joints are exchanged, or all joints are in another order."""
+def joint_order_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of the order of columns: two joints exchanged, or all joints in another order."""
     joints = run.joints
     by_name = tuple(sorted(joints))
     columns = {f"{a} and {b} are exchanged": {a: b, b: a} for a, b in combinations(joints, 2)}
@@ -197,28 +211,32 @@ def orders(run: ArmRun) -> Iterator[Mistake]:
             if readings:
                 yield Mistake(
                     "joints_swapped", tuple(readings), f"{noun}: {said}", correction=Correction(readings),
-                    price=1.0 * (kinds != "tau"),
+                    prior_odds_nats=1.0 * (kinds != "tau"),
                 )  # fmt: skip
 
 
-def zeros(run: ArmRun) -> Iterator[Mistake]:
-    """The zero of one joint is off by a quarter or half a turn."""
+def zero_position_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of a joint's zero position by a quarter or half a turn."""
     for joint in run.joints:
-        for said, offset in () if run.slides(joint) else ZERO_OFFSETS.items():
+        for said, offset in () if run.is_prismatic(joint) else ZERO_OFFSETS.items():
             name = f"q.{joint}"
-            yield read_as("position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset)
+            yield scaled_channels_mistake(
+                "position_offset", (name,), f"the zero of {name} is off by {said}", offset=-offset
+            )
 
 
-def clocks(run: ArmRun) -> Iterator[Mistake]:
-    """Torques have another clock than positions; early torques may be commands."""
+def clock_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of the clock of torques against that of positions; early torques may be commands."""
     said, price = "torques are stamped {} against the positions", LATE_CLOCK_PRICE_NATS
-    yield from stamped(run.channels, said, price, (*SENSOR_LAGS, *TORQUE_CLOCK_SHIFTS), CLOCK_RATE_ERRORS)
+    yield from shifted_clock_mistakes(
+        run.channels, said, price, (*SENSOR_LAGS, *TORQUE_CLOCK_SHIFTS), CLOCK_RATE_ERRORS
+    )
     commands = f"{said}, or are commands, which the drive follows later"
-    yield from stamped(run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS))
+    yield from shifted_clock_mistakes(run.channels, commands, price, (-late for late in TORQUE_CLOCK_SHIFTS))
 
 
-def mountings(run: ArmRun) -> Iterator[Mistake]:
-    """Gravity has another direction than described, or was subtracted from the torques."""
+def gravity_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of gravity: another direction than described, or gravity subtracted from the torques."""
     g = run.model.gravity()
     size = float(np.linalg.norm(g))
     if size == 0.0:
@@ -232,7 +250,7 @@ def mountings(run: ArmRun) -> Iterator[Mistake]:
         if way @ g > np.cos(MIN_MOUNTING_ANGLE) * size:
             continue
         there = size * way + 0.0
-        roll, pitch = rolled(there)
+        roll, pitch = roll_and_pitch(there)
         recording = run.run.source or run.run.name
         yield Mistake(
             "gravity_direction", run.channels,
@@ -241,56 +259,67 @@ def mountings(run: ArmRun) -> Iterator[Mistake]:
             f'mount the base in the URDF with rpy="{roll:.4g} {pitch:.4g} 0", or tell the model: '
             f"'armdyn add {MODEL_PLACEHOLDER} base_tilt {recording} --trust-data' "
             f"(roll {roll:.3g} rad, pitch {pitch:.3g} rad)",
-            description=Description(gravity=tuple(there.tolist())), price=3.0,
+            description=DescriptionCorrection(gravity=tuple(there.tolist())), prior_odds_nats=3.0,
         )  # fmt: skip
-    for out in (Description(gravity=(0.0, 0.0, 0.0)), Description(compensated=True)):
+    for out in (DescriptionCorrection(gravity=(0.0, 0.0, 0.0)), DescriptionCorrection(compensated=True)):
         yield Mistake(
             "without_gravity", run.channels, "gravity is already taken out of the torques",
             "record the whole measured torque (libfranka: tau_J, not tau_J_d)", description=out,
         )  # fmt: skip
 
 
-def rolled(gravity: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch of a base, rad, in whose frame gravity is (3,): g_base = (R_y(pitch) R_x(roll))' g."""
+def roll_and_pitch(gravity: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch of a base, rad, from `gravity` (3,) in the frame of the base."""
     up = -gravity / np.linalg.norm(gravity)
     # R_x(-roll) R_y(-pitch) e_z = (-sin p, cos p sin r, cos p cos r)
     return float(np.arctan2(up[1], up[2])), float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
 
 
-def readings(run: ArmRun) -> Iterator[Mistake]:
-    """Torques were low-passed or lost their sign, which no correction can undo."""
+def torque_reading_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of recorded torques that cannot be corrected: low-passed, or without sign."""
     for lag in TIME_CONSTANTS:
         yield Mistake(
             "filtered", run.channels, f"torques are low-passed with a time constant of about {lag:g} s",
             "record torques as the drives measure them: averages over so long a time are late, and lack what is fast",
-            description=Description(lag=lag), price=LATE_CLOCK_PRICE_NATS,
+            description=DescriptionCorrection(lag=lag), prior_odds_nats=LATE_CLOCK_PRICE_NATS,
         )  # fmt: skip
     lowest, largest = np.quantile(run.measured, IGNORED_MOMENTS_SHARE, axis=1), np.max(np.abs(run.measured), axis=1)
     if np.all(lowest >= -IGNORED_MOMENTS_SHARE * largest):
         yield Mistake(
             "sign_missing", run.channels, "torques are magnitudes: their signs are lost",
-            "record torques with their signs", description=Description(magnitudes=True),
+            "record torques with their signs", description=DescriptionCorrection(magnitudes=True),
         )  # fmt: skip
 
 
-def descriptions(run: ArmRun) -> Iterator[Mistake]:
-    """Masses or lengths of the description are in another unit."""
+def description_mistakes(run: ArmRun) -> Iterator[Mistake]:
+    """Mistakes of the description: masses or lengths in another unit."""
     for unit, factor in MASS_UNITS.items():
         yield Mistake(
             "scale", run.channels, f"masses of the description are in {unit} and read as kg",
-            f"multiply every mass and inertia of the URDF by {factor:g}", description=Description(mass=factor),
+            f"multiply every mass and inertia of the URDF by {factor:g}",
+            description=DescriptionCorrection(mass=factor),
         )  # fmt: skip
     for unit, factor in LENGTH_UNITS.items():
         yield Mistake(
             "scale", run.channels, f"lengths of the description are in {unit} and read as m",
-            f"multiply every length of the URDF by {factor:g}", description=Description(length=factor),
+            f"multiply every length of the URDF by {factor:g}", description=DescriptionCorrection(length=factor),
         )  # fmt: skip
 
 
-ARM_MISTAKES = (angle_units, torque_units, signs, orders, zeros, clocks, mountings, readings, descriptions)
-"""All kinds of mistakes; a new kind is a further function here."""
+ARM_MISTAKES = (
+    angle_unit_mistakes,
+    torque_unit_mistakes,
+    sign_mistakes,
+    joint_order_mistakes,
+    zero_position_mistakes,
+    clock_mistakes,
+    gravity_mistakes,
+    torque_reading_mistakes,
+    description_mistakes,
+)
+"""Functions that yield the possible mistakes in a recording of an arm; a new kind of mistake is a further function."""
 
 
 def arm_mistakes(run: ArmRun) -> Iterator[Mistake]:
-    """Mistakes that may have been made in recordings of arms."""
+    """All possible mistakes in a recording of an arm."""
     return chain.from_iterable(kind(run) for kind in ARM_MISTAKES)

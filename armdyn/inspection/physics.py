@@ -1,4 +1,4 @@
-"""Find the mistake that explains a recording: each is compared with "as it stands" and with the next best."""
+"""Find mistakes in a recording: compare the evidence of each possible mistake with that of an unchanged recording."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,74 +9,74 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from armdyn.inspection.arm import AS_DESCRIBED, ArmRun
-from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, amount
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, Severity, rounded
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.mistakes import Mistake
 from armdyn.inspection.swing import SwingRun
 
 MISTAKE_PRICE_NATS = 8.0
-"""Log prior odds against a mistake, nats: one recording in some ten has one of some hundred mistakes."""
+"""Log prior odds against each mistake, nats: about one recording in ten has one of about a hundred mistakes."""
 CERTAIN_MISTAKE_NATS = 12.0
-"""Nats by which a mistake must then exceed "as it stands" to be certain: sound recordings reach 6, see
-docs/inspect.md."""
+"""Log odds, in nats, over an unchanged recording from which a mistake is certain; recordings without a mistake reach 6,
+see docs/inspect.md."""
 POSSIBLE_MISTAKE_NATS = 8.0
-"""Nats from which a mistake is reported as possible."""
+"""Log odds, in nats, over an unchanged recording from which a mistake is reported as possible."""
 MISTAKE_TIE_NATS = 6.0
-"""Nats below which two mistakes explain a recording equally well: both are reported, and neither is corrected."""
+"""Log odds, in nats, up to which two mistakes explain a recording equally well, so that neither is corrected."""
 MAX_RESIDUAL_SHARE = 0.35
-"""Largest residual share of the concerned channels' mean square after correcting the mistake; where it is larger, the
+"""Largest residual after a mistake's correction, as a share of the channels' mean square. With a larger one the
 description is of another arm, and no mistake is reported."""
 FULLY_EVALUATED, FULLY_EVALUATED_PER_KIND = 8, 3
-"""Number of hypotheses that are evaluated fully, the most probable at first, and how many of one kind."""
+"""Number of hypotheses that are evaluated fully after a coarse evaluation, and largest number of one kind."""
 MIN_UNEXPLAINED_SHARE = 0.2
-"""Residual share of a typical channel's mean square from which two mistakes at once are tried, where one explains
-nothing; the median of sound recordings, real ones too, is below 0.14."""
+"""Residual, as a share of a channel's mean square, from which two mistakes at once are tried, if one mistake explains
+nothing; the median of recordings without a mistake is below 0.14."""
 MAX_MISTAKES = 3
-"""Largest number of mistakes in one recording."""
+"""Largest number of mistakes that are searched in one recording."""
 MAX_FIRST_DEFICIT_NATS = 10.0
-"""Nats by which a hypothesis may be worse than "as it stands" at first and still be evaluated fully."""
+"""Log odds, in nats, by which a hypothesis may be worse than an unchanged recording in the coarse evaluation."""
 FIRST_SHIFT_STEP, FIRST_RATE_STEP = 0.03, 5e-3
-"""First steps of the search for a clock's error: shift, s, and relative rate error."""
+"""First steps of the search for a clock's error: its shift, s, and its relative rate error."""
 CLOCK_SEARCH_RANGE = 4.0
-"""Range of that search, in first steps, to either side of the best value tried."""
+"""Range of the search for a clock's error to either side of its start, in first steps."""
 MAX_CLOCKS_TRIED = 80
-"""Number of clock errors that such a search tries."""
-Modelled = TypeVar("Modelled", ArmRun, SwingRun)
+"""Largest number of clock errors that the search for a clock's error tries."""
+ComparedRun = TypeVar("ComparedRun", ArmRun, SwingRun)
 
 
 @dataclass(frozen=True, eq=False)
 class FoundMistake:
-    """A mistake, alone or together with another one, with the evidence.
+    """A mistake that was found in a recording, with its evidence.
 
     Attributes:
         mistake: the mistake.
-        gain: log evidence over "as it stands", nats.
-        lead: log evidence over the next best, nats.
-        rival: another mistake that explains as much; None where there is none.
+        log_evidence_gain: log odds of the mistake over an unchanged recording, nats.
+        log_evidence_lead: log odds of the mistake over the next best hypothesis, nats.
+        rival: another mistake that explains the recording as well; None without one.
     """
 
     mistake: Mistake
-    gain: float
-    lead: float
+    log_evidence_gain: float
+    log_evidence_lead: float
     rival: Mistake | None = None
 
     @property
     def certain(self) -> bool:
-        """Whether the recording is certainly wrong, rather than possibly."""
-        return self.gain >= CERTAIN_MISTAKE_NATS
+        """Whether the mistake is certain, rather than possible."""
+        return self.log_evidence_gain >= CERTAIN_MISTAKE_NATS
 
     @property
     def correction(self) -> Correction | None:
-        """The correction, where it is known that only this one is right."""
+        """The correction of the recording; None if the mistake or its correction is not certain."""
         known = self.certain and self.rival is None and self.mistake.correctable
         return self.mistake.correction if known and self.mistake.correction.readings else None
 
 
-def find_mistakes(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake]]) -> Iterator[FoundMistake]:
-    """Find the mistakes of a recording; each is corrected before the next one is searched."""
+def find_mistakes(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[FoundMistake]:
+    """Find mistakes in a recording; each is corrected before the next one is searched."""
     reported: set[tuple[str, tuple[str, ...]]] = set()
     for _ in range(MAX_MISTAKES):
-        found = most_probable(run, list(mistakes(run)))
+        found = most_probable_mistakes(run, list(mistakes(run)))
         for one in found:
             m = one.mistake
             if (m.kind, m.channels) in reported:
@@ -85,14 +85,16 @@ def find_mistakes(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake
             reported.add((m.kind, m.channels))
             if m.description != AS_DESCRIBED or not one.certain or one.rival is not None:
                 return
-            run = replace(run, run=m.correction.of(run.run))
+            run = replace(run, run=m.correction.applied_to(run.run))
         if not found:
             return
 
 
-def most_probable(run: Modelled, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
-    """The mistake, or the two mistakes, that explain a recording; empty where it is best explained as it stands."""
-    screened = run.screen([(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)])
+def most_probable_mistakes(run: ComparedRun, mistakes: Sequence[Mistake]) -> tuple[FoundMistake, ...]:
+    """The one or two mistakes that explain a recording best; empty if no mistake explains it better."""
+    screened = run.coarse_log_evidence(
+        [(Correction(), AS_DESCRIBED), *((m.correction, m.description) for m in mistakes)]
+    )
     least, values = float(screened[0]) - MAX_FIRST_DEFICIT_NATS, screened[1:] - [_price((m,)) for m in mistakes]
     near = _foremost(mistakes, values, least)
     if not near:
@@ -109,19 +111,21 @@ def most_probable(run: Modelled, mistakes: Sequence[Mistake]) -> tuple[FoundMist
     ]
     if not pairs:
         return ()
-    values = run.screen([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [_price(pair) for pair in pairs]
+    values = run.coarse_log_evidence([(_corrected(pair), AS_DESCRIBED) for pair in pairs]) - [
+        _price(pair) for pair in pairs
+    ]
     best = [i for i in np.argsort(values)[::-1][:FULLY_EVALUATED].tolist() if values[i] > least]
     return _best(run, [pairs[i] for i in best], as_is.value)
 
 
 def _price(mistakes: Sequence[Mistake]) -> float:
     """Log prior odds against all these mistakes at once, nats."""
-    return sum(m.price + MISTAKE_PRICE_NATS for m in mistakes)
+    return sum(m.prior_odds_nats + MISTAKE_PRICE_NATS for m in mistakes)
 
 
 def _corrected(mistakes: Sequence[Mistake]) -> Correction:
     """The correction of one mistake after the other."""
-    return reduce(Correction.then, (m.correction for m in mistakes), Correction())
+    return reduce(Correction.followed_by, (m.correction for m in mistakes), Correction())
 
 
 def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> list[int]:
@@ -134,7 +138,7 @@ def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> 
     return near
 
 
-def _best(run: Modelled, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> tuple[FoundMistake, ...]:
+def _best(run: ComparedRun, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> tuple[FoundMistake, ...]:
     """The best of several sets of mistakes; empty where it does not explain the recording."""
     if not sets:
         return ()
@@ -144,7 +148,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> t
     chosen = sets[best]
     concerned = [k for k, c in enumerate(run.channels) if any(c in m.channels for m in chosen)] or slice(None)
     explained = float(np.mean(found[best].share[concerned])) <= MAX_RESIDUAL_SHARE
-    least = max(as_is, run.nothing())
+    least = max(as_is, run.log_evidence_of_no_model())
     of_description = any(m.description.mass != 1.0 or m.description.length != 1.0 for m in chosen)
     # A description belongs to all its recordings, so a mistake in it must be certain.
     enough = CERTAIN_MISTAKE_NATS if of_description else POSSIBLE_MISTAKE_NATS
@@ -159,7 +163,7 @@ def _best(run: Modelled, sets: Sequence[tuple[Mistake, ...]], as_is: float) -> t
     return tuple(FoundMistake(m, values[best] - least, lead, rival) for m in chosen)
 
 
-def _with_fitted_clock(run: Modelled, chosen: tuple[Mistake, ...], which: int) -> Mistake:
+def _with_fitted_clock(run: ComparedRun, chosen: tuple[Mistake, ...], which: int) -> Mistake:
     """A clock mistake with the shift and rate error that explain best, in place of the nearest ones tried."""
     m = chosen[which]
     if not m.clock:
@@ -170,7 +174,7 @@ def _with_fitted_clock(run: Modelled, chosen: tuple[Mistake, ...], which: int) -
         tried = m.with_clock(FIRST_SHIFT_STEP * clock[0], FIRST_RATE_STEP * clock[1])
         return -run.log_evidence(_corrected([*chosen[:which], tried, *chosen[which + 1 :]]), AS_DESCRIBED).value
 
-    start = np.array([reading.late / FIRST_SHIFT_STEP, reading.pace / FIRST_RATE_STEP])
+    start = np.array([reading.delay / FIRST_SHIFT_STEP, reading.clock_rate_error / FIRST_RATE_STEP])
     bounds = [(x - CLOCK_SEARCH_RANGE, x + CLOCK_SEARCH_RANGE) for x in start]
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     both = minimize(
@@ -185,17 +189,17 @@ def _with_fitted_clock(run: Modelled, chosen: tuple[Mistake, ...], which: int) -
     return m.with_clock(FIRST_SHIFT_STEP * late, FIRST_RATE_STEP * pace)
 
 
-def checks(run: Modelled, mistakes: Callable[[Modelled], Iterator[Mistake]]) -> Iterator[Check]:
-    """Findings on a recording from its comparison with the model."""
+def mistake_checks(run: ComparedRun, mistakes: Callable[[ComparedRun], Iterator[Mistake]]) -> Iterator[Check]:
+    """Findings on mistakes in a recording, from its comparison with the model."""
     for found in find_mistakes(run, mistakes):
         m, certain = found.mistake, found.certain
-        lead = f"{amount(found.lead)} more than anything else"
-        sure = f"{amount(found.gain)} nats more probable than as it stands, {lead}"
-        rival = "" if found.rival is None else f", or {found.rival.said}: this recording does not tell which"
+        lead = f"{rounded(found.log_evidence_lead)} more than anything else"
+        sure = f"{rounded(found.log_evidence_gain)} nats more probable than as it stands, {lead}"
+        rival = "" if found.rival is None else f", or {found.rival.in_words}: this recording does not tell which"
         remedy = f"armdyn inspect {MODEL_PLACEHOLDER} {run.run.source or run.run.name} --fix fixed"
         remedy = remedy if found.correction else "record a motion that tells, or ask who made the recording"
         yield Check(
             m.kind, Severity.WRONG if certain else Severity.SUSPECT, run.run.name, m.channels,
-            f"{'' if certain else 'perhaps '}{m.said}{rival} ({sure})", m.remedy or remedy,
-            evidence=found.lead, correction=found.correction,
+            f"{'' if certain else 'perhaps '}{m.in_words}{rival} ({sure})", m.remedy or remedy,
+            evidence=found.log_evidence_lead, correction=found.correction,
         )  # fmt: skip

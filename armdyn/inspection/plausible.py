@@ -9,31 +9,31 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.identify.compare import Comparison
 from armdyn.inspection.arm import MAX_LIMITED_EFFORT
-from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, amount
+from armdyn.inspection.check import Check, Inspection, Severity, WrongRecordingError, rounded
 from armdyn.model import Model
 from armdyn.parameter import Parameter
 from armdyn.run import Run
 
 MAX_TIME_CONSTANT = 10.0
-"""Longest time constant of a sensor, gripper or string, s."""
+"""Longest possible time constant of a sensor, gripper or string, s."""
 MAX_BASE_TILT = np.deg2rad(60.0)
-"""Largest tilt of a base, rad; a wall or ceiling mounting belongs in the description."""
+"""Largest possible tilt of a base against its description, rad."""
 MAX_PERMANENT_TORQUE_SHARE = 1.0
-"""Largest permanent torque, as a share of a joint's effort limit: the drive could not carry a larger one."""
+"""Largest possible permanent torque on a joint, as a share of its effort limit."""
 CHECK_REMEDY = "check your recording: armdyn inspect M.toml RUN..., with --report a page of every channel"
 
 
-DETERMINED_DEVIATES = 2.0
-"""Standard deviations by which a value must exceed its possible range: a value that is not identified is no finding."""
+MIN_EXCESS_DEVIATES = 2.0
+"""Standard deviations by which a fitted value must exceed its possible range to be reported."""
 
 
-def least(p: Parameter) -> float:
-    """Least absolute value of a parameter that is consistent with its standard deviation."""
-    return abs(p.value) - DETERMINED_DEVIATES * (p.std or 0.0)
+def least_absolute_value(p: Parameter) -> float:
+    """Absolute value of a parameter less two standard deviations: its least probable size."""
+    return abs(p.value) - MIN_EXCESS_DEVIATES * (p.std or 0.0)
 
 
-def implausible(model: Model) -> list[Check]:
-    """Find impossible values: a payload heavier than the robot, a friction that pushes, a base upside down."""
+def implausible_values(model: Model) -> list[Check]:
+    """Findings on impossible values of a fitted model, such as a payload heavier than the robot."""
     of_base = IMPOSSIBLE_BY_BASE.get(model.base, lambda _: iter(()))
     return [
         Check("implausible_model", Severity.WRONG, None, (name,), f"{said}: check your recording", CHECK_REMEDY)
@@ -47,19 +47,19 @@ def require_plausible(model: Model, runs: Sequence[Run], given: Model) -> None:
     Args:
         model: the fitted model.
         runs: the runs to which it was fitted.
-        given: the model before the fit; what it has already was set by its user.
+        given: the model before the fit, whose impossible values are ignored because its user set them.
 
     Raises:
         WrongRecordingError: a value is impossible; the error has the findings.
     """
-    had = {check.channels for check in implausible(given)}
-    found = [check for check in implausible(model) if check.channels not in had]
+    had = {check.channels for check in implausible_values(given)}
+    found = [check for check in implausible_values(model) if check.channels not in had]
     if found:
         raise WrongRecordingError(Inspection(tuple(runs), tuple(found)))
 
 
-def compared_model(model: Model, found: Comparison) -> Model:
-    """The model of a study with the values from a comparison; values of a single run are unchanged."""
+def with_fitted_values(model: Model, found: Comparison) -> Model:
+    """The model with the values that a comparison fitted; parameters with one value per run keep their values."""
     changed = {
         name: replace(p, value=found.parameters[name].value, std=found.parameters[name].std)
         for name, p in model.parameters.items()
@@ -73,27 +73,30 @@ def _sizes(model: Model) -> Iterator[tuple[str, str]]:
     for name, p in model.parameters.items():
         effect = p.effect or ""
         pushes = ("friction" in effect or "drag" in effect) and p.lower >= 0.0
-        if pushes and p.value < 0.0 < least(p):
-            yield name, f"{name} = {amount(p.value)} {p.unit} is a friction that pushes"
-        if effect and p.unit == "s" and least(p) > MAX_TIME_CONSTANT:
-            yield name, f"{name} = {amount(p.value)} s is a time that nothing of a robot takes"
+        if pushes and p.value < 0.0 < least_absolute_value(p):
+            yield name, f"{name} = {rounded(p.value)} {p.unit} is a friction that pushes"
+        if effect and p.unit == "s" and least_absolute_value(p) > MAX_TIME_CONSTANT:
+            yield name, f"{name} = {rounded(p.value)} s is a time that nothing of a robot takes"
 
 
 def _of_arm(model: ArmModel) -> Iterator[tuple[str, str]]:
     whole = float(model.arm.described[:, 0].sum())
     limits = dict(zip(model.arm.joints, model.arm.model.effortLimit.tolist(), strict=True))
     for name, p in model.parameters.items():
-        if p.effect == "payload" and p.unit == "kg" and least(p) > whole:
-            yield name, f"{name} = {amount(p.value)} kg is a payload heavier than the arm of {amount(whole)} kg"
+        if p.effect == "payload" and p.unit == "kg" and least_absolute_value(p) > whole:
+            yield (
+                name,
+                f"{name} = {rounded(p.value)} kg is a payload heavier than the arm of {rounded(whole)} kg",
+            )
         limit = limits.get(p.joint, 0.0) if p.effect and p.unit in ("N m", "N") and "spring" not in p.effect else 0.0
-        if 0.0 < limit < MAX_LIMITED_EFFORT and least(p) > MAX_PERMANENT_TORQUE_SHARE * limit:
-            said = f"{name} = {amount(p.value)} {p.unit} is more than the joint's limit of {amount(limit)} {p.unit}"
+        if 0.0 < limit < MAX_LIMITED_EFFORT and least_absolute_value(p) > MAX_PERMANENT_TORQUE_SHARE * limit:
+            said = f"{name} = {rounded(p.value)} {p.unit} is more than the joint's limit of {rounded(limit)} {p.unit}"
             yield name, said
     links = model.link_parameters() if any(p.effect == "link_inertia" for p in model.parameters.values()) else {}
     for joint, (mass, *_) in links.items():
         own = model.parameters.get(f"link_inertia.mass[{joint}]")
-        if mass - DETERMINED_DEVIATES * ((own.std if own is not None else 0.0) or 0.0) > max(whole, 1.0):
-            said = f"the link of {joint} would weigh {amount(mass)} kg, more than the arm of {amount(whole)} kg"
+        if mass - MIN_EXCESS_DEVIATES * ((own.std if own is not None else 0.0) or 0.0) > max(whole, 1.0):
+            said = f"the link of {joint} would weigh {rounded(mass)} kg, more than the arm of {rounded(whole)} kg"
             yield f"link_inertia.mass[{joint}]", said
     described, found = np.array(model.arm.model.gravity.linear), model.gravity()
     size = float(np.linalg.norm(described) * np.linalg.norm(found))
@@ -107,11 +110,11 @@ def _of_swing(model: Model) -> Iterator[tuple[str, str]]:
     for name in ("length", "mass"):
         p = model.parameters[name]
         if p.fitted and p.value in (p.lower, p.upper):
-            yield name, f"{name} = {amount(p.value)} {p.unit} is the end of what a load that swings can have"
+            yield name, f"{name} = {rounded(p.value)} {p.unit} is the end of what a load that swings can have"
     for name, p in model.parameters.items():
         if p.effect == "pivot_coulomb_friction" and p.value > mass * gravity * length:
-            yield name, f"{name} = {amount(p.value)} {p.unit} would hold the load at any angle"
+            yield name, f"{name} = {rounded(p.value)} {p.unit} would hold the load at any angle"
 
 
 IMPOSSIBLE_BY_BASE: Mapping[str, Callable[[Any], Iterator[tuple[str, str]]]] = {"arm": _of_arm, "pendulum": _of_swing}
-"""Impossible values of a model, by its base: the parameter's name, and what is wrong."""
+"""Function that finds impossible values of a model, by the model's base; it yields the parameter and the fault."""

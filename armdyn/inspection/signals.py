@@ -1,55 +1,55 @@
-"""Check single channels: gaps, glitches, stuck and repeated samples, saturation, lost counts, noise."""
+"""Check the signals of a recording without a model: gaps, glitches, repeated samples, saturation, noise."""
 
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from armdyn.inspection.check import Check, Kind, Severity, amount
+from armdyn.inspection.check import Check, CheckKind, Severity, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.holds import encoders, least_noise, sticking, stuck
+from armdyn.inspection.holds import encoder_channels, least_noise, sticking_joint_checks, stuck_sensor_checks
 from armdyn.recording.channels import MIN_SAMPLES, Channel, channel_kind
 from armdyn.recording.gaps import GAP_INTERVALS, gaps_of, shortest_gap
-from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, normalised_differences, quiet_std
-from armdyn.recording.spikes import ALLOWED_FAULTS, at_the_end, spikes_of
-from armdyn.recording.tracks import second_track
+from armdyn.recording.noise import MAX_DIFFERENCE_SPAN, noise_std_from_differences, normalised_differences
+from armdyn.recording.spikes import ALLOWED_FAULTS, saturated_samples, spikes_of
+from armdyn.recording.tracks import samples_of_second_series
 from armdyn.run import Run
 from armdyn.smoothing.choice import resolution
 
 MIN_FINE_STEPS = 3.0
-"""Usual step of a signal, in steps of its resolution, from which repeated values are no coarse encoder."""
+"""Least usual step of a signal, in steps of its resolution, for which repeated values are not those of a coarse
+encoder."""
 MIN_CLIPPED_SHARE = 0.01
-"""Share of samples at the end of the range that means that the sensor's range is too small."""
+"""Share of samples at the end of the range from which a sensor counts as saturated."""
 LOST_COUNT_DEVIATES = 12.0
-"""Size of a permanent step of an encoder's mean, in standard deviations of the noise."""
+"""Least permanent step of an encoder's position that means lost counts, in standard deviations of the noise."""
 MIN_LOST_STEP = 0.01
-"""Smallest such step, rad or m."""
+"""Least permanent step of an encoder's position that means lost counts, rad or m."""
 SAMPLES_BESIDE_STEP, MAX_STEPPED_DIFFERENCES = 10, 8
-"""Number of samples to either side of a step, and largest number of differences of a signal that show a step."""
+"""Number of samples to either side of a step that are fitted, and largest number of differences as large as a step."""
 MIN_JITTER_RATIO = 0.15
-"""Ratio of the interval's standard deviation to its median that is reported."""
+"""Ratio of the standard deviation of sampling intervals to their median from which jitter is reported."""
 INTERVAL_TOLERANCE, MIN_REGULAR_SHARE = 0.2, 0.98
-"""Tolerance for intervals that are multiples of the usual one, and their share with a regular clock."""
+"""Tolerance for intervals that are multiples of the usual interval, and least share of them for a regular clock."""
 MIN_NOISE_RATIO = 5.0
-"""Ratio of the noise in the quietest third of a signal's differences to the stated noise that is reported. A drive's
-low-pass makes these differences too small, so only noise that is stated too small can be found."""
+"""Ratio of the noise in the smallest third of a signal's differences to the stated noise from which it is reported."""
 MIN_MOTION_DEVIATES = 20.0
-"""Least size of a motion, in standard deviations of the noise; also at least `MIN_MOTION_SIZE`."""
+"""Least range of a position that counts as motion, in standard deviations of the noise; also `MIN_MOTION_SIZE`."""
 MIN_MOTION_SIZE = 2e-3
-PLAUSIBLE_RANGES: Mapping[str, tuple[float, Kind, str]] = {
+PLAUSIBLE_RANGES: Mapping[str, tuple[float, CheckKind, str]] = {
     "rad": (4.0 * np.pi, "angle_unit", "deg"), "rad/s": (60.0, "angle_unit", "deg/s"), "m": (20.0, "scale", "mm"),
     "m/s": (20.0, "scale", "mm/s"), "N m": (1e4, "torque_unit", "mN m"), "N": (1e4, "torque_unit", "mN"),
 }  # fmt: skip
 """Largest plausible value by unit (two turns, ten turns a second, and what no laboratory arm reaches or carries), the
-kind of mistake, and the unit that it may be in. Used where no physics decides better."""
+kind of mistake, and the unit that it may be in."""
 FULL_TURNS = (2.0 * np.pi, 360.0)
-"""A full turn in rad, and in degrees that are declared as rad."""
+"""A full turn in rad, and in degrees, for angles in degrees that are declared as rad."""
 MAX_STEP_TURNS, MAX_WRAPPED_SHARE = 0.2, 0.05
 """Largest motion of a joint between two samples, in turns, and largest share of samples at which its angle wraps."""
 SignalCheck = Callable[[Run], Iterator[Check]]
 
 
-def gaps(run: Run) -> Iterator[Check]:
-    """Find gaps: samples of every channel are missing for a while."""
+def gap_checks(run: Run) -> Iterator[Check]:
+    """Findings on gaps, in which samples of a channel are missing for some time."""
     for begin, end in gaps_of(run):
         yield Check(
             "gap", Severity.NOTE, run.name, tuple(run.channels),
@@ -68,8 +68,8 @@ def _clocks(run: Run) -> Iterator[tuple[str, Channel, np.ndarray, float]]:
             seen.add(channel.time.tobytes())
 
 
-def dropped(run: Run) -> Iterator[Check]:
-    """Find single samples, or a few, that are missing from a regular clock's sequence."""
+def dropped_sample_checks(run: Run) -> Iterator[Check]:
+    """Findings on single missing samples of a regular clock."""
     for name, channel, steps, usual in _clocks(run):
         counts = np.round(steps / usual)
         if np.mean(np.abs(steps / usual - counts) < INTERVAL_TOLERANCE) < MIN_REGULAR_SHARE:
@@ -83,8 +83,8 @@ def dropped(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def rates(run: Run) -> Iterator[Check]:
-    """Find stamps with jitter."""
+def jitter_checks(run: Run) -> Iterator[Check]:
+    """Findings on time stamps with jitter."""
     for name, _, steps, usual in _clocks(run):
         spread = float(np.std(steps[steps < GAP_INTERVALS * usual])) / usual
         if spread > MIN_JITTER_RATIO:
@@ -95,14 +95,14 @@ def rates(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def second_publishers(run: Run) -> Iterator[Check]:
-    """Find positions of two publishers that were recorded as one signal."""
+def second_publisher_checks(run: Run) -> Iterator[Check]:
+    """Findings on positions of two publishers that were recorded as one signal."""
     by_time: dict[bytes, list[str]] = {}
     for name, channel in run.channels.items():
         if name.startswith("q."):
             by_time.setdefault(channel.time.tobytes(), []).append(name)
     for names in by_time.values():
-        second = second_track(np.column_stack([run.channels[name].value for name in names]))
+        second = samples_of_second_series(np.column_stack([run.channels[name].value for name in names]))
         if second.any():
             time = run.channels[names[0]].time[second]
             yield Check(
@@ -113,8 +113,8 @@ def second_publishers(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def glitches(run: Run) -> Iterator[Check]:
-    """Find glitches: single samples far from their neighbours."""
+def glitch_checks(run: Run) -> Iterator[Check]:
+    """Findings on glitches: single samples far from their neighbours."""
     found = {name: channel.time[spikes_of(channel)] for name, channel in run.channels.items()}
     found = {name: when for name, when in found.items() if len(when)}
     if found:
@@ -126,10 +126,10 @@ def glitches(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def repetitions(run: Run) -> Iterator[Check]:
-    """Find slower signals whose samples were recorded repeatedly."""
+def repetition_checks(run: Run) -> Iterator[Check]:
+    """Findings on slowly sampled signals whose samples were recorded repeatedly."""
     for name, channel in run.channels.items():
-        held = repeated(channel)
+        held = repetitions_per_value(channel)
         if held > 1:
             rate = (len(channel) - 1) / (channel.time[-1] - channel.time[0])
             yield Check(
@@ -140,8 +140,8 @@ def repetitions(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def repeated(channel: Channel) -> int:
-    """Number of times that each value is repeated; 1 for a signal that was recorded as often as it was measured."""
+def repetitions_per_value(channel: Channel) -> int:
+    """Number of times that each measured value of a channel was recorded; 1 without repetitions."""
     change = np.flatnonzero(np.diff(channel.value) != 0.0)
     if len(change) < MIN_SAMPLES:
         return 1
@@ -153,45 +153,45 @@ def repeated(channel: Channel) -> int:
     return held if held > 1 and regular > 0.8 and not coarse else 1
 
 
-def ends_of_range(run: Run) -> Iterator[Check]:
-    """Find saturation: many samples have the largest or smallest value."""
+def saturation_checks(run: Run) -> Iterator[Check]:
+    """Findings on saturation: many samples have the largest or smallest value."""
     for name, channel in run.channels.items():
         if not channel_kind(name).measured:
             continue
-        bad = at_the_end(channel.value)
+        bad = saturated_samples(channel.value)
         if bad.mean() > MIN_CLIPPED_SHARE:
             top = float(np.abs(channel.value[bad]).max())
             yield Check(
                 "saturated", Severity.SUSPECT, run.name, (name,),
-                f"{100 * bad.mean():.0f} % of {name} stand at {amount(top)} {channel.unit}, the end of its range",
+                f"{100 * bad.mean():.0f} % of {name} stand at {rounded(top)} {channel.unit}, the end of its range",
                 "they are left out; record with a larger range, or move more gently",
                 float(channel.time[bad][0]), float(channel.time[bad][-1]),
             )  # fmt: skip
 
 
-def lost_counts(run: Run) -> Iterator[Check]:
-    """Find encoders whose zero steps during the recording."""
-    for name, channel in encoders(run):
-        found = step_of(channel)
+def lost_count_checks(run: Run) -> Iterator[Check]:
+    """Findings on lost counts: encoders whose zero position jumps during the recording."""
+    for name, channel in encoder_channels(run):
+        found = largest_step(channel)
         if found is not None:
             at, size = found
             yield Check(
                 "counts_lost", Severity.SUSPECT, run.name, (name,),
-                f"{name} steps by {amount(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
+                f"{name} steps by {rounded(size)} {channel.unit} at {channel.time[at]:.4g} s and stays there: counts "
                 "were lost",
                 f"cut the recording at {channel.time[at]:.4g} s, or subtract the step from what follows",
                 float(channel.time[at]), float(channel.time[-1]),
             )  # fmt: skip
 
 
-def steps_of(run: Run) -> list[float]:
-    """Times, s, at which an encoder's zero steps."""
-    found = ((channel, step_of(channel)) for _, channel in encoders(run))
+def encoder_step_times(run: Run) -> list[float]:
+    """Times, s, at which the zero position of an encoder jumps."""
+    found = ((channel, largest_step(channel)) for _, channel in encoder_channels(run))
     return [float(channel.time[step[0]]) for channel, step in found if step is not None]
 
 
-def step_of(channel: Channel) -> tuple[int, float] | None:
-    """Index after the largest step that is neither motion nor spike, and its size; None where there is none.
+def largest_step(channel: Channel) -> tuple[int, float] | None:
+    """Index after the largest permanent jump of a signal, and the jump's size; None without a jump.
 
     The size is the distance of the parabolas through the samples before and after it.
     """
@@ -199,7 +199,7 @@ def step_of(channel: Channel) -> tuple[int, float] | None:
     if n < 6 * beside:
         return None
     third = np.abs(np.nan_to_num(normalised_differences(time, value, 3)))
-    usual = quiet_std(time, value) + resolution(value) / np.sqrt(12.0)
+    usual = noise_std_from_differences(time, value) + resolution(value) / np.sqrt(12.0)
     at = int(np.clip(np.argmax(third) + 1, beside, n - beside - 2))
     longest = np.diff(time[at - beside + 1 : at + beside + 1]).max()
     steps_often = np.sum(third > 0.5 * LOST_COUNT_DEVIATES * usual) > MAX_STEPPED_DIFFERENCES
@@ -225,8 +225,8 @@ def _jump(time: np.ndarray, value: np.ndarray, k: int) -> tuple[float, float]:
     return ends[1] - ends[0], max(residuals)
 
 
-def noises(run: Run) -> Iterator[Check]:
-    """Find noise that is stated much smaller than it is."""
+def stated_noise_checks(run: Run) -> Iterator[Check]:
+    """Findings on stated noise that is much smaller than the noise of the samples."""
     for name, stated in run.noise.items():
         if name not in run.channels or stated <= 0.0:
             continue
@@ -240,10 +240,10 @@ def noises(run: Run) -> Iterator[Check]:
             )  # fmt: skip
 
 
-def motions(run: Run) -> Iterator[Check]:
-    """Find recordings in which nothing moves."""
+def motion_checks(run: Run) -> Iterator[Check]:
+    """Findings on a recording in which nothing moves."""
     moving = [n for n in run.channels if n.startswith("q.") or n in ("swing_angle", "swing_rate", "gripper_x")]
-    if moving and not any(moves(run.channels[name]) for name in moving):
+    if moving and not any(changes_beyond_noise(run.channels[name]) for name in moving):
         yield Check(
             "no_motion", Severity.SUSPECT, run.name, tuple(moving),
             f"nothing moves: {', '.join(moving[:4])} stay where they are",
@@ -251,29 +251,31 @@ def motions(run: Run) -> Iterator[Check]:
         )  # fmt: skip
 
 
-def moves(channel: Channel) -> bool:
-    """Whether a position changes by more than its noise."""
+def changes_beyond_noise(channel: Channel) -> bool:
+    """Whether a position changes by more than its noise, so that it shows a motion."""
     value = channel.value
     last = min(ALLOWED_FAULTS, len(value) - 1)  # as many samples at either end may be glitches
     low, high = np.sort(value)[[last, -1 - last]]
-    return bool(high - low > max(MIN_MOTION_DEVIATES * quiet_std(channel.time, value), MIN_MOTION_SIZE))
+    return bool(
+        high - low > max(MIN_MOTION_DEVIATES * noise_std_from_differences(channel.time, value), MIN_MOTION_SIZE)
+    )
 
 
-def ranges(run: Run) -> Iterator[Check]:
-    """Find values that are impossible in the unit of the channel."""
+def range_checks(run: Run) -> Iterator[Check]:
+    """Findings on values that are impossible in the unit of the channel."""
     for name, channel in run.channels.items():
         most, kind, unit = PLAUSIBLE_RANGES.get(channel.unit, (np.inf, "scale", ""))
         top = float(np.quantile(np.abs(channel.value), 0.99))
         if top > most:
             yield Check(
                 kind, Severity.SUSPECT, run.name, (name,),
-                f"{name} reaches {amount(top)} {channel.unit}, more than {amount(most)}: is it in {unit}?",
+                f"{name} reaches {rounded(top)} {channel.unit}, more than {rounded(most)}: is it in {unit}?",
                 f"write '{name} [{unit}]' in the header if it is",
             )  # fmt: skip
 
 
-def wraps(run: Run) -> Iterator[Check]:
-    """Find endless joints whose angle wraps around after a turn."""
+def wrapped_angle_checks(run: Run) -> Iterator[Check]:
+    """Findings on angles of endless joints that wrap around after a turn."""
     for name, channel in run.channels.items():
         if channel.unit != "rad" or not (name.startswith("q.") or name == "swing_angle"):
             continue
@@ -285,11 +287,11 @@ def wraps(run: Run) -> Iterator[Check]:
             continue
         yield Check(
             "wrapped", Severity.WRONG, run.name, (name,),
-            f"{name} counts from the other end again after {amount(turn)} rad, {wrapped.sum()} times: no joint turns "
+            f"{name} counts from the other end again after {rounded(turn)} rad, {wrapped.sum()} times: no joint turns "
             "that fast",
             f"armdyn inspect {run.source or run.name} --fix fixed",
             float(channel.time[1:][wrapped][0]), float(channel.time[-1]),
-            correction=Correction({name: CorrectedReading(name, turn=turn)}),
+            correction=Correction({name: CorrectedReading(name, wrap_period=turn)}),
         )  # fmt: skip
 
 
@@ -314,7 +316,8 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
 
 
 SIGNAL_CHECKS: tuple[SignalCheck, ...] = (
-    second_publishers, motions, gaps, dropped, stuck, sticking, repetitions, ends_of_range, lost_counts, glitches,
-    rates, noises, unconfirmed_mappings,
+    second_publisher_checks, motion_checks, gap_checks, dropped_sample_checks, stuck_sensor_checks,
+    sticking_joint_checks, repetition_checks, saturation_checks, lost_count_checks, glitch_checks, jitter_checks,
+    stated_noise_checks, unconfirmed_mappings,
 )  # fmt: skip
-"""All checks of signals; a new check is a further function here."""
+"""Functions that check the signals of a recording; a new check is a further function."""

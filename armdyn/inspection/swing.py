@@ -16,8 +16,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import detrend
 
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, Channels, Evidence, evidence, independent
-from armdyn.inspection.kinematics import averages
+from armdyn.inspection.evidence import MODEL_ERROR_FLOOR, ChannelReadings, Evidence, evidence, independent_sample_share
+from armdyn.inspection.kinematics import local_averages
 from armdyn.inspection.mistakes import (
     ANGLE_UNITS,
     CLOCK_RATE_ERRORS,
@@ -25,14 +25,14 @@ from armdyn.inspection.mistakes import (
     SENSOR_LAGS,
     ZERO_OFFSETS,
     Mistake,
-    read_as,
-    stamped,
+    scaled_channels_mistake,
+    shifted_clock_mistakes,
 )
 from armdyn.kept import cached_with_first_argument
 from armdyn.model import Model
-from armdyn.pendulum.start import swing_shown
+from armdyn.pendulum.start import swing_channel
 from armdyn.run import Run
-from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smoothed
+from armdyn.smoothing.choice import SPLINE_ORDERS, best_smoothing, smooth_curve
 from armdyn.smoothing.spline import SplineCurve
 
 SWING_MOMENTS = 240
@@ -65,12 +65,12 @@ SWING_STEP_SECONDS = 0.02
 """Step of that simulation, s."""
 TIME_SPACING_PERIODS = 0.5
 """Time between two moments that show whether a reading is more than noise, in periods over 2 pi."""
-Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
+SwingMotion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """One channel under a hypothesis; the attributes are those of `Channels` without the first axis."""
+class ChannelPart:
+    """Readings of one channel with a prediction; attributes as of `ChannelReadings`, without the axis of channels."""
 
     measured: np.ndarray
     described: np.ndarray
@@ -80,10 +80,10 @@ class Part:
     min_rms: float
 
     @staticmethod
-    def joined(parts: "Sequence[Part]", weight: np.ndarray, floor: float) -> Channels:
-        """Channels without common effects."""
+    def joined(parts: "Sequence[ChannelPart]", weight: np.ndarray, floor: float) -> ChannelReadings:
+        """ChannelReadings without common effects."""
         alone = [[(one is own) * one.columns for one in parts] for own in parts]
-        return Channels(
+        return ChannelReadings(
             np.array([part.measured for part in parts]),
             np.array([part.described for part in parts]),
             np.array([np.hstack(blocks) for blocks in alone]),
@@ -97,7 +97,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class SwingRun:
-    """One recording of a pendulum at a few moments.
+    """A recording of a pendulum at a few moments, which is compared with the equations of a pendulum.
 
     Args:
         model: the model of the load.
@@ -109,17 +109,17 @@ class SwingRun:
 
     @cached_property
     def swing(self) -> str | None:
-        """The channel that measures the swing; None where there is none."""
-        return swing_shown(self.run)
+        """Name of the channel that measures the swing; None without one."""
+        return swing_channel(self.run)
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """The compared channels: the angle (or else the rate), and the force."""
+        """Names of the compared channels: the angle, else the rate, and the force."""
         return tuple(name for name in (self.swing, "load_force") if name and name in self.run.channels)
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(n,) moments, s."""
+        """(n,) moments at which the recording is compared, s."""
         used = [self.run.channels[n] for n in (*self.channels, "gripper_x") if n in self.run.channels]
         begin, end = max(c.time[0] for c in used), min(c.time[-1] for c in used)
         edge = EDGE_SHARE * (end - begin)
@@ -132,18 +132,21 @@ class SwingRun:
             if name is not None and name in self.run.channels:
                 whole = self.run.channels[name]
                 c = whole.averaged(-(-len(whole) // MAX_SMOOTHED_SAMPLES))
-                found[name] = smoothed(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
+                found[name] = smooth_curve(c.time, c.value, best_smoothing(c.time, c.value, SPLINE_ORDERS[:2]))
         return found
 
     def _stamps(self, r: CorrectedReading) -> np.ndarray:
         """(n,) stamps of a channel at the moments."""
-        return r.stamped(self.times, float(self.run.channels[r.source].time[0]))
+        return r.stamps_at(self.times, float(self.run.channels[r.source].time[0]))
 
     @cached_with_first_argument
-    def _motion(self, late: float, pace: float) -> Motion:
+    def _motion(self, late: float, pace: float) -> SwingMotion:
         """(n,) angle, rate and angular acceleration as recorded, for a delay and a rate error of the stamps."""
         assert self.swing is not None
-        time, curve = self._stamps(CorrectedReading(self.swing, late=late, pace=pace)), self._curves[self.swing]
+        time, curve = (
+            self._stamps(CorrectedReading(self.swing, delay=late, clock_rate_error=pace)),
+            self._curves[self.swing],
+        )
         first, second, *third = (
             (1.0 + pace) ** k * curve(time, k)[:, 0] for k in range(3 if self.swing == "swing_angle" else 2)
         )
@@ -157,11 +160,13 @@ class SwingRun:
         """(n,) acceleration of the pivot, m/s^2."""
         if "gripper_x" not in self._curves:
             return np.zeros(SWING_MOMENTS)
-        return np.asarray(r.factor * (1.0 + r.pace) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0])
+        return np.asarray(
+            r.factor * (1.0 + r.clock_rate_error) ** 2 * self._curves["gripper_x"](self._stamps(r), 2)[:, 0]
+        )
 
     def _force(self, r: CorrectedReading) -> np.ndarray:
         """(n,) force of the load cell, averaged around the moments, N."""
-        return r.factor * averages(self.run.channels["load_force"], self._stamps(r))
+        return r.factor * local_averages(self.run.channels["load_force"], self._stamps(r))
 
     @cached_with_first_argument
     def _driven(self, factor: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -193,15 +198,15 @@ class SwingRun:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(J,) independent samples per sample."""
+        """(J,) number of independent samples per sample of each channel."""
         given = self._given(Correction(), np.full(len(self.channels), 0.3))
         soon = TIME_SPACING_PERIODS * float(np.sqrt(self._known("length")[0] / self._known("gravity")[0]))
-        shifted = Correction({name: CorrectedReading(name, late=soon) for name in self.run.channels})
+        shifted = Correction({name: CorrectedReading(name, delay=soon) for name in self.run.channels})
         after = self._given(shifted, given.weight).measured
-        return independent(given.measured, evidence(given).residual, given.min_rms, after)
+        return independent_sample_share(given.measured, evidence(given).residual, given.min_rms, after)
 
-    def screen(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
-        """(h,) log evidence: a pendulum has few effects, so that no faster method is needed."""
+    def coarse_log_evidence(self, meanings: Sequence[tuple[Correction, object]]) -> np.ndarray:
+        """(h,) log evidence of hypotheses, nats; it is exact, because that of a pendulum is computed fast."""
         return np.array([self.log_evidence(*meaning).value for meaning in meanings])
 
     def log_evidence(self, correction: Correction, description: object = None) -> Evidence:
@@ -220,8 +225,8 @@ class SwingRun:
         other = weighed and not WRONG_LOAD_SHARE < abs(share) < 1.0 / WRONG_LOAD_SHARE
         return WRONG_LOAD_PRICE_NATS * (float(share < 0.0) + float(other))
 
-    def nothing(self) -> float:
-        """Minus infinity: that the equations explain nothing is excluded, because a pendulum's equations are known."""
+    def log_evidence_of_no_model(self) -> float:
+        """Minus infinity, the log evidence of no model, because the equations of a pendulum are known."""
         return -np.inf
 
     def _known(self, name: str) -> tuple[float, bool]:
@@ -233,21 +238,21 @@ class SwingRun:
         """Relative standard deviation of length or mass."""
         return MEASURED_RELATIVE_STD if self._known(name)[1] else GUESS_RELATIVE_STD[name]
 
-    def _given(self, correction: Correction, weight: np.ndarray) -> Channels:
+    def _given(self, correction: Correction, weight: np.ndarray) -> ChannelReadings:
         u = self._pull(correction.reading("gripper_x"))
         if self.swing is None and "gripper_x" in self._curves:
-            return Part.joined([self._force_alone(correction, u)], weight, MODEL_ERROR_FLOOR)
+            return ChannelPart.joined([self._force_alone(correction, u)], weight, MODEL_ERROR_FLOOR)
         parts, motion = [], (np.zeros(SWING_MOMENTS),) * 3
         if self.swing is not None:
             r = correction.reading(self.swing)
-            angle, rate, bend = (r.factor * x for x in self._motion(r.late, r.pace))
+            angle, rate, bend = (r.factor * x for x in self._motion(r.delay, r.clock_rate_error))
             motion = angle + r.offset, rate, bend
             parts.append(self._swing_part(motion, u, r.factor))
         if "load_force" in self.channels:
             parts.append(self._force_part(motion, u, correction.reading("load_force")))
-        return Part.joined(parts, weight, PENDULUM_MODEL_ERROR)
+        return ChannelPart.joined(parts, weight, PENDULUM_MODEL_ERROR)
 
-    def _swing_part(self, motion: Motion, u: np.ndarray, factor: float) -> Part:
+    def _swing_part(self, motion: SwingMotion, u: np.ndarray, factor: float) -> ChannelPart:
         """The angular acceleration, with the effects of a pendulum in their typical sizes."""
         (length, measured), (gravity, _), (angle, rate, bend) = self._known("length"), self._known("gravity"), motion
         drive, pace = u * np.cos(angle) / length, gravity / length
@@ -258,9 +263,9 @@ class SwingRun:
             0.02 * pace * angle**3, 0.05 * pace * np.linspace(-1.0, 1.0, len(angle)),
         ]  # fmt: skip
         positive = np.array([not measured, False, True, True, True, *([False] * 4)])
-        return Part(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
+        return ChannelPart(bend, measured * whole, np.column_stack(columns), positive, factor, 1e-3 * pace)
 
-    def _force_part(self, motion: Motion, u: np.ndarray, r: CorrectedReading) -> Part:
+    def _force_part(self, motion: SwingMotion, u: np.ndarray, r: CorrectedReading) -> ChannelPart:
         """The force along the string, with the effects of a load cell in their typical sizes."""
         (length, _), (gravity, _), (mass, weighed) = (self._known(name) for name in ("length", "gravity", "mass"))
         angle, rate, _ = motion
@@ -269,9 +274,9 @@ class SwingRun:
         bias, aside = np.full(len(angle), 0.1 * weight), 0.03 * weight * np.sin(angle)
         columns = np.column_stack([*(self._width("mass") * part for part in parts), bias, aside])
         positive = np.array([not weighed, not weighed, False, False])
-        return Part(self._force(r), weighed * (parts[0] + parts[1]), columns, positive, r.factor, 1e-3 * weight)
+        return ChannelPart(self._force(r), weighed * (parts[0] + parts[1]), columns, positive, r.factor, 1e-3 * weight)
 
-    def _force_alone(self, correction: Correction, u: np.ndarray) -> Part:
+    def _force_alone(self, correction: Correction, u: np.ndarray) -> ChannelPart:
         """The force in a recording in which it alone measures the swing, of the simulated motion that fits best.
 
         The mean force determines only the load's weight; so it is left out.
@@ -293,32 +298,38 @@ class SwingRun:
             0.02 * mass * gravity * np.linspace(-1.0, 1.0, len(y)), size * longer, size * fading,
         ]  # fmt: skip
         positive = np.array([not weighed, *([False] * 4)])
-        return Part(y, weighed * mass * shape, np.column_stack(columns), positive, r.factor, 1e-3 * mass * gravity)
+        return ChannelPart(
+            y, weighed * mass * shape, np.column_stack(columns), positive, r.factor, 1e-3 * mass * gravity
+        )
 
 
 def pendulum_mistakes(run: SwingRun) -> Iterator[Mistake]:
-    """Mistakes that may have been made in recordings of pendulums."""
+    """All possible mistakes in a recording of a pendulum."""
     has, force = run.run.channels, ("load_force",)
     angular = tuple(name for name in ("swing_angle", "swing_rate") if name in has)
     both, shifts = " and ".join(angular), (*SENSOR_LAGS, *SWING_CLOCK_SHIFTS)
     for factor, said in ANGLE_UNITS if angular else ():
-        yield read_as("angle_unit", angular, f"{both} is in {said}", factor)
+        yield scaled_channels_mistake("angle_unit", angular, f"{both} is in {said}", factor)
     for said, offset in ZERO_OFFSETS.items() if run.swing == "swing_angle" else ():
         zero = f"the zero of swing_angle is off by {said}: 0 is hanging"
-        yield read_as("position_offset", ("swing_angle",), zero, offset=-offset)
+        yield scaled_channels_mistake("position_offset", ("swing_angle",), zero, offset=-offset)
     if "gripper_x" in has:
         if angular:
             said = f"{both} count the other way than gripper_x: the load is at gripper_x - l sin(angle)"
-            yield replace(read_as("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x"))
+            yield replace(
+                scaled_channels_mistake("position_sign", angular, said, -1.0), channels=(*angular, "gripper_x")
+            )
         for unit, factor in {**LENGTH_UNITS, "m, and called mm": 1e3}.items():
             said = f"gripper_x is in {unit}" + ("" if "called" in unit else " and called m")
-            yield read_as("scale", ("gripper_x",), said, factor)
+            yield scaled_channels_mistake("scale", ("gripper_x",), said, factor)
         others = tuple(name for name in has if name != "gripper_x")
         said = "what swings is stamped {} against gripper_x"
-        yield from stamped(others, said, SWING_CLOCK_PRICE_NATS, shifts, CLOCK_RATE_ERRORS)
+        yield from shifted_clock_mistakes(others, said, SWING_CLOCK_PRICE_NATS, shifts, CLOCK_RATE_ERRORS)
     if "load_force" in has:
         for unit, factor in FORCE_UNITS.items():
-            yield read_as("torque_unit", force, f"load_force is in {unit} and called N", factor)
-        yield read_as("torque_sign", force, "load_force has the wrong sign: a string pulls", -1.0)
+            yield scaled_channels_mistake("torque_unit", force, f"load_force is in {unit} and called N", factor)
+        yield scaled_channels_mistake("torque_sign", force, "load_force has the wrong sign: a string pulls", -1.0)
         if angular:
-            yield from stamped(force, "load_force is stamped {} against the swing", SWING_CLOCK_PRICE_NATS, shifts)
+            yield from shifted_clock_mistakes(
+                force, "load_force is stamped {} against the swing", SWING_CLOCK_PRICE_NATS, shifts
+            )

@@ -1,4 +1,4 @@
-"""The reduced model: gripper, string, load and sensor, in continuous and in variational form."""
+"""The model of a load that hangs on a string from a gripper: continuous and discrete (variational) equations."""
 
 from urdf.lazy import lazy_names
 

@@ -1,4 +1,6 @@
-r"""Continuous equations of motion in a state that needs the gripper's velocity but not its acceleration.
+r"""Continuous equations of motion of a load on a string, with a momentum as state.
+
+The momentum needs the gripper's velocity, but not its acceleration.
 
 With the load at q(phi, rho) = g + rho e(phi), the state is the angle and its canonical momentum,
 
@@ -20,19 +22,19 @@ import numpy as np
 
 from armdyn.pendulum import transverse
 from armdyn.pendulum.composition import (
-    Composition,
-    direction,
-    gripper_at,
-    lagrangian,
-    load_at,
-    quasi_static,
-    sensor_at,
-    string_at,
-    tension_at,
-    upwards,
+    PendulumComposition,
+    gripper_stage,
+    kinetic_and_potential_energy,
+    load_stage,
+    quasi_static_string,
+    sensor_stage,
+    string_direction,
+    string_stage,
+    tension_with_effects,
+    up_direction,
 )
-from armdyn.pendulum.physics import Expression, smoothly_resisted
-from armdyn.pendulum.yielding import slow_manifold
+from armdyn.pendulum.physics import Expression, torque_with_smooth_friction
+from armdyn.pendulum.yielding import compliant_displacement
 from armdyn.physics.dry import DryFriction
 from armdyn.physics.simulate import System
 from armdyn.physics.vibration import Vibration
@@ -45,16 +47,16 @@ PENDULUM_OUTPUTS = ("load_force", "swing_angle", "swing_rate")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PendulumDynamics(System):
-    """The equations as functions of state s = (phi, P), input w = (t, x, v, a, z, vz, az) and parameters theta.
+    """Equations of a pendulum as functions of s = (phi, P), w = (t, x, v, a, z, vz, az) and parameters theta.
 
-    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. Where
-    the load also swings across the line, s goes on with the three moments of `transverse`; last come the states that
-    effects bring. Where something yields, w goes on with the gripper's jerk, and the output ends in an impulse, kg m/s,
-    whose time derivative adds to the force. Where effects read further recorded quantities, w goes on with the jerk as
-    well, and ends in these.
+    The gripper moves along its line with x, v, a and, where its height is measured, up and down with z, vz, az. If
+    the load also swings across the line, s continues with the three moments of `transverse`; the last entries are the
+    states that effects add. If the string or gripper is compliant, w continues with the gripper's jerk, and the output
+    ends in an impulse, kg m/s, whose time derivative adds to the force. If effects read further recorded quantities, w
+    continues with the jerk and ends in these quantities.
 
     `initial` takes phi and p = P/M, the swing rate in a frame at rest: phi' = p + (v/l) cos(phi). A load at rest
-    has p = 0 whatever the gripper does.
+    has p = 0 for every motion of the gripper.
 
     Attributes:
         tension: ``(s, w, theta) -> ()`` tension before the sensor, N.
@@ -65,16 +67,16 @@ class PendulumDynamics(System):
     rate: ca.Function
 
 
-def derive_dynamics(composition: Composition, *, planar: bool = False) -> PendulumDynamics:
-    """Derive the equations of motion, readings and tension of a composition.
+def derive_dynamics(composition: PendulumComposition, *, planar: bool = False) -> PendulumDynamics:
+    """Derive the equations of motion, the sensor readings and the tension of a pendulum with effects.
 
     Args:
         composition: the pendulum with its effects.
-        planar: for control: two states, seven inputs; lag and compliance to first order, no swing across the line, dry
-            friction with a smooth sign; what effects remember stays as it is at the start of a run, and what they
-            read of a recording has its usual value.
+        planar: whether to simplify the equations for control: two states and seven inputs, lag and compliance to
+            first order, no swing across the line, dry friction with a smooth sign. States that effects add keep their
+            start values, and recorded quantities that they read have their usual values.
     """
-    yields, crosses = composition.yields and not planar, composition.crosses and not planar
+    yields, crosses = composition.is_compliant and not planar, composition.swings_across_line and not planar
     theta = composition.theta
     t, x, v, a, z, vz, az = (ca.SX.sym(name) for name in PENDULUM_INPUTS)
     jerk, phi, rate, momentum = (ca.SX.sym(name) for name in ("jerk", "phi", "rate", "P"))
@@ -97,18 +99,20 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
         return total if rate_of_rate is None else total + ca.jtimes(expression, rate, rate_of_rate)
 
     recorded = {} if planar else composition.recorded
-    at = composition.at(t, recorded)
-    gripper = gripper_at(at, x - composition.gripper_lag * v if planar and composition.trails else x, v, z, phi)
-    string = string_at(at, phi, rate)
+    at = composition.moment(t, recorded)
+    gripper = gripper_stage(
+        at, x - composition.gripper_lag * v if planar and composition.gripper_has_lag else x, v, z, phi
+    )
+    string = string_stage(at, phi, rate)
     g, length, mass = gripper.position, string.length, at["mass"]
     if planar:
-        g, length = quasi_static(composition, at, g, length, phi)
+        g, length = quasi_static_string(composition, at, g, length, phi)
     if yields:
         g += ca.vertcat(give, 0, 0)
-    q = g + (length + stretch) * direction(phi)
+    q = g + (length + stretch) * string_direction(phi)
     gd, qd = along_motion(g), along_motion(q)
-    load = load_at(at, q, qd, phi, rate)
-    kinetic, potential = lagrangian(gripper, string, load, g, gd)
+    load = load_stage(at, q, qd, phi, rate)
+    kinetic, potential = kinetic_and_potential_energy(gripper, string, load, g, gd)
 
     def on_string(expression: Expression) -> Expression:
         """The expression with zero stretch where the string is rigid; otherwise the stretch is substituted later."""
@@ -120,15 +124,15 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
     M = _without_needless(ca.jacobian(P, rate), phi)
     b = ca.substitute(P, rate, ca.SX(0))
     by_forces = on_string(ca.gradient(kinetic - potential, phi) + ca.dot(ca.jacobian(q, phi), load.force))
-    P_dot = by_forces + on_string(smoothly_resisted(string.torque, string.dry, rate))
+    P_dot = by_forces + on_string(torque_with_smooth_friction(string.torque, string.dry, rate))
     rate_of_rate = (P_dot - along_motion(M) * rate - along_motion(b)) / M
     radial = _without_needless(on_string(ca.gradient(kinetic - potential, stretching)), rate)
     pulled = ca.gradient(kinetic - potential, stretch) + ca.dot(ca.jacobian(q, stretch), load.force)
     tension = on_string(pulled) - along_motion(radial, rate_of_rate)
-    if composition.heavy:
+    if composition.string_has_mass:
         # The constraint force includes the string's mass by its stretching; the upper end carries all of the string.
-        weight = string.mass * (-string.gravity * upwards(gripper) - along_motion(gd, rate_of_rate))
-        tension += on_string(ca.dot(weight, direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
+        weight = string.mass * (-string.gravity * up_direction(gripper) - along_motion(gd, rate_of_rate))
+        tension += on_string(ca.dot(weight, string_direction(phi)) / 2 + string.mass * (length + stretch) * rate**2 / 6)
     rate_of_state = (momentum - b) / M
 
     s, w = [phi, momentum], [t, x, v, a, z, vz, az]
@@ -139,22 +143,27 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
     w += recorded.values()
     if yields:
         rigid = ca.substitute([rate_of_state], list(displaced), list(displaced.values()))[0]
-        slow = slow_manifold(composition, at, phi, rigid, a, jerk)
-        displaced = {stretch: slow.stretch, stretching: slow.stretching, give: slow.give, giving: slow.giving}
-        tension, impulse = tension + slow.correction, slow.impulse
+        slow = compliant_displacement(composition, at, phi, rigid, a, jerk)
+        displaced = {
+            stretch: slow.stretch,
+            stretching: slow.stretch_rate,
+            give: slow.gripper_displacement,
+            giving: slow.gripper_displacement_rate,
+        }
+        tension, impulse = tension + slow.added_force, slow.impulse
     if crosses:
         s.append(moments)
-        extra, tension = transverse.tensions(moments, tension, mass, length)
-        across = transverse.shortening(moments, length)
+        extra, tension = transverse.moment_rates_and_tension(moments, tension, mass, length)
+        across = transverse.string_shortening(moments, length)
         displaced[stretch] += across.stretch
-        displaced[stretching] += across.stretching
-    tension = tension_at(at, tension, phi, rate, length, a)
-    sensor = sensor_at(at, tension, phi, rate)
+        displaced[stretching] += across.stretch_rate
+    tension = tension_with_effects(at, tension, phi, rate, length, a)
+    sensor = sensor_stage(at, tension, phi, rate)
     if planar:
-        displaced |= {m.symbol: m.start for m in at.memory}
-    elif at.memory:
-        s += [m.symbol for m in at.memory]
-        extra = ca.vertcat(extra, *(m.rate for m in at.memory))
+        displaced |= {m.symbol: m.start for m in at.added_states}
+    elif at.added_states:
+        s += [m.symbol for m in at.added_states]
+        extra = ca.vertcat(extra, *(m.rate for m in at.added_states))
     state, given = ca.vertcat(*s), ca.vertcat(*w)
 
     def filled_in(expression: Expression) -> Expression:
@@ -165,14 +174,14 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
         return ca.Function(name, [state, given, theta], [filled_in(expression)])
 
     friction = None
-    if composition.rubs and not planar:
+    if composition.has_dry_friction and not planar:
         P_dot = by_forces + on_string(string.torque)
         friction = DryFriction(
-            sliding=function("sliding", momentum - b),
+            sliding_momentum=function("sliding", momentum - b),
             inertia=function("inertia", M),
-            size=function("size", on_string(string.dry)),
-            linear=not ca.depends_on(filled_in(b), momentum),
-            followed=composition.remembers > 0,
+            friction_force=function("size", on_string(string.dry)),
+            momentum_is_linear=not ca.depends_on(filled_in(b), momentum),
+            has_friction_states=composition.added_state_count > 0,
         )
     p = ca.SX.sym("p")
     start = [phi, filled_in(M) * p]
@@ -180,25 +189,29 @@ def derive_dynamics(composition: Composition, *, planar: bool = False) -> Pendul
         start.append(composition.transverse * length**2)
         start[1] = ca.substitute(start[1], moments, start[2])
     if not planar:
-        start += [m.start for m in at.memory]
-    bounce = None if composition.bounce is None else ca.Function("bounce", [theta], [composition.bounce])
+        start += [m.start for m in at.added_states]
+    bounce = (
+        None if composition.bounce_vibration is None else ca.Function("bounce", [theta], [composition.bounce_vibration])
+    )
     timing = zip(
         PENDULUM_OUTPUTS, ca.vertsplit(composition.sensor_lag), ca.vertsplit(composition.sensor_delay), strict=True
     )
     return PendulumDynamics(
         names=composition.names,
-        states=state.numel(),
-        starts=PLANAR_STATE_SIZE,
-        inputs=given.numel(),
-        columns=tuple(recorded),
+        state_count=state.numel(),
+        start_value_count=PLANAR_STATE_SIZE,
+        input_count=given.numel(),
+        recorded_columns=tuple(recorded),
         outputs=PENDULUM_OUTPUTS,
         impulse_adds_to="load_force" if yields else None,
-        impulse_rings=Vibration(bounce) if yields and bounce is not None else None,
-        input_lag=ca.Function("gripper_lag", [theta], [composition.gripper_lag]) if composition.trails else None,
+        impulse_vibration=Vibration(bounce) if yields and bounce is not None else None,
+        input_lag=ca.Function("gripper_lag", [theta], [composition.gripper_lag])
+        if composition.gripper_has_lag
+        else None,
         derivative=function("derivative", ca.vertcat(rate, P_dot, extra)),
         output=function("output", ca.vertcat(sensor.force, sensor.angle, sensor.rate, impulse)),
         tension=function("tension", tension),
-        dry=friction,
+        dry_friction=friction,
         initial=_initial(phi, p, momentum, given, theta, start),
         rate=function("rate", rate),
         sensors={name: Sensor(theta, lag=lag, delay=delay) for name, lag, delay in timing},

@@ -1,4 +1,4 @@
-"""The pendulum as a model: it predicts what a load cell and an angle sensor should have read in a run."""
+"""The model of a load on a string: it predicts the readings of a load cell, an angle sensor and a rate sensor."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,31 +14,38 @@ from armdyn.effects.catalogue import natural_order
 from armdyn.effects.effect import Effect
 from armdyn.errors import InputError
 from armdyn.parameter import Parameter, Prior
-from armdyn.pendulum.composition import PENDULUM_STAGES, Composition
+from armdyn.pendulum.composition import PENDULUM_STAGES, PendulumComposition
 from armdyn.pendulum.dynamics import PendulumDynamics, derive_dynamics
-from armdyn.pendulum.path import GripperPath, run_path, trailing
+from armdyn.pendulum.path import GripperPath, gripper_path, lagged_path
 from armdyn.pendulum.physics import GRAVITY_SPREAD, STANDARD_GRAVITY
-from armdyn.pendulum.start import free_swing, phase_plane, pieces, rates_near, start_values, swing_shown
+from armdyn.pendulum.start import (
+    cut_at_gripper_gaps,
+    free_swing_part,
+    possible_rate_errors,
+    possible_start_states,
+    start_parameters,
+    swing_channel,
+)
 from armdyn.pendulum.variational import VariationalStep, derive_variational
 from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulated import (
     LOCAL_FIT_PERIODS,
     SimulatedModel,
-    end_of_motion,
-    local_motion,
-    main_period,
-    measured_start,
+    dominant_period,
+    first_value_and_rate,
+    local_values_and_rates,
+    rest_time,
 )
 from armdyn.run import Channel, Run
 
 KEYS = ()
-"""Keys of a model file that belong to this base."""
+"""Keys of a model file that belong to the base `pendulum`: none."""
 START_PARAMETERS = ("initial_angle", "initial_rate")
 GRIPPER_CHANNELS = ("gripper_x", "gripper_v", "gripper_a", "gripper_z")
 MAX_SWING_PERIODS = 1.5
-"""Longest period of a swing, in periods of small swings; the length may be a guess."""
+"""Largest period of a measured swing, in periods of small swings of the model, whose length may be a guess."""
 MAX_REST_ANGLE = 1.5
-"""Largest angle at which a load can hang at rest, rad."""
+"""Largest swing angle at which a load can hang at rest, rad."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,33 +58,36 @@ class PendulumModel(SimulatedModel):
     start_names = START_PARAMETERS
 
     @property
-    def forced(self) -> Mapping[int, str | None]:
-        """Index of the start value that a force changes: the rate; see `SimulatedModel.forced`."""
+    def speed_states(self) -> Mapping[int, str | None]:
+        """Index of the start value that a force changes: the swing rate."""
         return {START_PARAMETERS.index("initial_rate"): None}
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """Start values at (J,) times, from the measured angle, or else from the rate and its derivative."""
+        """(J, 2) angles and rates at (J,) times, s, from the measured angle or rate; None if neither was measured."""
         length = float(theta[self.names.index("length")])
         if "swing_angle" in run.channels:
-            motion = local_motion(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
+            motion = local_values_and_rates(run.channels["swing_angle"], times, LOCAL_FIT_PERIODS * swing)
         elif "swing_rate" in run.channels:
-            rate = local_motion(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
+            rate = local_values_and_rates(run.channels["swing_rate"], times, LOCAL_FIT_PERIODS * swing)
             mean = float(np.mean(run.channels["swing_rate"].value))
             pace = 2.0 * np.pi / swing
             motion = np.column_stack([np.arcsin(np.clip(-rate[:, 1] / pace**2, -1.0, 1.0)), rate[:, 0] - mean])
         else:
             return None
-        path = run_path(run)
+        path = gripper_path(run)
         speed = np.interp(times, path.time, path.v)
         return np.column_stack([motion[:, 0], motion[:, 1] - speed / length * np.cos(motion[:, 0])])
 
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """Quantities on which a missing acceleration may depend; the load is the tension of a point mass."""
+        """(J,) values and unit of each quantity on which a missing acceleration may depend, by name.
+
+        The quantity `load` is the tension of a point mass.
+        """
         del speed
         length, mass, gravity = (float(theta[self.names.index(name)]) for name in ("length", "mass", "gravity"))
-        path = run_path(run)
+        path = gripper_path(run)
         v, a = (np.interp(time, path.time, x) for x in (path.v, path.a))
         angle = motion[:, 0]
         rate = motion[:, 1] + v / length * np.cos(angle)
@@ -85,65 +95,69 @@ class PendulumModel(SimulatedModel):
         found = {"speed": (rate, "rad/s"), "angle": (angle, "rad"), "load": (pull, "N")}
         return found | ({"pivot_acceleration": (a, "m/s^2")} if "gripper_x" in run.channels else {})
 
-    def comes_to_rest(self, run: Run, swing: float) -> float:
-        """Time at which a swing below a fixed pivot has come to rest, s; see `SimulatedModel.comes_to_rest`."""
-        name = swing_shown(run)
-        return np.inf if name is None or "gripper_x" in run.channels else end_of_motion(run.channels[name], swing)
+    def time_of_rest(self, run: Run, swing: float) -> float:
+        """Time at which a swing below a fixed pivot has come to rest, s; infinite below a moving gripper."""
+        name = swing_channel(run)
+        return np.inf if name is None or "gripper_x" in run.channels else rest_time(run.channels[name], swing)
 
     def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
-        """The length, nearly, from the period of a free swing; see `SimulatedModel.direct_estimates`."""
-        if "gripper_x" in run.channels or swing_shown(run) is None:
+        """Approximate length of the string from the period of a free swing; empty without a free swing."""
+        if "gripper_x" in run.channels or swing_channel(run) is None:
             return {}
-        return {"length": float(theta[self.names.index("gravity")]) * (self.swing(run, theta) / (2.0 * np.pi)) ** 2}
+        return {
+            "length": float(theta[self.names.index("gravity")])
+            * (self.oscillation_period(run, theta) / (2.0 * np.pi)) ** 2
+        }
 
-    def swing(self, run: Run, theta: np.ndarray) -> float:
-        """Period of the swing, s; that of small swings where only a force was measured; see `SimulatedModel.swing`.
-
-        A load that goes round and round has no period in its angle.
-        """
-        name, small = swing_shown(run), self.start_window(theta)
-        return small if name is None else min(main_period(run.channels[name]), MAX_SWING_PERIODS * small)
+    def oscillation_period(self, run: Run, theta: np.ndarray) -> float:
+        """Period of the swing, s; the period of small swings if neither angle nor rate was measured."""
+        name, small = swing_channel(run), self.start_window(theta)
+        return small if name is None else min(dominant_period(run.channels[name]), MAX_SWING_PERIODS * small)
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
-        """Start angle and rate, where an angle was measured; see `Model.guess_start`."""
+        """First guesses of the start angle and rate, from a measured angle; empty without one."""
         if "swing_angle" not in run.channels:
             return {}
-        return start_values(run, self.value("length"), [measured_start(run.channels["swing_angle"])])[0]
+        return start_parameters(run, self.value("length"), [first_value_and_rate(run.channels["swing_angle"])])[0]
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Start values to try: orbits in the phase plane, near the measured angle where there is one."""
+        """Start angles and rates from which a fit is tried: points of the phase plane, near a measured angle if any."""
         pace = 2.0 * np.pi / self.start_window(theta)
-        plane = phase_plane(pace)
+        plane = possible_start_states(pace)
         if "swing_angle" in run.channels:
-            angle, rate = measured_start(run.channels["swing_angle"])
-            plane = np.array([(angle, rate + change) for change in rates_near(pace)])
-        return start_values(run, float(theta[self.names.index("length")]), plane)
+            angle, rate = first_value_and_rate(run.channels["swing_angle"])
+            plane = np.array([(angle, rate + change) for change in possible_rate_errors(pace)])
+        return start_parameters(run, float(theta[self.names.index("length")]), plane)
 
     def start_window(self, theta: np.ndarray) -> float:
-        """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""
+        """Length of a run, s, that determines the angle and rate at its start: one period of small swings."""
         length, gravity = (theta[self.names.index(name)] for name in ("length", "gravity"))
         return float(2 * np.pi * np.sqrt(length / gravity))
 
     def pieces(self, run: Run) -> Sequence[Run]:
-        """The run, cut at blind gaps of the gripper (`start.pieces`); below a fixed pivot its free swing."""
-        return pieces(run) if "gripper_x" in run.channels else (free_swing(run, self.swing(run, self.theta())),)
+        """Parts of a run: between gaps of the gripper's positions; below a fixed pivot the part with a free swing."""
+        return (
+            cut_at_gripper_gaps(run)
+            if "gripper_x" in run.channels
+            else (free_swing_part(run, self.oscillation_period(run, self.theta())),)
+        )
 
     @property
     def hangs_from_gripper(self) -> bool:
-        """See `Model.hangs_from_gripper`."""
+        """True: the load hangs from a gripper, for which motions can be designed."""
         return True
 
     @cached_property
     def formulation(self) -> str:
-        """Identifier of the equations; see `SimulatedModel.formulation`."""
+        """Identifier of the equations: the names of the effects."""
         return "_".join(["pendulum", *(e.name for e in natural_order(self.effects))])
 
     def dynamics(self) -> PendulumDynamics:
-        """Continuous equations with two states and four inputs, for sequential action control."""
+        """Simplified continuous equations with two states, for sequential action control."""
         return _dynamics(natural_order(self.effects), planar=True)
 
     def variational(self) -> VariationalStep:
-        """Discrete variational equations, for planning."""
+        """Equations of the discrete variational integrator, for planning."""
         return _variational(natural_order(self.effects))
 
     def rest_angle(self) -> float:
@@ -161,43 +175,43 @@ class PendulumModel(SimulatedModel):
             raise InputError("the load of this model does not come to rest below the gripper: check its effects")
         return float(brentq(moment, -MAX_REST_ANGLE, MAX_REST_ANGLE, xtol=1e-12))
 
-    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
-        """The path of the string's upper end, from the recorded path of the gripper; see `SimulatedModel`."""
+    def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
+        """Path of the string's upper end: the recorded path of the gripper, after the gripper's lag."""
         trails = self.system.input_lag is not None
-        return super().driven_by(trailing(path, self.gripper_lag(physics)) if trails else path, physics)
+        return super().simulation_inputs(lagged_path(path, self.gripper_lag(physics)) if trails else path, physics)
 
     def gripper_lag(self, physics: np.ndarray) -> float:
-        """Lag of the string's upper end behind the measured gripper, s; `physics` is (p,) as `physics_theta`."""
+        """Lag of the string's upper end behind the measured gripper, s, at (p,) parameters as in `physics_names`."""
         return 0.0 if self.system.input_lag is None else float(self.system.input_lag(physics))
 
-    def swing_at_the_end(self, path: GripperPath) -> tuple[float, float, float]:
+    def final_swing_state(self, path: GripperPath) -> tuple[float, float, float]:
         """Speed of the string's upper end, m/s, swing angle, rad, and rate, rad/s, at the end of a path."""
         physics, dynamics = self.physics_theta(), self.system
         state = self.rollout(path, self.theta(), channels=("load_force",)).states[-1]
-        motion = self.driven_by(path, physics).nodes[: dynamics.inputs, -1]
+        motion = self.simulation_inputs(path, physics).nodes[: dynamics.input_count, -1]
         return float(motion[2]), float(state[0]), float(dynamics.rate(state, motion, physics))
 
-    def path(self, run: Run) -> GripperPath:
-        """The gripper's recorded path on an even grid; see `SimulatedModel.path`."""
-        return run_path(run)
+    def input_path(self, run: Run) -> GripperPath:
+        """The recorded path of the gripper on an even grid."""
+        return gripper_path(run)
 
     def without_null_effects(self, values: Mapping[str, float]) -> "PendulumModel":
-        """The model without the effects that change nothing at these values."""
+        """The model without the effects whose parameters are all null in `values`."""
         return self.with_only({p.effect for name, p in self.parameters.items() if values[name] != p.null})
 
     @property
-    def remembering(self) -> frozenset[str]:
-        """Names of the effects that add states; see `SimulatedModel.remembering`."""
+    def effects_with_states(self) -> frozenset[str]:
+        """Names of the effects that add states."""
         return frozenset(effect.name for effect in self.effects if _brings(effect)[0])
 
     @property
-    def slow(self) -> frozenset[str]:
-        """Names of the effects that add states or inputs and make simulations slow; see `SimulatedModel.slow`."""
+    def slow_effects(self) -> frozenset[str]:
+        """Names of the effects that make a simulation slow, because they add states or inputs."""
         return frozenset(effect.name for effect in self.effects if any(_brings(effect)))
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Predicted swing angle and rate, and the gripper's motion; see `Model.covariates`."""
-        path = run_path(run)
+        """Signals on which a residual may depend: predicted swing angle and rate, and the gripper's motion."""
+        path = gripper_path(run)
         values = dict(zip(self.names, theta.tolist(), strict=True))
         reduced = self.without_null_effects(values)
         channels = ("swing_angle", "swing_rate")
@@ -214,29 +228,29 @@ class PendulumModel(SimulatedModel):
 
     @cached_property
     def system(self) -> PendulumDynamics:
-        """The equations with their effects; see `SimulatedModel.system`."""
+        """The continuous equations of the pendulum with the effects of the model."""
         return _dynamics(natural_order(self.effects))
 
 
 @lru_cache(maxsize=128)
 def _dynamics(effects: tuple[Effect, ...], *, planar: bool = False) -> PendulumDynamics:
-    return derive_dynamics(Composition(effects), planar=planar)
+    return derive_dynamics(PendulumComposition(effects), planar=planar)
 
 
 @lru_cache(maxsize=256)
 def _brings(effect: Effect) -> tuple[bool, bool]:
     """Whether an effect adds states, and whether it adds inputs."""
-    with_it = Composition([effect])
-    return with_it.crosses or with_it.remembers > 0, with_it.yields or with_it.trails
+    with_it = PendulumComposition([effect])
+    return with_it.swings_across_line or with_it.added_state_count > 0, with_it.is_compliant or with_it.gripper_has_lag
 
 
 @lru_cache(maxsize=64)
 def _variational(effects: tuple[Effect, ...]) -> VariationalStep:
-    return derive_variational(Composition(effects))
+    return derive_variational(PendulumComposition(effects))
 
 
 def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -> PendulumModel:
-    """Build a pendulum with effects at their null values.
+    """Build the model of a load on a string, with effects at their null values.
 
     Args:
         length: distance from the pivot to the load's centre, m.
@@ -267,6 +281,6 @@ def pendulum_model(length: float, mass: float, effects: Iterable[Effect] = ()) -
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PendulumModel, dict[str, Any]]:
-    """The model without effects, and further entries of the file that belong to the base."""
+    """The pendulum without effects; no entry of the model file belongs to it, so that the second result is empty."""
     del table, folder
     return pendulum_model(0.35, 0.1), {}

@@ -1,4 +1,4 @@
-"""The symbolic physics of a load on a string, stage by stage: gripper, string, load, tension, sensor.
+"""The stages of a load on a string: symbolic gripper, string, load, tension and sensor.
 
 Each stage is an immutable bundle of CasADi expressions; an effect takes a stage and returns a changed one. Vectors are
 (3,) in the frame of the line: x along the line, y across it, z up. The angle is 0 where the load hangs straight down,
@@ -13,19 +13,19 @@ from armdyn.physics.definition import ZERO, Expression, Stage
 
 __all__ = [
     "STANDARD_GRAVITY", "Expression", "Gripper", "Load", "Sensor", "Stage", "String", "Tension", "smooth_sign",
-    "smoothly_resisted", "speed",
+    "smooth_speed", "torque_with_smooth_friction",
 ]  # fmt: skip
 
-NO_VECTOR: Expression = ca.SX.zeros(3)
+ZERO_VECTOR: Expression = ca.SX.zeros(3)
 STANDARD_GRAVITY = 9.81
 """Default gravity of a pendulum, m/s^2."""
 GRAVITY_SPREAD = 0.02
-"""Standard deviation of gravity on Earth about that value, m/s^2: 9.780 at the equator and 9.832 at the poles, less
-0.003 for every kilometre of height."""
+"""Standard deviation of gravity on Earth about `STANDARD_GRAVITY`, m/s^2: 9.780 at the equator and 9.832 at the poles,
+less 0.003 for every kilometre of height."""
 STANDSTILL_SWING_RATE = 0.02
-"""Swing rate over which dry friction changes its sign where forces must be smooth, rad/s."""
+"""Swing rate, rad/s, over which a smooth approximation of dry friction changes its sign."""
 SPEED_FLOOR = 1e-9
-"""Speed, m/s, added in quadrature to the speed of the load, so that its derivative exists at rest."""
+"""Speed, m/s, whose square is added to the squared speed of a load, so that the derivative exists at rest."""
 
 
 def smooth_sign(rate: Expression, width: float) -> Expression:
@@ -33,14 +33,14 @@ def smooth_sign(rate: Expression, width: float) -> Expression:
     return ca.tanh(rate / width)
 
 
-def smoothly_resisted(torque: Expression, dry: Expression, rate: Expression) -> Expression:
-    """A torque with smooth dry friction of size `dry`, N m, where derivatives are needed and slow creep is allowed."""
+def torque_with_smooth_friction(torque: Expression, dry: Expression, rate: Expression) -> Expression:
+    """A torque, N m, less a smooth approximation of dry friction of size `dry`, N m, at a swing rate, rad/s."""
     return torque - dry * smooth_sign(rate, STANDSTILL_SWING_RATE)
 
 
 @dataclass(frozen=True)
 class Gripper(Stage):
-    """The gripper: the string's upper end.
+    """Stage of a pendulum: the gripper, which holds the string's upper end.
 
     Attributes:
         time: time since the start of the run, s.
@@ -69,11 +69,11 @@ class Gripper(Stage):
         return replace(self, position=position)
 
     def with_lag(self, time_constant: Expression) -> "Gripper":
-        """Give the gripper a lag behind its measured position, s."""
+        """Add `time_constant`, s, to the first-order lag of the gripper behind its measured position."""
         return replace(self, lag=self.lag + time_constant)
 
     def with_compliance(self, compliance: Expression) -> "Gripper":
-        """Let the gripper yield to the tension along the line, m/N."""
+        """Add a compliance, m/N, with which the gripper yields to the tension along its line."""
         return replace(self, compliance=self.compliance + compliance)
 
     def with_tilt(self, angle: Expression) -> "Gripper":
@@ -83,7 +83,7 @@ class Gripper(Stage):
 
 @dataclass(frozen=True)
 class String(Stage):
-    """The string, which connects gripper and load.
+    """Stage of a pendulum: the string, which connects gripper and load.
 
     Attributes:
         time: time since the start of the run, s.
@@ -140,7 +140,7 @@ class String(Stage):
 
 @dataclass(frozen=True)
 class Load(Stage):
-    """The load on the string.
+    """Stage of a pendulum: the load on the string.
 
     Attributes:
         time: time since the start of the run, s.
@@ -152,8 +152,7 @@ class Load(Stage):
         force: (3,) sum of the forces besides weight and string, N.
         inertia: moment of inertia about the load's centre, which turns with the string, kg m^2.
         transverse: (3,) second moments of the swing across the line at the start of the run: angle squared, angle times
-            rate, rate
-            squared.
+            rate, and rate squared.
     """
 
     time: Expression
@@ -162,14 +161,14 @@ class Load(Stage):
     velocity: Expression
     angle: Expression
     rate: Expression
-    force: Expression = NO_VECTOR
+    force: Expression = ZERO_VECTOR
     inertia: Expression = ZERO
-    transverse: Expression = NO_VECTOR
+    transverse: Expression = ZERO_VECTOR
 
     @property
     def speed(self) -> Expression:
-        """Speed |velocity|, m/s."""
-        return speed(self.velocity)
+        """Size of the load's velocity, m/s."""
+        return smooth_speed(self.velocity)
 
     def with_force(self, force: Expression) -> "Load":
         """Add a force on the load, (3,) N."""
@@ -186,7 +185,7 @@ class Load(Stage):
 
 @dataclass(frozen=True)
 class Tension(Stage):
-    """The tension of the string, which follows from the equations of motion.
+    """Stage of a pendulum: the tension of the string, which follows from the equations of motion.
 
     Attributes:
         value: tension, N.
@@ -213,7 +212,7 @@ class Tension(Stage):
 
 @dataclass(frozen=True)
 class Sensor(Stage):
-    """The sensors: a load cell, an angle sensor and a rate sensor.
+    """Stage of a pendulum: its sensors, a load cell, an angle sensor and a rate sensor.
 
     Attributes:
         time: time since the start of the run, s.
@@ -232,15 +231,15 @@ class Sensor(Stage):
     force: Expression
     angle: Expression
     rate: Expression
-    lag: Expression = NO_VECTOR
-    delay: Expression = NO_VECTOR
+    lag: Expression = ZERO_VECTOR
+    delay: Expression = ZERO_VECTOR
 
     def with_lag(self, force: Expression = ZERO, angle: Expression = ZERO, rate: Expression = ZERO) -> "Sensor":
-        """Give the readings of force, angle and rate a first-order lag each, s."""
+        """Add to the first-order lags, s, of the readings of force, angle and rate."""
         return replace(self, lag=self.lag + ca.vertcat(force, angle, rate))
 
     def with_delay(self, force: Expression = ZERO, angle: Expression = ZERO, rate: Expression = ZERO) -> "Sensor":
-        """Delay the readings of force, angle and rate, s."""
+        """Add to the delays, s, of the readings of force, angle and rate."""
         return replace(self, delay=self.delay + ca.vertcat(force, angle, rate))
 
     def with_force(self, force: Expression) -> "Sensor":
@@ -256,6 +255,6 @@ class Sensor(Stage):
         return replace(self, rate=rate)
 
 
-def speed(velocity: Expression) -> Expression:
-    """Speed |velocity|, m/s, with a derivative at rest."""
+def smooth_speed(velocity: Expression) -> Expression:
+    """Size of a velocity, m/s, smoothed at rest so that its derivative exists there."""
     return ca.sqrt(ca.sumsqr(velocity) + SPEED_FLOOR**2)

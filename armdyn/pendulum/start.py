@@ -1,4 +1,4 @@
-r"""Possible motions of a load at the start of a recording, or of a later piece of a recording.
+r"""Find the motion of a load at the start of a recording, and the parts of a recording that can be compared.
 
 A free swing of amplitude A passes the angle phi at the rate phi' = ± sqrt(2 g/l (cos phi - cos A)). A load cell does
 not contain the orbit and the phase at the start, and a fit cannot guess them: at angle and rate 0 every derivative with
@@ -9,43 +9,50 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import gripper_path
 from armdyn.recording.channels import MIN_SAMPLES, Channel
-from armdyn.recording.gaps import between, in_pieces, spans_in_words
-from armdyn.recording.noise import quiet_std
+from armdyn.recording.gaps import channels_between, runs_of_parts, time_spans_in_words
+from armdyn.recording.noise import noise_std_from_differences
 from armdyn.run import Run
 
 ORBIT_AMPLITUDES = (0.06, 0.2, 0.45, 0.8, 1.2, 1.7, 2.3, 2.8, 3.05)
-"""Amplitudes of the orbits that are tried, rad; a few Gauss-Newton steps over one period bridge their distance."""
+"""Amplitudes of swings that are tried as the motion at the start, rad; a few Gauss-Newton steps over one period bridge
+their distance."""
 ORBIT_PHASES = 8
-"""Number of phases on each orbit."""
+"""Number of phases of a swing that are tried for each amplitude."""
 FULL_ROTATION_RATES = (1.2,)
-"""Rates of full rotations at the lowest point, over the rate that just reaches the upright."""
-MAX_BLIND_SECONDS = 0.25
+"""Rates at the lowest point of full rotations that are tried, over the rate that just reaches the upright."""
+MAX_POSITION_GAP_SECONDS = 0.25
 """Longest gap in the gripper's positions, s, over which a spline interpolates motions of up to 1.5 Hz to 2 %."""
 STILL_DISPLACEMENT = 1e-3
-"""Largest displacement of the gripper, m, over a gap in which it rested."""
+"""Largest displacement of the gripper, m, over a gap of its positions for which it counts as at rest."""
 HELD_RANGE_SHARE = 0.03
 """Range of the motion of a load held by a hand, as a share of the swing's range."""
 HELD_NOISE_DEVIATES = 5.0
-"""Range of the motion of a held load, in standard deviations of the noise."""
+"""Range of the measured motion of a load held by a hand, in standard deviations of the noise."""
 RELEASED_SAMPLES = 3
-"""Number of samples in a row that must have left the held position; fewer are a glitch."""
+"""Number of successive samples away from the held position from which the load counts as released; fewer are a
+glitch."""
 CAUGHT_RANGE_RATIO = 3.5
-"""Ratio of the range of a swing at its stop to its decrease in a period, from which on it was caught: at most 1.75
-where dry friction stops it."""
+"""Ratio of a swing's last range to its decrease in the period before, from which the load was caught by hand; dry
+friction stops a swing with a ratio of at most 1.75."""
 
 
-def start_values(run: Run, length: float, plane: Iterable[tuple[float, float]] | np.ndarray) -> list[dict[str, float]]:
-    """Start parameters from angle (rad) and rate phi' (rad/s), which are relative to a frame at rest."""
-    speed = float(run_path(run).v[0]) / length
+def start_parameters(
+    run: Run, length: float, plane: Iterable[tuple[float, float]] | np.ndarray
+) -> list[dict[str, float]]:
+    """Start parameters of a run for each angle, rad, and swing rate, rad/s, in `plane`.
+
+    The rate of a start parameter is relative to a frame at rest, so that the motion of the gripper is subtracted.
+    """
+    speed = float(gripper_path(run).v[0]) / length
     return [
         {"initial_angle": float(angle), "initial_rate": float(rate - speed * np.cos(angle))} for angle, rate in plane
     ]
 
 
-def phase_plane(pace: float) -> np.ndarray:
-    """(C, 2) start angles (rad) and rates (rad/s) to try: hanging at rest first, then orbits of growing energy.
+def possible_start_states(pace: float) -> np.ndarray:
+    """(C, 2) start angles, rad, and rates, rad/s, to try: at rest first, then swings of growing energy.
 
     Args:
         pace: angular frequency of small swings, rad/s.
@@ -63,18 +70,18 @@ def phase_plane(pace: float) -> np.ndarray:
     return np.array(starts)
 
 
-def rates_near(pace: float) -> np.ndarray:
-    """(7,) possible errors, rad/s, of a rate from a noisy angle, 0 first; `pace` of small swings, rad/s."""
+def possible_rate_errors(pace: float) -> np.ndarray:
+    """(7,) errors, rad/s, that a rate from a noisy angle may have, 0 first; `pace` is 2 pi over the period, rad/s."""
     return pace * np.array([0.0, -0.03, 0.03, -0.1, 0.1, -0.3, 0.3])
 
 
-def swing_shown(run: Run) -> str | None:
-    """Name of the channel that measures the swing: the angle, else the rate; None where neither was measured."""
+def swing_channel(run: Run) -> str | None:
+    """Name of the channel that measures the swing: angle, else rate; None if neither was measured."""
     return next((name for name in ("swing_angle", "swing_rate") if name in run.channels), None)
 
 
-def free_swing(run: Run, swing: float) -> Run:
-    """The part of a run in which a load below a fixed pivot swings freely; see `Run.warnings`.
+def free_swing_part(run: Run, swing: float) -> Run:
+    """The part of a run in which a load below a fixed pivot swings freely; the run's warnings state what is left out.
 
     People start recording while they hold the load, or let it hang and push it, and stop after they have caught it. A
     free swing never stays in one place for half a period, except near the upright, which an inverted pendulum leaves as
@@ -85,11 +92,11 @@ def free_swing(run: Run, swing: float) -> Run:
         run: run below a fixed pivot; it is returned unchanged where neither angle nor rate was measured.
         swing: period T, s.
     """
-    name = swing_shown(run)
+    name = swing_channel(run)
     if name is None:
         return run
     time, value = run.channels[name].time, run.channels[name].value
-    near = max(HELD_NOISE_DEVIATES * quiet_std(time, value), HELD_RANGE_SHARE * float(np.ptp(value)))
+    near = max(HELD_NOISE_DEVIATES * noise_std_from_differences(time, value), HELD_RANGE_SHARE * float(np.ptp(value)))
     left, caught = _moves_at(value, near), len(value) - 1 - _moves_at(value[::-1], near)
     away = np.zeros(2)  # range of the rest position at the beginning and at the end
     if name == "swing_angle":  # a rate does not show that
@@ -113,7 +120,7 @@ def free_swing(run: Run, swing: float) -> Run:
             said.append(f"the load is caught at {time[caught]:.4g} s; what comes before {end:.4g} s is compared")
     if not said or min(time[-1], end) - max(time[0], begin) < swing:
         return run
-    return in_pieces(run, [between(run, begin, end)], f"{name}: {', and '.join(said)}")[0]
+    return runs_of_parts(run, [channels_between(run, begin, end)], f"{name}: {', and '.join(said)}")[0]
 
 
 def _range(time: np.ndarray, value: np.ndarray, begin: float, end: float) -> float:
@@ -129,25 +136,25 @@ def _moves_at(value: np.ndarray, near: float) -> int:
     return int(np.argmax(left)) if left.any() else 0
 
 
-def pieces(run: Run) -> tuple[Run, ...]:
-    """The run, cut where the gripper moved while no position was recorded; see `Run.warnings` and `Run.began`."""
+def cut_at_gripper_gaps(run: Run) -> tuple[Run, ...]:
+    """Cut a run where the gripper moved while its position was not recorded; the first part's warnings say so."""
     gripper = run.channels["gripper_x"]
-    before = np.flatnonzero(np.diff(gripper.time) > MAX_BLIND_SECONDS)
+    before = np.flatnonzero(np.diff(gripper.time) > MAX_POSITION_GAP_SECONDS)
     before = before[[_moved(gripper, int(i)) for i in before]] if len(before) else before
     if not len(before):
         return (run,)
     starts = [-np.inf, *gripper.time[before + 1]]
     ends = [*gripper.time[before], np.inf]
-    parts = [between(run, start, end) for start, end in zip(starts, ends, strict=True)]
+    parts = [channels_between(run, start, end) for start, end in zip(starts, ends, strict=True)]
     whole = [channels for channels in parts if min(len(channel) for channel in channels.values()) >= MIN_SAMPLES]
-    gaps = spans_in_words((gripper.time[i], gripper.time[i + 1]) for i in before)
+    gaps = time_spans_in_words((gripper.time[i], gripper.time[i + 1]) for i in before)
     said = f"gripper_x: it moved while no position was recorded, {gaps}; what follows is a run of its own"
-    return in_pieces(run, whole, said)
+    return runs_of_parts(run, whole, said)
 
 
 def _moved(gripper: Channel, before: int) -> bool:
     """Whether the gripper moved during the gap that follows sample `before`."""
-    near = (gripper.time > gripper.time[before] - MAX_BLIND_SECONDS) & (
-        gripper.time < gripper.time[before + 1] + MAX_BLIND_SECONDS
+    near = (gripper.time > gripper.time[before] - MAX_POSITION_GAP_SECONDS) & (
+        gripper.time < gripper.time[before + 1] + MAX_POSITION_GAP_SECONDS
     )
     return bool(np.ptp(gripper.value[near]) > STILL_DISPLACEMENT)

@@ -1,4 +1,4 @@
-r"""The swing across the line, described by its second moments.
+r"""The swing of a load across the gripper's line, described by its second moments.
 
 With y the load's displacement across the line, Y = y^2, Z = y y', W = y'^2 obey
 
@@ -22,26 +22,26 @@ from armdyn.pendulum.physics import Expression
 TRANSVERSE_MOMENTS = 3
 
 
-class Across(NamedTuple):
-    """Shortening of the string as seen along y: stretch, m, and its rate, m/s."""
+class StringShortening(NamedTuple):
+    """Apparent stretch of the string in the plane of the line, m, and its rate, m/s; negative for a swing across."""
 
     stretch: Expression
-    stretching: Expression
+    stretch_rate: Expression
 
 
-def shortening(moments: Expression, length: Expression) -> Across:
-    """Shortening of the string in the plane of the line, by the moments (Y, Z, W)."""
+def string_shortening(moments: Expression, length: Expression) -> StringShortening:
+    """Shortening of the string in the plane of the line by the moments (Y, Z, W) of the swing across it."""
     square, product, _ = ca.vertsplit(moments)
     visible = ca.sqrt(length**2 - square)
-    return Across(-square / (length + visible), -product / visible)
+    return StringShortening(-square / (length + visible), -product / visible)
 
 
-def tensions(
+def moment_rates_and_tension(
     moments: Expression, in_plane: Expression, mass: Expression, length: Expression
 ) -> tuple[Expression, Expression]:
-    """Rates (3,) of the moments, and tension T, from N0."""
+    """(3,) time derivatives of the moments (Y, Z, W), and the tension T, N, from the pull N0, N, in the plane."""
     square, product, square_rate = ca.vertsplit(moments)
-    visible = length + shortening(moments, length).stretch
+    visible = length + string_shortening(moments, length).stretch
     pull = (in_plane + mass * square_rate / visible + mass * product**2 / visible**3) / (1 + square / visible**2)
     stiffness = pull / (mass * visible)
     rates = ca.vertcat(2 * product, square_rate - stiffness * square, -2 * stiffness * product)

@@ -1,4 +1,4 @@
-r"""The midpoint variational integrator of a composed pendulum.
+r"""The midpoint variational integrator of a pendulum with effects.
 
 The load's Cartesian position at node k is q_k = g(x_k) + l e(phi_k); between nodes the Lagrangian is evaluated at
 the midpoint (q_k + q_{k+1})/2 with velocity (q_{k+1} - q_k)/dt. The forced discrete Euler-Lagrange equations
@@ -18,31 +18,31 @@ from dataclasses import dataclass
 import casadi as ca
 
 from armdyn.pendulum.composition import (
-    Composition,
-    direction,
-    gripper_at,
-    lagrangian,
-    load_at,
-    quasi_static,
-    string_at,
+    PendulumComposition,
+    gripper_stage,
+    kinetic_and_potential_energy,
+    load_stage,
+    quasi_static_string,
+    string_direction,
+    string_stage,
 )
-from armdyn.pendulum.physics import Expression, Gripper, smoothly_resisted
+from armdyn.pendulum.physics import Expression, Gripper, torque_with_smooth_friction
 
 VARIATIONAL_STATE_SIZE = 4
 VARIATIONAL_NEWTON_STEPS = 4
-"""Newton steps per step: from the extrapolated angle the residual falls below rounding within three at dt <= 0.02 s."""
+"""Number of Newton iterations per integration step; at dt <= 0.02 s three reach the rounding error."""
 
 
 @dataclass(frozen=True)
 class VariationalStep:
-    """The integrator as functions of state s (4,), control u, node time t, step dt and parameters theta.
+    """Discrete equations of a pendulum as functions of state s (4,), control u, time t, step dt and parameters theta.
 
     Attributes:
         names: names of the parameters in the order of theta.
         step: ``(s, u, t, dt, theta) -> s_next``.
         linearised: ``(s, u, t, dt, theta, s_next) -> A (4, 4), B (4,)`` exact, by the implicit function theorem.
         curvature: ``(s, u, t, dt, theta, s_next, p) -> (5, 5)`` Hessian of p' s_next(s, u) with respect to (s, u).
-        tension: ``(s, u, t, dt, theta, s_next) -> ()`` N at node k.
+        tension: ``(s, u, t, dt, theta, s_next) -> ()`` tension at node k, N.
         load: ``(s, t, dt, theta) -> position (3,), velocity (3,)``, the velocity over the interval that ends at s.
         lag: ``theta -> ()`` lag of the string's upper end, whose position is x, behind the gripper, s.
     """
@@ -56,11 +56,11 @@ class VariationalStep:
     lag: ca.Function
 
 
-def derive_variational(composition: Composition) -> VariationalStep:
-    """The integrator and its exact first and second derivatives.
+def derive_variational(composition: PendulumComposition) -> VariationalStep:
+    """Derive the variational integrator of a pendulum, with its exact first and second derivatives.
 
-    Compliance enters to first order (`quasi_static`) and dry friction with a smooth sign; a swing across the line and
-    states of effects are left out, and recorded quantities that effects read have their usual values.
+    Compliance is included to first order (`quasi_static_string`), and dry friction has a smooth sign. A swing across
+    the line and states that effects add are left out. Recorded quantities that effects read have their usual values.
     """
     theta = composition.theta
     s, u, t, dt = ca.SX.sym("s", VARIATIONAL_STATE_SIZE), ca.SX.sym("u"), ca.SX.sym("t"), ca.SX.sym("dt")
@@ -72,25 +72,27 @@ def derive_variational(composition: Composition) -> VariationalStep:
     x_next = x + dt * v_next
 
     def gripper(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Gripper:
-        return gripper_at(composition.at(time), position, velocity, ca.SX(0), angle)
+        return gripper_stage(composition.moment(time), position, velocity, ca.SX(0), angle)
 
     def node(time: Expression, position: Expression, velocity: Expression, angle: Expression) -> Expression:
-        at = composition.at(time)
-        length = string_at(at, angle, ca.SX(0)).length
+        at = composition.moment(time)
+        length = string_stage(at, angle, ca.SX(0)).length
         g = gripper(time, position, velocity, angle).position
-        return *quasi_static(composition, at, g, length, angle), angle
+        return *quasi_static_string(composition, at, g, length, angle), angle
 
     def interval(first: Expression, second: Expression, time: Expression) -> tuple[Expression, Expression, Expression]:
         """Discrete Lagrangian, and midpoint position and angle with the force and torque that act there."""
         (g0, l0, phi0), (g1, l1, phi1) = first, second
-        q0, q1 = g0 + l0 * direction(phi0), g1 + l1 * direction(phi1)
+        q0, q1 = g0 + l0 * string_direction(phi0), g1 + l1 * string_direction(phi1)
         middle, angle, rate = (q0 + q1) / 2, (phi0 + phi1) / 2, (phi1 - phi0) / dt
-        at = composition.at(time)
-        string, load = string_at(at, angle, rate), load_at(at, middle, (q1 - q0) / dt, angle, rate)
-        kinetic, potential = lagrangian(gripper(time, x, v, angle), string, load, (g0 + g1) / 2, (g1 - g0) / dt)
+        at = composition.moment(time)
+        string, load = string_stage(at, angle, rate), load_stage(at, middle, (q1 - q0) / dt, angle, rate)
+        kinetic, potential = kinetic_and_potential_energy(
+            gripper(time, x, v, angle), string, load, (g0 + g1) / 2, (g1 - g0) / dt
+        )
         displaced = ca.vertcat(middle, angle)
-        impulse = dt * ca.vertcat(load.force, smoothly_resisted(string.torque, string.dry, rate))
-        for memory in at.memory:
+        impulse = dt * ca.vertcat(load.force, torque_with_smooth_friction(string.torque, string.dry, rate))
+        for memory in at.added_states:
             impulse = ca.substitute(impulse, memory.symbol, memory.start)
         return dt * (kinetic - potential), displaced, impulse
 
@@ -138,7 +140,7 @@ def derive_variational(composition: Composition) -> VariationalStep:
 
     load_now = node(t, x, v, phi)
     load_before = node(t - dt, x - dt * v, v, phi - dt * rate)
-    q_now, q_before = (g + length * direction(angle) for g, length, angle in (load_now, load_before))
+    q_now, q_before = (g + length * string_direction(angle) for g, length, angle in (load_now, load_before))
     return VariationalStep(
         names=composition.names,
         step=step,

@@ -1,6 +1,6 @@
-"""Define a physics, simulate it, read it with sensors, and compare it with recordings.
+"""Define a physics by its equations: everything that a user's own base needs.
 
-A user's own base needs only what is named here; see ``examples/double_pendulum.py`` and ``examples/crane.py``.
+For examples see ``examples/double_pendulum.py`` and ``examples/crane.py``.
 """
 
 from armdyn.physics.definition import (

@@ -16,16 +16,16 @@ from scipy.sparse import csr_matrix
 
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.physics.recorded import InputPath
-from armdyn.physics.simulate import STEPS_PER_CALL, System, advanced
-from armdyn.smoothing.even import slope
+from armdyn.physics.simulate import STEPS_PER_CALL, System, state_after_step
+from armdyn.smoothing.even import first_derivative
 
 
 class Adjoint:
-    """Reverse passes through one system.
+    """Computes gradients of weighted sums of a simulation's outputs, by integration backwards in time.
 
     Args:
         system: the equations.
-        name: identifier of the composition, for the cache of compiled code.
+        name: identifier of the equations, for the cache of compiled code.
         channels: the outputs whose weighted sum is differentiated.
     """
 
@@ -48,23 +48,25 @@ class Adjoint:
             weights: (K, c) weights, one column for each channel.
 
         Returns:
-            (i, K) derivatives by the inputs at the nodes, and (i, K-1) by those halfway between; where something
-            yields, the jerk is the last input.
+            (i, K) derivatives by the inputs at the nodes, and (i, K-1) by those halfway between the nodes. In a
+            compliant pendulum the last input is the gripper's jerk.
         """
         s = self._system
         K = path.nodes.shape[1]
         if self._impulse:
             impulse = _slope_matrix(K).T @ weights[:, self._force] / path.dt
-            if s.impulse_rings is not None:
-                impulse = s.impulse_rings.adjoint(impulse, theta, path.dt)
+            if s.impulse_vibration is not None:
+                impulse = s.impulse_vibration.adjoint(impulse, theta, path.dt)
             weights = np.column_stack([weights, impulse])
-        inputs, step = (part[:, ::-1] for part in path.packed(s.inputs, STEPS_PER_CALL))  # from the last node back
+        inputs, step = (
+            part[:, ::-1] for part in path.padded_steps(s.input_count, STEPS_PER_CALL)
+        )  # from the last node back
         padded = step.shape[1]
         first = padded - K
-        inputs = inputs.reshape(3, -1, padded)[:, : s.inputs].reshape(-1, padded)  # without derivatives by a lag
+        inputs = inputs.reshape(3, -1, padded)[:, : s.input_count].reshape(-1, padded)  # without derivatives by a lag
         state = np.hstack([np.tile(states[-1:].T, first), states.T[:, ::-1]])
         weight = np.hstack([np.zeros((weights.shape[1], first)), weights.T[:, ::-1]])
-        gradient, co = np.empty((3 * s.inputs, padded)), np.zeros((s.states, 1))
+        gradient, co = np.empty((3 * s.input_count, padded)), np.zeros((s.state_count, 1))
         for begin in range(0, padded, STEPS_PER_CALL):
             block = slice(begin, begin + STEPS_PER_CALL)
             co, part = self._back(co, state[:, block], inputs[:, block], step[:, block], weight[:, block], theta)
@@ -78,11 +80,11 @@ class Adjoint:
 
 def _back(system: System, rows: list[int]) -> ca.Function:
     """One block of steps back in time: adjoint states, and gradients by the inputs at both nodes and halfway."""
-    n, width = system.states, system.inputs
+    n, width = system.state_count, system.input_count
     s, co, theta, dt = ca.SX.sym("s", n), ca.SX.sym("co", n), ca.SX.sym("theta", len(system.names)), ca.SX.sym("dt")
     w, c = ca.SX.sym("w", 3 * width), ca.SX.sym("c", len(rows))
     here, middle, there = ca.vertsplit(w, width)
-    following = advanced(system, s, (here, middle, there), theta, dt)
+    following = state_after_step(system, s, (here, middle, there), theta, dt)
     total = ca.dot(co, following) + ca.dot(c, system.output(s, here, theta)[rows])
     step = ca.Function(
         "step", [co, s, w, dt, c, theta], [ca.densify(ca.gradient(total, s)), ca.densify(ca.gradient(total, w))]
@@ -98,4 +100,4 @@ def _back(system: System, rows: list[int]) -> ca.Function:
 @lru_cache(maxsize=4)
 def _slope_matrix(size: int) -> csr_matrix:
     """(size, size) matrix that takes even samples to their first derivative, for a step of 1."""
-    return csr_matrix(slope(np.eye(size), 1.0))
+    return csr_matrix(first_derivative(np.eye(size), 1.0))

@@ -1,4 +1,4 @@
-"""The definition of a physics: states, equations, inputs, outputs, and where effects may act.
+"""Declare a physics: its states, equations, inputs and outputs, and the stages at which effects may act.
 
 ```python
 @physics(
@@ -18,8 +18,8 @@ def spring(at: Moment) -> Equations:
     )
 ```
 
-A stage is any frozen dataclass that inherits `Stage`. The equations define its name, and the joints on which it occurs,
-by asking for it. All expressions are CasADi's, so every derivative is exact.
+A stage is any frozen dataclass that inherits `Stage`. The equations give it a name, and the joints on which it occurs,
+where they call `Moment.stage`. All expressions are CasADi's, so every derivative is exact.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -38,10 +38,10 @@ from armdyn.recording.units import to_base_units
 
 Expression: TypeAlias = Any  # a casadi.SX, which carries no type information
 ZERO: Expression = ca.SX(0)
-"""Zero, the value of an additive field of a stage before effects add to it."""
+"""Zero as an expression: the default of stage attributes to which effects add."""
 
 
-class Memory(NamedTuple):
+class AddedState(NamedTuple):
     """A state that an effect adds to the model.
 
     Attributes:
@@ -57,31 +57,33 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A place where effects act: an immutable bundle of expressions. An effect takes a stage and returns a changed one.
+    """A part of the physics that effects can change.
+
+    It is a bundle of immutable expressions: an effect takes a stage and returns a changed one.
 
     Attributes:
-        memory: states that effects have added.
+        added_states: states that effects have added.
     """
 
-    memory: tuple[Memory, ...] = field(default=(), kw_only=True)
+    added_states: tuple[AddedState, ...] = field(default=(), kw_only=True)
 
     def with_state(self, rate: Callable[[Expression], Expression], start: Expression = 0) -> tuple[Self, Expression]:
-        """The stage with one more state, such as a bristle's deflection, and the symbol of the state.
+        """Add a state, such as a bristle's deflection; return the changed stage and the symbol of the state.
 
         Args:
             rate: function from the state to its time derivative.
             start: value of the state at the start of a run.
         """
         symbol = ca.SX.sym("memory")
-        return replace(self, memory=(*self.memory, Memory(symbol, rate(symbol), ca.SX(start)))), symbol
+        return replace(self, added_states=(*self.added_states, AddedState(symbol, rate(symbol), ca.SX(start)))), symbol
 
 
 S = TypeVar("S", bound=Stage)
 
 
 @dataclass(frozen=True)
-class Timed(Stage):
-    """A stage that ends in a sensor with a lag and a delay, both of which depend on parameters only.
+class SensorStage(Stage):
+    """A stage whose quantity is measured by a sensor with a lag and a delay, which depend on parameters only.
 
     Attributes:
         lag: first-order time constant, s.
@@ -92,17 +94,19 @@ class Timed(Stage):
     delay: Expression = field(default=ZERO, kw_only=True)
 
     def with_lag(self, time_constant: Expression) -> Self:
-        """Give the reading a first-order lag with a time constant, s."""
+        """Add `time_constant`, s, to the first-order lag of the sensor's reading."""
         return replace(self, lag=self.lag + time_constant)
 
     def with_delay(self, time: Expression) -> Self:
-        """Delay the reading, s."""
+        """Add `time`, s, to the delay of the sensor's reading."""
         return replace(self, delay=self.delay + time)
 
 
 @dataclass(frozen=True)
-class Reading(Timed):
-    """Reading of a quantity by a sensor; return it as an output to give the quantity a lag and a delay.
+class Reading(SensorStage):
+    """A sensor's reading of one quantity.
+
+    Equations return it as an output, so that effects can give this output a lag and a delay.
 
     Attributes:
         value: value of the quantity, in the channel's unit.
@@ -111,13 +115,13 @@ class Reading(Timed):
     value: Expression
 
     def with_value(self, value: Expression) -> Self:
-        """Replace the value that the sensor reads."""
+        """Replace the value that the sensor reads, in the unit of its channel."""
         return replace(self, value=value)
 
 
 @dataclass(frozen=True, eq=False)
 class Rate(Stage):
-    """Time derivative of a state: the stage ``"rate"``, for each state whose derivative is no state itself.
+    """The stage ``"rate"``: time derivative of a state. It exists for states whose derivative is not another state.
 
     Attributes:
         state: name of the state.
@@ -132,7 +136,7 @@ class Rate(Stage):
     given: Mapping[str, Expression]
 
     def __getitem__(self, name: str) -> Expression:
-        """A state, or an input such as ``"extra.voltage"``, by name."""
+        """Value of the state or input `name`, such as ``"extra.voltage"``."""
         if name not in self.given:
             raise UnknownNameError("state or input", name, self.given)
         return self.given[name]
@@ -143,12 +147,12 @@ class Rate(Stage):
 
 
 RATE_STAGE = "rate"
-"""Name of the stage `Rate`."""
+"""Name of the stage that contains the time derivative of a state; see `Rate`."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A recorded input, with its derivatives.
+    """A recorded input of the equations, with its time derivatives.
 
     Attributes:
         value: value in the channel's unit.
@@ -163,13 +167,13 @@ class Signal:
 
 @dataclass(frozen=True)
 class Equations:
-    """The equations of a physics at one moment.
+    """Result of a user's equations at one moment: rates of the states, and predicted readings.
 
     Attributes:
         rates: time derivative of every state, by name.
         outputs: predicted readings, by channel.
-        against: covariates of a residual, with units; by default states and inputs. For a channel ``"q.<joint>"`` only
-            names that end in the joint are used.
+        against: quantities on which a missing force may depend, with units, by name; by default states and inputs. For
+            a channel ``"q.<joint>"`` only names that end in the joint are used.
     """
 
     rates: Mapping[str, Expression]
@@ -178,7 +182,7 @@ class Equations:
 
 
 class Moment:
-    """Arguments of the equations at one moment: the time, and parameters, states and inputs by name.
+    """Arguments of a user's equations at one moment: the time, and parameters, states and inputs by name.
 
     Args:
         time: time since the start of the run, s.
@@ -186,7 +190,7 @@ class Moment:
         inputs: inputs by channel.
         effects: effects that act, in their order.
         by_name: values of the effects' parameters, by name.
-        recorded: further recorded quantities that effects read; missing ones have their usual values.
+        recorded: further recorded quantities that effects read; one that is missing has its usual value.
     """
 
     def __init__(
@@ -199,26 +203,26 @@ class Moment:
         recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
     ) -> None:
         self.time = time
-        self.memory: list[Memory] = []
+        self.added_states: list[AddedState] = []
         self.stages: dict[str, list[str]] = {}
         self.kinds: dict[str, type] = {}
         self._values, self._inputs, self._effects, self._by_name = values, inputs, effects, by_name
         self._recorded = recorded
 
     def __getitem__(self, name: str) -> Expression:
-        """Value of a parameter or a state, by name."""
+        """Value of the parameter or state `name`."""
         if name not in self._values:
             raise UnknownNameError("parameter or state", name, self._values)
         return self._values[name]
 
     def input(self, channel: str) -> Signal:
-        """A recorded input, by channel."""
+        """The recorded input of this channel, with its derivatives."""
         if channel not in self._inputs:
             raise UnknownNameError("input", channel, self._inputs)
         return self._inputs[channel]
 
     def stage(self, name: str, stage: S, joint: str = "") -> S:
-        """The stage after all effects that act on it.
+        """Apply all effects that act on a stage, and return the changed stage.
 
         Args:
             name: name of the stage, which effects state in `acts_on`.
@@ -234,13 +238,13 @@ class Moment:
                 if all(name in self._by_name for name in names.values()):  # it may change nothing on other joints
                     values = {key: self._by_name[name] for key, name in names.items()}
                     stage = effect.apply(stage, values, self._recorded)
-        self.memory += stage.memory
+        self.added_states += stage.added_states
         return stage
 
 
 @dataclass(frozen=True, eq=False)
 class Physics:
-    """A physics: its parameters, states, inputs, outputs and equations.
+    """A physics that a user declared: its parameters, states, inputs, outputs and equations.
 
     Attributes:
         name: its name.
@@ -253,7 +257,7 @@ class Physics:
         held: inputs that keep their value from each sample to the next one.
         outputs: channels that are predicted, with their units.
         equations: function from a moment to the equations.
-        period: about one period of the motion, s: its start can be found from a run of this length.
+        period: approximate period of the motion, s. A run of this length determines the state at its start.
         step: longest step of the integration, s.
     """
 
@@ -283,7 +287,7 @@ def physics(
     period: float = 1.0,
     step: float | None = None,
 ) -> Callable[[Callable[[Moment], Equations]], Physics]:
-    """Make a `Physics` of a function from a `Moment` to its `Equations`; see `Physics` and the head of this file.
+    """Decorate a function from a `Moment` to `Equations`, so that it becomes a `Physics`; arguments as its attributes.
 
     Between its samples an input is a smooth curve with a rate and an acceleration. An input that is `held`, such as the
     command of a controller, keeps its value until the next sample, and both derivatives are 0; so do a recorded
@@ -328,9 +332,9 @@ def physics(
 
 _START = "initial_"
 DEFAULT_STEP_PERIODS = 0.01
-"""Default step of the integration, as a share of a period: a Runge-Kutta step of this length is exact to 1e-7."""
+"""Default step of the integration, in periods of the motion: a Runge-Kutta step of this length is exact to 1e-7."""
 MIN_PERIOD, MAX_PERIOD = 1e-6, 1e7
-"""Shortest and longest period of a base, s; no recording contains a faster motion."""
+"""Shortest and longest period that a physics may declare, s; no recording contains a faster motion."""
 
 
 def constant(

@@ -20,52 +20,54 @@ import casadi as ca
 
 from armdyn.physics.definition import Expression
 
-COORDINATE, MOMENTUM = 0, 1
-"""Rows of the state: the sliding coordinate, and its momentum."""
+COORDINATE_ROW, MOMENTUM_ROW = 0, 1
+"""Rows of the state vector with the sliding coordinate and with its momentum."""
 REST_MOMENTUM_SHARE = 1e-6
-"""Momentum that counts as zero, as a share of the friction's impulse in one step: far above rounding, and a friction
-that stops it does so within a millionth of a step."""
+"""Momentum that counts as zero, as a share of the friction's impulse in one step: it is far above rounding errors, and
+friction stops such a motion within a millionth of a step."""
 FIXED_POINT_STEPS = 3
-"""Steps of a fixed-point iteration that gains more than two digits in each step."""
+"""Number of steps of the fixed-point iteration for a nonlinear momentum; each step gains more than two digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class DryFriction:
-    """Dry friction on the first state, whose momentum is the second; functions of states s, inputs w and theta.
+    """Dry friction on the first state, whose momentum is the second state.
+
+    Its functions have the arguments states s, inputs w and parameters theta.
 
     Attributes:
-        sliding: ``(s, w, theta) -> ()`` part of the momentum that is 0 at rest.
-        inertia: ``(s, w, theta) -> ()`` that part over the rate of the first state.
-        size: ``(s, w, theta) -> ()`` size of the friction, >= 0.
-        linear: whether `sliding` is the momentum minus a term that does not depend on the momentum.
-        followed: whether further states change while the load slides, and must not change while it is held; otherwise
-            their rates may include one step's impulse of friction, D dt, before the load is held.
+        sliding_momentum: ``(s, w, theta) -> ()`` the part of the momentum that is 0 at rest.
+        inertia: ``(s, w, theta) -> ()`` this momentum over the rate of the first state.
+        friction_force: ``(s, w, theta) -> ()`` size of the friction, >= 0.
+        momentum_is_linear: whether `sliding_momentum` is the momentum minus a term without the momentum.
+        has_friction_states: whether there are further states that change while the load slides and must not change
+            while it sticks. Otherwise their rates may include one step's impulse of friction, D dt, before it sticks.
     """
 
-    sliding: ca.Function
+    sliding_momentum: ca.Function
     inertia: ca.Function
-    size: ca.Function
-    linear: bool
-    followed: bool
+    friction_force: ca.Function
+    momentum_is_linear: bool
+    has_friction_states: bool
 
-    def direction(self, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        """Sign of the sliding at the start of a step; 0 at rest."""
-        p = self.sliding(s, w, theta)
+    def sliding_direction(self, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
+        """Direction of sliding at the start of a step: -1 or 1, and 0 at rest."""
+        p = self.sliding_momentum(s, w, theta)
         return ca.if_else(self._rests(p, s, w, theta, dt), 0, ca.sign(p))
 
-    def slowed(
+    def rates_with_friction(
         self, rate: Expression, direction: Expression, s: Expression, w: Expression, theta: Expression
     ) -> Expression:
-        """Rates of the states, with friction against a sliding in `direction`."""
+        """Rates of the states with the friction that opposes sliding in `direction`; `rate` are those without it."""
         slowed = ca.SX(rate)
-        slowed[MOMENTUM] -= direction * self.size(s, w, theta)
+        slowed[MOMENTUM_ROW] -= direction * self.friction_force(s, w, theta)
         return slowed
 
-    def at_rest(self, s: Expression, w: Expression, theta: Expression) -> Expression:
-        """The state of a load that does not slide, with its momentum."""
+    def state_at_rest(self, s: Expression, w: Expression, theta: Expression) -> Expression:
+        """The state s with the momentum of a load that does not slide."""
         return self._with_sliding(0, s, w, theta)
 
-    def corrected(
+    def corrected_state(
         self,
         before: Expression,
         after: Expression,
@@ -75,37 +77,37 @@ class DryFriction:
         theta: Expression,
         dt: Expression,
     ) -> Expression:
-        """Correct the state after a step for friction; see the head of this file.
+        """Correct the state after a step for the times at which friction stopped the load or changed its direction.
 
         Args:
             before: (n,) state at the start of the step.
-            after: (n,) state at its end, with the friction in the direction at its start.
-            held: (n,) state at its end if nothing slides; only used where `followed`.
+            after: (n,) state at the end of the step, with the direction of friction at its start.
+            held: (n,) state at the end of the step if the load sticks; only used with friction states.
             here: inputs at the start of the step.
-            there: inputs at its end.
+            there: inputs at the end of the step.
             theta: parameters.
             dt: length of the step, s.
         """
-        p0, p1 = self.sliding(before, here, theta), self.sliding(after, there, theta)
+        p0, p1 = self.sliding_momentum(before, here, theta), self.sliding_momentum(after, there, theta)
         rests = self._rests(p0, before, here, theta, dt)
         turns = ca.logic_and(ca.logic_not(rests), p0 * p1 < 0)
         remaining = ca.if_else(rests, dt, ca.if_else(turns, dt * p1 / ca.if_else(turns, p1 - p0, 1), 0))
-        size = self.size(after, there, theta)
+        size = self.friction_force(after, there, theta)
         impulse = ca.if_else(rests, 1, 2) * remaining * size
         stops = ca.fabs(p1) < impulse
         sticks = ca.logic_and(rests, stops)
         p = ca.if_else(stops, 0, p1 - ca.sign(p1) * impulse)
-        state = ca.if_else(sticks, held, after) if self.followed else ca.SX(after)
-        moved = after[COORDINATE] + (p - p1) * remaining / (2 * self.inertia(after, there, theta))
-        state[COORDINATE] = ca.if_else(sticks, before[COORDINATE], moved)
-        state[MOMENTUM] = after[MOMENTUM]
+        state = ca.if_else(sticks, held, after) if self.has_friction_states else ca.SX(after)
+        moved = after[COORDINATE_ROW] + (p - p1) * remaining / (2 * self.inertia(after, there, theta))
+        state[COORDINATE_ROW] = ca.if_else(sticks, before[COORDINATE_ROW], moved)
+        state[MOMENTUM_ROW] = after[MOMENTUM_ROW]
         return self._with_sliding(p, state, there, theta)
 
     def _rests(self, p: Expression, s: Expression, w: Expression, theta: Expression, dt: Expression) -> Expression:
-        return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.size(s, w, theta)
+        return ca.fabs(p) <= REST_MOMENTUM_SHARE * dt * self.friction_force(s, w, theta)
 
     def _with_sliding(self, p: Expression, s: Expression, w: Expression, theta: Expression) -> Expression:
         state = ca.SX(s)
-        for _ in range(1 if self.linear else FIXED_POINT_STEPS):
-            state[MOMENTUM] += p - self.sliding(state, w, theta)
+        for _ in range(1 if self.momentum_is_linear else FIXED_POINT_STEPS):
+            state[MOMENTUM_ROW] += p - self.sliding_momentum(state, w, theta)
         return state

@@ -1,4 +1,4 @@
-"""Compile a physics with its effects into the functions that the simulator and the sensors need."""
+"""Derive from a physics and its effects the functions that the simulator and the sensors need."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,40 +12,40 @@ from armdyn.physics.definition import RATE_STAGE, Equations, Expression, Moment,
 from armdyn.physics.simulate import System
 from armdyn.readout import Sensor
 
-ROWS_PER_INPUT = 3
-"""Value, rate and acceleration of every input."""
+DERIVATIVES_PER_INPUT = 3
+"""Number of entries per input: its value, rate and acceleration."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Formulation(System):
-    """Functions derived once for a set of effects.
+    """The equations of a physics with a set of effects, as CasADi functions.
 
     The states are those of the physics, which also define the start of a motion, then those of effects. The inputs are
     the time, then value, rate and acceleration of each recorded channel, then the further quantities that effects read.
 
     Attributes:
         slopes: ``(s, w, theta) -> (n, n)`` derivatives of the rates by the states.
-        against: ``(s, w, theta) -> (n,)`` covariates of a residual.
-        against_units: names of the covariates, with their units.
-        depends: parameters on which any function depends.
-        measured: by state, the channel that measures it directly.
-        rates: by state, the state that is its rate.
+        against: ``(s, w, theta) -> (n,)`` quantities on which a missing force may depend.
+        against_units: names of these quantities, with their units.
+        acting_parameters: parameters on which at least one function depends.
+        measuring_channels: by state, the channel that measures it directly.
+        rates: by state, the other state that is its time derivative.
         stages: stages on which effects may act, with the joints of each.
-        kinds: classes of the stages.
+        stage_classes: class of each stage, by its name.
     """
 
     slopes: ca.Function
     against: ca.Function
     against_units: dict[str, str]
-    depends: frozenset[str]
-    measured: dict[str, str]
+    acting_parameters: frozenset[str]
+    measuring_channels: dict[str, str]
     rates: dict[str, str]
     stages: dict[str, tuple[str, ...]]
-    kinds: dict[str, type]
+    stage_classes: dict[str, type]
 
 
 @lru_cache(maxsize=128)
-def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
+def formulate(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, ...]) -> Formulation:
     """Derive the equations of a physics together with its effects.
 
     Args:
@@ -61,14 +61,14 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     nothing = ca.SX(0, 1)
     own = {p.name: by_name[p.name] for p in physics.parameters}
     states = {name: ca.SX.sym(name) for name in physics.states}
-    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), ROWS_PER_INPUT) for channel in physics.inputs}
+    symbols = {channel: ca.SX.sym(channel.replace(".", "_"), DERIVATIVES_PER_INPUT) for channel in physics.inputs}
     signals = {channel: Signal(*ca.vertsplit(symbol)) for channel, symbol in symbols.items()}
     recorded = {column: ca.SX.sym("recorded") for column in columns_of(effects)}
     moment = Moment(time, {**own, **states}, signals, effects, by_name, recorded)
     found = _asked(physics, moment)
     rates_of = _with_rates(moment, found, states, signals)
     readings = {n: v if isinstance(v, Reading) else Reading(v) for n, v in found.outputs.items()}
-    memory = moment.memory
+    memory = moment.added_states
     s = ca.vertcat(nothing, *states.values(), *(m.symbol for m in memory))
     w = ca.vertcat(time, *symbols.values(), *recorded.values())
     rates = ca.vertcat(nothing, *rates_of.values(), *(m.rate for m in memory))
@@ -87,10 +87,10 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
     depends = ca.which_depends(everything, theta, 1, False)
     return Formulation(
         names=names,
-        states=s.numel(),
-        starts=len(states),
-        inputs=w.numel(),
-        columns=tuple(recorded),
+        state_count=s.numel(),
+        start_value_count=len(states),
+        input_count=w.numel(),
+        recorded_columns=tuple(recorded),
         outputs=tuple(physics.outputs),
         derivative=ca.Function("derivative", [s, w, theta], [ca.densify(rates)]),
         output=ca.Function("output", [s, w, theta], [ca.densify(values)]),
@@ -99,11 +99,11 @@ def formulated(physics: Physics, effects: tuple[Effect, ...], names: tuple[str, 
         against=ca.Function("against", [s, w, theta], [held_against]),
         against_units={name: unit for name, (_, unit) in against.items()},
         sensors={n: Sensor(theta, lag=readings[n].lag, delay=readings[n].delay) for n in physics.outputs},
-        depends=frozenset(name for name, used in zip(names, depends, strict=True) if used),
-        measured={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
+        acting_parameters=frozenset(name for name, used in zip(names, depends, strict=True) if used),
+        measuring_channels={n: c for c in physics.outputs for n, x in states.items() if _same(readings[c].value, x)},
         rates={n: m for n in states for m, x in states.items() if _same(rates_of[n], x)},
         stages={name: tuple(joints) for name, joints in moment.stages.items()},
-        kinds=moment.kinds,
+        stage_classes=moment.kinds,
     )
 
 

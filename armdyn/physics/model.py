@@ -1,4 +1,4 @@
-"""A physics as a model: it predicts what the sensors should have read in a run, for any set of effects."""
+"""The model of a user's physics: it predicts the sensor readings of a run, with any set of effects."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,31 +17,37 @@ from armdyn.errors import InputError, UnknownNameError
 from armdyn.kept import cached_with_first_argument
 from armdyn.parameter import Parameter
 from armdyn.physics.definition import DEFAULT_STEP_PERIODS, Physics
-from armdyn.physics.formulation import Formulation, formulated
-from armdyn.physics.recorded import InputPath, moves_in_steps, recorded_inputs
-from armdyn.physics.simulated import LOCAL_FIT_PERIODS, START_FIT_SECONDS, SimulatedModel, local_motion, measured_start
-from armdyn.physics.stiff import longest_step, stable_parts
+from armdyn.physics.formulation import Formulation, formulate
+from armdyn.physics.recorded import InputPath, is_piecewise_constant, recorded_inputs
+from armdyn.physics.simulated import (
+    LOCAL_FIT_PERIODS,
+    START_FIT_SECONDS,
+    SimulatedModel,
+    first_value_and_rate,
+    local_values_and_rates,
+)
+from armdyn.physics.stiff import stable_step, stable_step_divisions
 from armdyn.recording.channels import MIN_SAMPLES
-from armdyn.recording.spikes import MAX_COMPARED_RATE, clean
+from armdyn.recording.spikes import MAX_COMPARED_RATE, without_faulty_samples
 from armdyn.recording.units import to_base_units
 from armdyn.run import Channel, Run
 
-START_LEVELS = {1: 9, 2: 7, 3: 5, 4: 3}
+START_VALUES_TRIED = {1: 9, 2: 7, 3: 5, 4: 3}
 """Number of values tried for each unmeasured state at the start of a run, by the number of such states."""
 VALUE_CHANGE_SIZES = 0.01
-"""Change of all values, in typical sizes, that shows which states depend on them."""
+"""Change of parameters along a direction, in their typical sizes, that shows which states depend on it."""
 MAX_VALUE_CHANGE_SIZES = 2.0
-"""Largest such change, in typical sizes."""
+"""Largest distance of tried start values from the first guess, in typical sizes."""
 
 
 @dataclass(frozen=True, repr=False)
 class PhysicsModel(SimulatedModel):
-    """A model made of a physics, such as one from a user's file, and effects.
+    """Model of a user's own physics, with effects.
 
     Attributes:
         physics: the physics.
         own_effects: effects that come with the physics.
-        file: file from which it was read.
+        file: file from which the physics was read; None for a physics without a file.
     """
 
     physics: Physics
@@ -65,7 +71,7 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Names of the stages for which the equations ask."""
+        """Names of the stages on which effects may act, in the order in which the equations use them."""
         return tuple(_bare(self.physics).stages)
 
     @property
@@ -75,45 +81,45 @@ class PhysicsModel(SimulatedModel):
 
     @property
     def step(self) -> float:
-        """Longest step of the integration, s; see `Model.step`."""
+        """Longest step of the integration, s."""
         return self.physics.step
 
     @property
     def settled_window(self) -> float:
-        """Length of a run, s, below which friction and creep are not identifiable: three periods."""
+        """Length of a run, s, below which friction and creep are not identifiable: three periods of the motion."""
         return 3.0 * self.physics.period
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Channels that drive the motion; see `SimulatedModel.inputs`."""
+        """Channels that drive the motion."""
         return tuple(self.physics.inputs)
 
     @property
     def start_names(self) -> tuple[str, ...]:
-        """Parameters of the start of a motion; see `SimulatedModel.start_names`."""
+        """Names of the parameters that are the state at the start of a motion."""
         return tuple(p.name for p in self.physics.states.values())
 
     @property
     def formulation(self) -> str:
-        """Identifier of the equations; see `SimulatedModel.formulation`."""
+        """Identifier of the equations: the name of the physics."""
         return self.base
 
     @cached_property
     def system(self) -> Formulation:
-        """The equations with their effects; see `SimulatedModel.system`."""
+        """The equations of the physics with the effects of the model."""
         starts = set(self.start_names)
-        return formulated(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
+        return formulate(self.physics, natural_order(self.effects), tuple(n for n in self.names if n not in starts))
 
     def guess_start(self, run: Run) -> Mapping[str, float]:
-        """Start values from measured states and from measured rates of states; see `Model.guess_start`."""
+        """First guesses of the state at the start of a run, from measured states and their measured rates."""
         states = self.physics.states
-        guess = self._shown(run, lambda channel: measured_start(channel, START_FIT_SECONDS * self.physics.period))
+        guess = self._shown(run, lambda channel: first_value_and_rate(channel, START_FIT_SECONDS * self.physics.period))
         return {states[n].name: float(np.clip(v, states[n].lower, states[n].upper)) for n, v in guess.items()}
 
     def _shown(self, run: Run, look: Callable[[Channel], Iterable[Any]]) -> dict[str, Any]:
-        """Values of states from channels: `look` gives value and rate of a channel."""
+        """Values of states by name, from channels that measure them; `look` gives value and rate of a channel."""
         bare, values, rates = _bare(self.physics), {}, {}
-        for name, channel in bare.measured.items():
+        for name, channel in bare.measuring_channels.items():
             if channel in run.channels:
                 values[name], rate = look(run.channels[channel])
                 if name in bare.rates:
@@ -121,28 +127,28 @@ class PhysicsModel(SimulatedModel):
         return {**rates, **values}  # a measured value is better than a slope
 
     def possible_starts(self, run: Run, theta: np.ndarray) -> Sequence[Mapping[str, float]]:
-        """Start values to try: a grid over the unmeasured states; see `Model.possible_starts`."""
+        """Start states from which a fit is tried: a grid over the unmeasured states."""
         del theta
         guess = self.guess_start(run)
         unknown = [p for p in self.physics.states.values() if p.name not in guess]
-        if len(unknown) not in START_LEVELS:
+        if len(unknown) not in START_VALUES_TRIED:
             return []
-        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_LEVELS[len(unknown)])
+        levels = np.linspace(-MAX_VALUE_CHANGE_SIZES, MAX_VALUE_CHANGE_SIZES, START_VALUES_TRIED[len(unknown)])
         values = [np.clip(p.value + levels * p.typical, p.lower, p.upper).tolist() for p in unknown]
         names = [p.name for p in unknown]
         return [{**guess, **dict(zip(names, at, strict=True))} for at in product(*values)]
 
     def start_window(self, theta: np.ndarray) -> float:
-        """Length of a run from which its start can be found, s: one period; see `Model.start_window`."""
+        """Length of a run, s, that determines the state at its start: one period."""
         del theta
         return self.physics.period
 
     def reachable(self, effect: Effect) -> tuple[str, ...]:
-        """Joints of an effect's stage on which it changes something; see `Model.reachable`.
+        """Joints on which an effect changes the equations.
 
         Raises:
             UnknownNameError: the effect names a joint that the stage lacks.
-            InputError: the effect changes nothing there.
+            InputError: the effect changes nothing on a joint that it names.
         """
         found = _reached(self.physics, effect)
         joints = _bare(self.physics).stages[effect.acts_on]
@@ -152,7 +158,7 @@ class PhysicsModel(SimulatedModel):
         return found
 
     def with_effect(self, effect: Effect) -> "PhysicsModel":
-        """The model with one more effect; see `Model.with_effect`.
+        """The model with one more effect, at its null values.
 
         Raises:
             InputError: the effect changes nothing in this physics.
@@ -162,12 +168,12 @@ class PhysicsModel(SimulatedModel):
         return super().with_effect(effect)
 
     @property
-    def remembering(self) -> frozenset[str]:
-        """Effects that add states; see `SimulatedModel.remembering`."""
+    def effects_with_states(self) -> frozenset[str]:
+        """Names of the effects that add states."""
         return frozenset(effect.name for effect in self.effects if _remembers(self.physics, effect))
 
     def taking(self, run: Run) -> Run:
-        """Convert a run to the units of the equations; see `Model.taking`."""
+        """The run with its further quantities in the units of the equations, as channels."""
         declared = {**self.physics.inputs, **self.physics.outputs}
         found, noise = dict[str, Channel](), dict(run.noise)
         for name, channel in run.extra.items():
@@ -185,7 +191,7 @@ class PhysicsModel(SimulatedModel):
         return replace(run, channels={**run.channels, **found}, own=run.own | set(found), noise=noise) if found else run
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """Channels of a run that the model predicts; see `Model.predicted_channels`."""
+        """Channels of a run that the model predicts, in the order of the prediction."""
         channels = super().predicted_channels(run)
         for name, unit in (*self.physics.inputs.items(), *((n, self.physics.outputs[n]) for n in channels)):
             if name not in run.channels:
@@ -195,19 +201,19 @@ class PhysicsModel(SimulatedModel):
         return channels
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run without outputs recorded before or after its inputs; see `Model.prepared`."""
+        """The run without faulty samples, cut to the time in which all inputs were recorded."""
         del beside
         run = self.taking(run)
         names = self.predicted_channels(run)
         driving = [run.channels[name].time for name in self.physics.inputs]
         if driving:
             start, end = max(t[0] for t in driving), min(t[-1] for t in driving)
-            cut = {n: c.kept((c.time >= start) & (c.time <= end)) for n, c in ((n, run.channels[n]) for n in names)}
+            cut = {n: c.selected((c.time >= start) & (c.time <= end)) for n, c in ((n, run.channels[n]) for n in names)}
             if min(len(channel) for channel in cut.values()) < MIN_SAMPLES:
                 driven = f"{' and '.join(self.physics.inputs)} were not recorded together with {', '.join(names)}"
                 raise InputError(f"{run.source or run.name}: {driven}: record them together")
             run = replace(run, channels={**run.channels, **cut})
-        return clean(
+        return without_faulty_samples(
             run,
             names,
             self.physics.inputs,
@@ -216,42 +222,42 @@ class PhysicsModel(SimulatedModel):
         )
 
     def jumps(self, run: Run) -> np.ndarray:
-        """Times at which a held input changes; see `Model.jumps`."""
+        """(j,) times, s, at which an input that is held between its samples changes."""
         held = [run.channels[name] for name in self._held(run)]
         return np.sort(np.concatenate([np.zeros(0), *(c.time[1:][np.diff(c.value) != 0.0] for c in held)]))
 
     def _held(self, run: Run) -> list[str]:
-        """Inputs that keep their value until the next sample."""
-        return [n for n in self.physics.inputs if n in self.physics.held or moves_in_steps(run.channels[n])]
+        """Names of the inputs that keep their value until the next sample."""
+        return [n for n in self.physics.inputs if n in self.physics.held or is_piecewise_constant(run.channels[n])]
 
     @property
-    def forced(self) -> Mapping[int, str | None]:
-        """Indices and names of the states whose rate is no state itself; see `SimulatedModel.forced`."""
+    def speed_states(self) -> Mapping[int, str | None]:
+        """Indices and names of the states whose time derivative is no state, so that a force changes them."""
         names, rates = dict(enumerate(self.physics.states)), _bare(self.physics).rates
         return {k: name for k, name in names.items() if name not in rates} or names
 
     def rates(self, run: Run, theta: np.ndarray) -> dict[str, np.ndarray]:
-        """(K,) rates along the simulated motion of a prepared run, of the states whose rate is no state itself."""
-        path, physics = self.path(run), theta[self.places[1]]
+        """(K,) time derivatives along the simulated motion of a run, of the states that a force changes, by name."""
+        path, physics = self.input_path(run), theta[self.parameter_positions[1]]
         states = self.rollout(path, theta, self.predicted_channels(run)).states
-        found = self.system.derivative.map(len(states))(states.T, self.driven_by(path, physics).nodes, physics)
+        found = self.system.derivative.map(len(states))(states.T, self.simulation_inputs(path, physics).nodes, physics)
         own = dict(zip(self.physics.states, np.asarray(found), strict=False))
         return {name: row[np.isfinite(row)] for name, row in own.items() if name not in _bare(self.physics).rates}
 
     @property
     def first_guesses(self) -> tuple[str, ...]:
-        """Parameters with first guesses: all of the physics, and the start; see `Model.first_guesses`."""
+        """Parameters whose values are only guesses: all those of the physics, and the start values."""
         return (*(p.name for p in self.physics.parameters), *self.start_names)
 
-    def swing(self, run: Run, theta: np.ndarray) -> float:
-        """Period of the motion as the physics states it, s; see `SimulatedModel.swing`."""
+    def oscillation_period(self, run: Run, theta: np.ndarray) -> float:
+        """Period of the motion that the physics declares, s."""
         del run, theta
         return self.physics.period
 
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """Measured states at (J,) times, where each state or its integral has a channel; see `SimulatedModel`."""
+        """(J, n) measured states at (J,) times, s; None where neither a state nor its integral has a channel."""
         del theta
-        found = self._shown(run, lambda channel: local_motion(channel, times, LOCAL_FIT_PERIODS * swing).T)
+        found = self._shown(run, lambda channel: local_values_and_rates(channel, times, LOCAL_FIT_PERIODS * swing).T)
         if not all(name in found for name in self.physics.states):
             return None
         return np.array([found[name] for name in self.physics.states]).reshape(-1, len(times)).T
@@ -259,41 +265,41 @@ class PhysicsModel(SimulatedModel):
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """Quantities on which a missing acceleration may depend: states and their rates; see `SimulatedModel`."""
+        """(J,) values and unit of the states on which a missing acceleration may depend, by name."""
         del run, time, theta
         states = list(self.physics.states.items())
         found = {name: (motion[:, k], p.unit) for k, (name, p) in enumerate(states)}
         name, speeds = states[speed][0], set(_bare(self.physics).rates.values())
         return {"speed" if n == name in speeds else n: one for n, one in found.items() if n == name or n not in speeds}
 
-    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
-        """Unmeasured states whose range changes by 1 % for a change of 1 % along a direction; see `SimulatedModel`."""
+    def states_sensitive_to(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """Unmeasured states, with units, whose range changes by a tenth of a change of parameters along `direction`."""
         channels, starts = self.predicted_channels(run), len(self.physics.states)
-        shown = {name for name, channel in _bare(self.physics).measured.items() if channel in channels}
+        shown = {name for name, channel in _bare(self.physics).measuring_channels.items() if channel in channels}
         here, there = (
-            self.rollout(self.path(run), theta + step * direction, channels).states[:, :starts]
+            self.rollout(self.input_path(run), theta + step * direction, channels).states[:, :starts]
             for step in (0.0, VALUE_CHANGE_SIZES)
         )
         moved = np.abs(there - here).max(axis=0) > 0.1 * VALUE_CHANGE_SIZES * np.ptp(here, axis=0)
         named = zip(self.physics.states.items(), moved, strict=True)
         return tuple(f"{name} [{p.unit}]" for (name, p), moves in named if moves and name not in shown)
 
-    def path(self, run: Run) -> InputPath:
-        """Recorded inputs on an even grid; see `SimulatedModel.path`."""
-        return _recorded(run, self.physics, longest_step(self.physics, self.effects))
+    def input_path(self, run: Run) -> InputPath:
+        """The recorded inputs of a run on an even grid."""
+        return _recorded(run, self.physics, stable_step(self.physics, self.effects))
 
-    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
-        """The inputs, with as many integration steps as are stable at these values; see `SimulatedModel.driven_by`."""
-        parts = stable_parts(self.system, self.physics, physics, path.dt)
-        return replace(super().driven_by(path, physics), parts=parts)
+    def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
+        """The inputs, divided into steps that are short enough for a stable integration at these parameters (p,)."""
+        parts = stable_step_divisions(self.system, self.physics, physics, path.dt)
+        return replace(super().simulation_inputs(path, physics), steps_per_interval=parts)
 
     def covariates(self, run: Run, theta: np.ndarray) -> Mapping[str, Channel]:
-        """Signals on which residuals may depend, as the physics chooses them; see `Model.covariates`."""
-        path, formulation = self.path(run), self.system
+        """Signals on which residuals may depend, as the equations declare them, by name."""
+        path, formulation = self.input_path(run), self.system
         rollout = self.rollout(path, theta, self.predicted_channels(run))
         many = formulation.against.map(len(path.time))
-        physics = theta[self.places[1]]
-        values = np.asarray(many(rollout.states.T, self.driven_by(path, physics).nodes, physics))
+        physics = theta[self.parameter_positions[1]]
+        values = np.asarray(many(rollout.states.T, self.simulation_inputs(path, physics).nodes, physics))
         units = formulation.against_units
         return {
             name: Channel(path.time, row, unit)
@@ -311,7 +317,7 @@ def physics_model(
         physics: the physics.
         effects: effects of the model.
         own_effects: effects that come with the physics, besides the catalogue's.
-        file: file from which it was read.
+        file: file from which the physics was read.
 
     Raises:
         InputError: the equations cannot be used.
@@ -330,19 +336,19 @@ def physics_model(
 
 @lru_cache(maxsize=64)
 def _bare(physics: Physics) -> Formulation:
-    return formulated(physics, (), tuple(p.name for p in physics.parameters))
+    return formulate(physics, (), tuple(p.name for p in physics.parameters))
 
 
 @lru_cache(maxsize=512)
 def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
     """Joints of its stage on which an effect changes something; empty where the stage is of another type."""
-    kind = _bare(physics).kinds.get(effect.acts_on)
+    kind = _bare(physics).stage_classes.get(effect.acts_on)
     if kind is None or (effect.name in CATALOGUE and not issubclass(kind, effect.kind)):
         return ()
     joints = _bare(physics).stages[effect.acts_on]
     names = {j: [q.parameter(effect.name, short, j).name for short, q in effect.quantities.items()] for j in joints}
     everything = (*(p.name for p in physics.parameters), *(n for ns in names.values() for n in ns))
-    depends = formulated(physics, (effect.on(),), everything).depends
+    depends = formulate(physics, (effect.on(),), everything).acting_parameters
     return tuple(joint for joint in joints if any(name in depends for name in names[joint]))
 
 
@@ -350,8 +356,8 @@ def _reached(physics: Physics, effect: Effect) -> tuple[str, ...]:
 def _remembers(physics: Physics, effect: Effect) -> bool:
     joints = effect.joints or _bare(physics).stages[effect.acts_on]
     names = [q.parameter(effect.name, short, j).name for j in joints for short, q in effect.quantities.items()]
-    with_it = formulated(physics, (effect,), (*(p.name for p in physics.parameters), *names))
-    return with_it.states > _bare(physics).states
+    with_it = formulate(physics, (effect,), (*(p.name for p in physics.parameters), *names))
+    return with_it.state_count > _bare(physics).state_count
 
 
 @cached_with_first_argument

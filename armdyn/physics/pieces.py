@@ -1,7 +1,7 @@
-r"""A motion in pieces: each is simulated from its own start state, with exact derivatives by that state.
+r"""Cut a run into pieces, each of which is simulated from its own start state, with exact derivatives by that state.
 
-In a simulation over a whole recording an error of the model grows to the end. In pieces that start at the measured
-motion it does not: predictions are nearly linear in all unknowns, as an arm's are. The difference between the end of a
+In a simulation over a whole recording an error of the model grows until the end. In pieces that start at the measured
+motion it does not, and predictions are nearly linear in all unknowns. The difference between the end of a
 piece and the beginning of the next is the model's error (multiple shooting: Bock, Proc. IFAC 1981).
 """
 
@@ -13,54 +13,54 @@ import casadi as ca
 import numpy as np
 
 from armdyn.physics.recorded import InputPath
-from armdyn.physics.shooting import piece_simulator, shoot
+from armdyn.physics.shooting import piece_simulator, simulate_pieces
 from armdyn.physics.simulate import System
 from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import Interpolated
 from armdyn.run import Run
 
 INVERSION_STEPS = 3
-"""Newton steps from a state to the start values of its motion; a momentum is linear in its rate."""
+"""Number of Newton steps with which start values of a motion are computed from a state."""
 PIECES_PER_SAMPLE = 3
-"""Number of pieces on which one sample may depend: its own, the one before by a sensor's memory, the next by
-interpolation."""
+"""Number of pieces on which one sample may depend: its own, the previous one (by a sensor's memory) and the next one
+(by interpolation)."""
 SAMPLES_AT_ONCE = 2**13
-"""Samples whose derivatives are computed at once: a few MB."""
+"""Number of samples whose derivatives are computed at once; they take a few MB."""
 MIN_PIECE_NODES = 4
-"""Steps of the shortest piece, so that samples can be interpolated between its nodes."""
+"""Number of steps of the shortest piece, so that samples can be interpolated between its nodes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
-    """A run linearised around a motion of J pieces; n states, k parameters of the model.
+class LinearisedRun:
+    """Linearisation of a run about a motion of J pieces, with n states and k parameters.
 
     Attributes:
         transition: (J, n, n) derivative of the state at the end of a piece by that at its beginning.
-        by_theta: (J, n, k) derivative of the state at the end of a piece by the wanted parameters.
-        ends: (J, n) states at the ends of the pieces.
-        definition: (2, J, n, k) derivatives of the states at the beginnings and at the ends by these parameters for a
-            fixed motion: a momentum is a mass times a rate.
+        by_theta: (J, n, k) derivative of the state at the end of a piece by the parameters.
+        end_states: (J, n) states at the ends of the pieces.
+        fixed_motion_derivatives: (2, J, n, k) derivatives of the states at the beginnings and at the ends by the
+            parameters, with positions and rates kept constant: a momentum is a mass times a rate.
         samples: samples and predictions by channel; see `ChannelSamples`.
     """
 
     transition: np.ndarray
     by_theta: np.ndarray
-    ends: np.ndarray
-    definition: np.ndarray
+    end_states: np.ndarray
+    fixed_motion_derivatives: np.ndarray
     samples: dict[str, "ChannelSamples"]
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelSamples:
-    """The samples of one channel, with their predictions from the pieces.
+    """Samples of one channel of a run that was cut into pieces, with their predictions.
 
     Attributes:
         piece: (N,) index of each sample's piece.
         time: (N,) times, s.
         measured: (N,) measured values.
         predicted: (N,) predicted values.
-        by_state: (N, n) derivative by the state at the beginning of the piece.
-        by_theta: (N, k) derivative by the wanted parameters.
+        by_state: (N, n) derivative of the prediction by the state at the beginning of the piece.
+        by_theta: (N, k) derivative of the prediction by the parameters.
     """
 
     piece: np.ndarray
@@ -71,7 +71,7 @@ class ChannelSamples:
     by_theta: np.ndarray
 
 
-class Pieces:
+class MotionPieces:
     """A run cut into pieces of about equal length.
 
     Args:
@@ -86,7 +86,7 @@ class Pieces:
     def __init__(self, model: SimulatedModel, run: Run, length: float) -> None:
         self.model, self.run = model, run
         self.channels = model.predicted_channels(run)
-        self._path = model.path(run)
+        self._path = model.input_path(run)
         self._driven: tuple[bytes, InputPath] | None = None
         begin = min(float(run.channels[c].time[0]) for c in self.channels)
         end = max(float(run.channels[c].time[-1]) for c in self.channels)
@@ -107,15 +107,15 @@ class Pieces:
         given = ((c, self.run.channels[c].time, self.run.spread.get(c, 0.0)) for c in self.channels)
         self._matrices = {c: Interpolated(nodes, time, spread).matrix(0.0) for c, time, spread in given}
 
-    def halve(self, which: np.ndarray) -> bool:
-        """Cut the pieces marked in (J,) bool in two, where they are long enough; return whether any was cut."""
+    def cut_in_two(self, which: np.ndarray) -> bool:
+        """Cut the pieces that `which` (J,) marks into halves, if long enough; return whether any piece was cut."""
         long = which & (np.diff(self.edges) >= 2 * MIN_PIECE_NODES)
         if long.any():
             self._cut(np.unique(np.concatenate([self.edges, (self.edges[:-1] + self.edges[1:])[long] // 2])))
         return bool(long.any())
 
-    def of(self, model: SimulatedModel) -> "Pieces":
-        """The same pieces for a model with other effects and the same states."""
+    def for_model(self, model: SimulatedModel) -> "MotionPieces":
+        """Copy these pieces for a model with the same states and other effects."""
         found = copy(self)
         found.model, found._driven = model, None
         return found
@@ -137,31 +137,33 @@ class Pieces:
         """
         system, physics, path = self._given(theta)
         many = np.repeat(physics[:, None], len(begin), axis=1)
-        found = system.initial.map(len(begin))(*begin.T[:, None], path.nodes[: system.inputs, self.edges[:-1]], many)
+        found = system.initial.map(len(begin))(
+            *begin.T[:, None], path.nodes[: system.input_count, self.edges[:-1]], many
+        )
         return np.asarray(found).T
 
-    def rolled(self, theta: np.ndarray, first: int = 0, state: np.ndarray | None = None) -> np.ndarray:
-        """(J - first, n) states at the beginning of the pieces in a simulation that starts at piece `first`.
+    def rolled_out_states(self, theta: np.ndarray, first: int = 0, state: np.ndarray | None = None) -> np.ndarray:
+        """Simulate from piece `first` to the end; return (J - first, n) states at the beginning of the pieces.
 
         Args:
             theta: (q,) parameters in the order of the model's names.
             first: index of the piece at which it starts.
-            state: (n,) state there; None means that of the model's start.
+            state: (n,) state at the beginning of this piece; None means the state by the model's start values.
         """
         system, physics, path = self._given(theta)
         if state is None:
-            state = self.beginning(theta)[0]
+            state = self.start_state(theta)[0]
         a = self.edges[first]
         simulator = piece_simulator(system, self.model.formulation, self.channels)
-        return simulator.integrated(path.part(a), physics, *state).states[self.edges[first:-1] - a]
+        return simulator.rollout_with_impulse(path.segment(a), physics, *state).states[self.edges[first:-1] - a]
 
-    def cut(self, theta: np.ndarray, edges: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """(J', n) states at the beginning of the present pieces, from those before some pieces were cut.
+    def states_after_cut(self, theta: np.ndarray, edges: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """(J', n) states at the beginning of the pieces after some pieces were cut, from the states before.
 
         Args:
             theta: (q,) parameters in the order of the model's names.
-            edges: (J + 1,) edges before the cut.
-            states: (J, n) states at the beginning of the pieces before the cut; the motion of a cut piece is continued.
+            edges: (J + 1,) nodes at which pieces began and ended before the cut.
+            states: (J, n) states at the beginning of the pieces before the cut; simulation gives those inside a piece.
         """
         if len(edges) == len(self.edges):
             return states
@@ -171,30 +173,36 @@ class Pieces:
         for first, last, state in zip(edges[:-1], edges[1:], states, strict=True):
             inside = self.edges[(self.edges >= first) & (self.edges < last)] - first
             alone = len(inside) == 1
-            motion = state[None] if alone else simulator.integrated(path.part(first, last), physics, *state).states
+            motion = (
+                state[None]
+                if alone
+                else simulator.rollout_with_impulse(path.segment(first, last), physics, *state).states
+            )
             found.append(motion[inside])
         return np.concatenate(found)
 
-    def beginning(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The state at the start of the run by the model's start values.
+    def start_state(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The state at the start of the run, computed from the model's start values.
 
         Returns:
-            (n,) state; (n, starts) its derivatives by the start values; (n, q) by theta.
+            (n,) state, its (n, starts) derivatives by the start values, and its (n, q) derivatives by theta.
         """
         system, physics, path = self._given(theta)
         start = [float(theta[self.model.names.index(name)]) for name in self.model.start_names]
-        state, by_start, by_physics = _beginning(system)(*start, path.nodes[: system.inputs, self.edges[0]], physics)
-        by_theta = np.zeros((system.states, len(theta)))
-        by_theta[:, self.model.places[1]] = np.asarray(by_physics)
+        state, by_start, by_physics = _beginning(system)(
+            *start, path.nodes[: system.input_count, self.edges[0]], physics
+        )
+        by_theta = np.zeros((system.state_count, len(theta)))
+        by_theta[:, self.model.parameter_positions[1]] = np.asarray(by_physics)
         return np.asarray(state).ravel(), np.asarray(by_start), by_theta
 
-    def motion(self, theta: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def start_values(self, theta: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(J, starts) start values of motions with (J, n) states, and (J, n, starts) derivatives of the states."""
         starts, by_start, _ = self._inverted(theta, states, self.edges[:-1])
         return starts, by_start
 
     def _defined(self, theta: np.ndarray, states: np.ndarray, nodes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `Linearised`."""
+        """(K, n, k) derivatives for a fixed motion, of (K, n) states at (K,) nodes; see `LinearisedRun`."""
         result = np.zeros((*states.shape, len(wanted)))
         if len(wanted) and states.size and np.isfinite(states).all():
             own, of_physics = self._physical(wanted)
@@ -210,40 +218,40 @@ class Pieces:
         system, physics, path = self._given(theta)
         K, n = states.shape
         at, many = _beginning(system).map(K), np.repeat(physics[:, None], K, axis=1)
-        starts = np.zeros((K, system.starts))
+        starts = np.zeros((K, system.start_value_count))
         for _ in range(INVERSION_STEPS):
-            found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.inputs, nodes], many)
-            slopes = np.asarray(by_start).reshape(n, K, system.starts).transpose(1, 0, 2)
+            found, by_start, by_physics = at(*starts.T[:, None], path.nodes[: system.input_count, nodes], many)
+            slopes = np.asarray(by_start).reshape(n, K, system.start_value_count).transpose(1, 0, 2)
             starts = starts + (pseudo_inverse(slopes) @ (states - np.asarray(found).T)[:, :, None])[:, :, 0]
         return starts, slopes, np.asarray(by_physics).reshape(n, K, len(physics)).transpose(1, 0, 2)
 
     def _given(self, theta: np.ndarray) -> tuple[System, np.ndarray, InputPath]:
-        physics = theta[self.model.places[1]]
+        physics = theta[self.model.parameter_positions[1]]
         if self._driven is None or self._driven[0] != physics.tobytes():
-            self._driven = physics.tobytes(), self.model.driven_by(self._path, physics)
+            self._driven = physics.tobytes(), self.model.simulation_inputs(self._path, physics)
         return self.model.system, physics, self._driven[1]
 
-    def linearised(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> Linearised:
-        """Linearise the run at (J, n) states at the beginning of the pieces, and (q,) parameters.
+    def linearise(self, theta: np.ndarray, states: np.ndarray, wanted: np.ndarray | None = None) -> LinearisedRun:
+        """Linearise the predictions of the run about given states and parameters.
 
         Args:
             theta: (q,) parameters.
             states: (J, n) states at the beginning of the pieces.
-            wanted: (k,) indices of the parameters with derivatives; None means all.
+            wanted: (k,) indices of the parameters for which derivatives are needed; None means all.
         """
         system, physics, path = self._given(theta)
         wanted = np.arange(len(theta)) if wanted is None else wanted
         simulator = piece_simulator(system, self.model.formulation, self.channels)
-        n, q, J = system.states, len(physics), len(self)
-        shot = shoot(simulator, path, self.edges, physics, states)
-        transition, ends = shot.transition, shot.ends
+        n, q, J = system.state_count, len(physics), len(self)
+        shot = simulate_pieces(simulator, path, self.edges, physics, states)
+        transition, ends = shot.transition, shot.end_states
         signal = np.zeros((*shot.outputs.shape, 1 + q + PIECES_PER_SAMPLE * n))
         signal[:, :, 0], signal[:, :, 1 : 1 + q] = shot.outputs, shot.outputs_by_theta
         piece = np.minimum(np.searchsorted(self.edges, self.edges[0] + np.arange(len(signal)), side="right") - 1, J - 1)
         for k in range(PIECES_PER_SAMPLE):
             own = piece % PIECES_PER_SAMPLE == k
             signal[own, :, 1 + q + n * k : 1 + q + n * (k + 1)] = shot.by_state[own]
-        outputs, slopes = simulator.with_impulse(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
+        outputs, slopes = simulator.with_impulse_force(signal[:, :, 0], signal[:, :, 1:], physics, path.dt)
         count = len(self.channels)
         signal[:, :count, 0], signal[:, :count, 1:] = outputs, slopes
         own, of_physics = self._physical(wanted)
@@ -255,11 +263,11 @@ class Pieces:
         following = np.append(definition[0, 1:], definition[1, -1:], axis=0)
         join = _Join(transition, by_theta - definition[1] + following, ends - np.append(states[1:], ends[-1:], axis=0))
         samples = {c: self._samples(c, signal[:, k], physics, wanted, join) for k, c in enumerate(self.channels)}
-        return Linearised(transition, by_theta, ends, definition, samples)
+        return LinearisedRun(transition, by_theta, ends, definition, samples)
 
     def _physical(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of (k,) parameters belong to the physics, and where each of these is among the physics' parameters."""
-        physics = np.asarray(self.model.places[1], dtype=int)
+        physics = np.asarray(self.model.parameter_positions[1], dtype=int)
         own = np.flatnonzero(np.isin(wanted, physics))
         order = np.argsort(physics)
         return own, order[np.searchsorted(physics[order], wanted[own])]
@@ -267,7 +275,7 @@ class Pieces:
     def _samples(
         self, channel: str, signal: np.ndarray, physics: np.ndarray, wanted: np.ndarray, join: "_Join"
     ) -> ChannelSamples:
-        """Sensor readings of (K, 1 + q + NEXT_TO n) signals at the pieces' nodes, with `wanted` derivatives."""
+        """Sensor readings of (K, 1 + q + 3 n) signals at the pieces' nodes, with `wanted` derivatives."""
         sensor, given = self.model.system.sensors[channel], self.run.channels[channel]
         read = None
         if sensor.lags or sensor.delays:
@@ -317,7 +325,7 @@ class _Join:
         Args:
             piece: (N,) index of each sample's piece.
             value: (N,) predicted values.
-            around: (N, NEXT_TO, n) derivatives by the beginnings of pieces, with piece j at index j modulo NEXT_TO.
+            around: (N, 3, n) derivatives by the beginnings of pieces, with piece j at index j modulo 3.
             back: (J, n, n) inverse transitions.
 
         Returns:
@@ -337,7 +345,7 @@ class _Join:
 
 
 def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
-    """Pseudo-inverses of (..., n, m) matrices; zeros where a simulation has diverged, which is detected elsewhere."""
+    """Pseudo-inverses of (..., n, m) matrices; zeros for a matrix with an entry that is not finite."""
     finite = np.isfinite(matrices).all(axis=(-2, -1), keepdims=True)
     return np.asarray(np.linalg.pinv(np.where(finite, matrices, 0.0)))
 
@@ -345,8 +353,8 @@ def pseudo_inverse(matrices: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=64)
 def _beginning(system: System) -> ca.Function:
     """A function ``(start, ..., w, theta) -> state, its derivatives by the starts, by theta``."""
-    start = [ca.SX.sym(f"start{i}") for i in range(system.starts)]
-    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    start = [ca.SX.sym(f"start{i}") for i in range(system.start_value_count)]
+    given, theta = ca.SX.sym("w", system.input_count), ca.SX.sym("theta", len(system.names))
     state = system.initial(*start, given, theta)
     by_start = ca.densify(ca.jacobian(state, ca.vertcat(ca.SX(0, 1), *start)))
     return ca.Function(

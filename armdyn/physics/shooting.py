@@ -1,4 +1,4 @@
-"""Many short simulations at once, each from its own start state: multiple shooting (Bock & Plitt, IFAC 1984)."""
+"""Simulate pieces of a motion at once, each from its own start: multiple shooting (Bock & Plitt, IFAC 1984)."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -12,22 +12,24 @@ from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import STEPS_PER_BLOCK, Simulator, System
 
 PIECES_PER_CALL = 64
-"""Largest number of pieces per compiled call."""
+"""Largest number of pieces that one call of a compiled function simulates."""
 
 
-class Shots(NamedTuple):
-    """J pieces over K nodes; n states, c outputs, q parameters. A shared node belongs to the later piece.
+class SimulatedPieces(NamedTuple):
+    """Simulation of J pieces over K nodes, with n states, c outputs and q parameters.
+
+    A node between two pieces belongs to the later piece.
 
     Attributes:
-        ends: (J, n) states at the ends.
-        transition: (J, n, n) derivative of `ends` by the states at the beginnings.
-        by_theta: (J, n, q) derivative of `ends` by the parameters.
-        outputs: (K, c) outputs before impulse, lag, delay and sampling; see `Simulator.integrated`.
-        by_state: (K, c, n) derivative by the state at the beginning of the piece.
-        outputs_by_theta: (K, c, q) derivatives by the parameters.
+        end_states: (J, n) states at the ends of the pieces.
+        transition: (J, n, n) derivative of `end_states` by the states at the beginnings of the pieces.
+        by_theta: (J, n, q) derivative of `end_states` by the parameters.
+        outputs: (K, c) outputs before impulse, lag, delay and sampling; see `Simulator.rollout_with_impulse`.
+        by_state: (K, c, n) derivative of `outputs` by the state at the beginning of the piece.
+        outputs_by_theta: (K, c, q) derivatives of `outputs` by the parameters.
     """
 
-    ends: np.ndarray
+    end_states: np.ndarray
     transition: np.ndarray
     by_theta: np.ndarray
     outputs: np.ndarray
@@ -37,11 +39,11 @@ class Shots(NamedTuple):
 
 @lru_cache(maxsize=64)
 def piece_simulator(system: System, name: str, channels: tuple[str, ...]) -> Simulator:
-    """Simulator of one piece from any state, with derivatives by the whole state; see `Simulator`."""
-    states = [ca.SX.sym(f"s{i}") for i in range(system.states)]
-    given, theta = ca.SX.sym("w", system.inputs), ca.SX.sym("theta", len(system.names))
+    """Simulator that starts at a full state vector and differentiates by it, for one piece of a motion."""
+    states = [ca.SX.sym(f"s{i}") for i in range(system.state_count)]
+    given, theta = ca.SX.sym("w", system.input_count), ca.SX.sym("theta", len(system.names))
     itself = ca.Function("initial", [*states, given, theta], [ca.vertcat(*states)])
-    return Simulator(replace(system, starts=system.states, initial=itself), name, channels)
+    return Simulator(replace(system, start_value_count=system.state_count, initial=itself), name, channels)
 
 
 @lru_cache(maxsize=256)
@@ -50,25 +52,27 @@ def _steps(simulator: Simulator, pieces: int) -> Buffered:
     return Buffered(simulator.steps.map(f"shots_{pieces}", "serial", pieces, [4], []))
 
 
-def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.ndarray, states: np.ndarray) -> Shots:
-    """Simulate each piece from its edge to the next.
+def simulate_pieces(
+    simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.ndarray, states: np.ndarray
+) -> SimulatedPieces:
+    """Simulate each piece of a motion from its own start state.
 
     Args:
         simulator: a `piece_simulator`.
         path: inputs of the motion.
         edges: (J + 1,) nodes of the path at which pieces begin and end.
         theta: (q,) parameters in the order of the system's names.
-        states: (J, n) states at the beginnings.
+        states: (J, n) states at the beginnings of the pieces.
     """
-    s, parts = simulator, path.parts
-    path, edges = path.fine, edges * parts
-    J, n, q, c, K = len(states), states.shape[1], len(theta), s.columns, edges[-1] - edges[0] + 1
+    s, parts = simulator, path.steps_per_interval
+    path, edges = path.refined, edges * parts
+    J, n, q, c, K = len(states), states.shape[1], len(theta), s.output_count, edges[-1] - edges[0] + 1
     m = q + n
-    nodes, middle, last = path.rows(s.system.inputs)
+    nodes, middle, last = path.step_inputs(s.system.input_count)
     ends, slopes = np.empty((J, n)), np.zeros((J, n, m))
     outputs, sensitivities = np.empty((K, c)), np.empty((K, c, m))
     steps = np.diff(edges)
-    begin = np.hstack([np.zeros((n, len(s.active) - n)), np.eye(n)])
+    begin = np.hstack([np.zeros((n, len(s.active_columns) - n)), np.eye(n)])
     for first in range(0, J, PIECES_PER_CALL):
         these = slice(first, min(first + PIECES_PER_CALL, J))
         size = these.stop - first
@@ -89,6 +93,6 @@ def shoot(simulator: Simulator, path: InputPath, edges: np.ndarray, theta: np.nd
             by = dy.T.reshape(size, STEPS_PER_BLOCK, m, c)[kept]
             sensitivities[target] = by.transpose(0, 2, 1)
         ends[these] = state.T
-        slopes[these][:, :, s.active] = sensitivity.reshape(n, size, len(s.active)).transpose(1, 0, 2)
+        slopes[these][:, :, s.active_columns] = sensitivity.reshape(n, size, len(s.active_columns)).transpose(1, 0, 2)
     by_theta, by_state = sensitivities[::parts, :, :q], sensitivities[::parts, :, q:]
-    return Shots(ends, slopes[:, :, q:], slopes[:, :, :q], outputs[::parts], by_state, by_theta)
+    return SimulatedPieces(ends, slopes[:, :, q:], slopes[:, :, :q], outputs[::parts], by_state, by_theta)

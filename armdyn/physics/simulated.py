@@ -14,135 +14,142 @@ from armdyn.physics.recorded import InputPath
 from armdyn.physics.simulate import Rollout, Simulator, System
 from armdyn.readout import Interpolated
 from armdyn.recording.channels import Channel
-from armdyn.recording.noise import NORMAL_MEDIAN, quiet_std
-from armdyn.recording.spikes import clean
+from armdyn.recording.noise import NORMAL_MEDIAN, noise_std_from_differences
+from armdyn.recording.spikes import without_faulty_samples
 from armdyn.run import Run
 
 MIN_SAVED_STEPS = 70_000
-"""Saving of a smaller model, in steps times derivatives of a prediction (6 ms), from which on its compilation of 0.2 s
-pays off in the thirty predictions of a fit."""
+"""Least saving by a smaller model, in simulation steps times derivatives, for which its compilation of 0.2 s pays off
+in the thirty predictions of a fit."""
 START_FIT_SECONDS, MIN_START_SAMPLES = 0.1, 5
-"""First part of a run, s, and its least number of samples, to which a parabola is fitted for the start value and
-rate."""
+"""Length of the first part of a run, s, and its least number of samples, to which a parabola is fitted for the value
+and rate of a channel at the start."""
 LOCAL_FIT_PERIODS = 0.125
-"""Half the time over which a parabola is fitted to a channel for its value and rate, in periods of the swing."""
+"""Half the time over which a polynomial is fitted to a channel for its value and rate, in periods of the
+oscillation."""
 REST_AMPLITUDE_SHARE = 0.04
-"""Amplitude that counts as rest, as a share of the largest one."""
+"""Amplitude of an oscillation that counts as rest, as a share of its largest amplitude."""
 MIN_AMPLITUDE_DEVIATES = 4.0
 """Standard deviations by which the median of n squares must exceed that of noise alone; its standard deviation is
 nearly the noise's variance over the root of n."""
 ZERO_PADDING_FACTOR = 8
-"""Factor by which a signal is extended with zeros, which refines its spectrum by as much."""
+"""Factor by which zeros lengthen a signal before its Fourier transform, which makes the spectrum finer."""
 
 
 @dataclass(frozen=True, repr=False)
 class SimulatedModel(Model):
-    """A model that simulates a motion along recorded inputs and reads it with sensors (lag, delay, sampling)."""
+    """Model that simulates a motion along recorded inputs, and sensors that read it with lag, delay and sampling."""
 
     @property
     @abstractmethod
     def inputs(self) -> tuple[str, ...]:
-        """Channels that drive the motion, as far as a run has them."""
+        """Names of the channels that drive the motion, if a run has them."""
 
     @property
     @abstractmethod
     def start_names(self) -> tuple[str, ...]:
-        """Parameters of the start of the motion, in the order of the simulator."""
+        """Names of the parameters that are the state at the start of a motion, in the simulator's order."""
 
     @property
     @abstractmethod
-    def forced(self) -> Mapping[int, str | None]:
-        """Indices of the `start_names` that a force changes, the speeds, each with its state; None for the only one."""
+    def speed_states(self) -> Mapping[int, str | None]:
+        """Index in `start_names` of each speed, which a force changes, with the state's name; None for a single one."""
 
     @property
     @abstractmethod
-    def remembering(self) -> frozenset[str]:
+    def effects_with_states(self) -> frozenset[str]:
         """Names of the effects that add states."""
 
     @property
-    def slow(self) -> frozenset[str]:
-        """Names of the effects with which a simulation takes at least twice as long."""
-        return self.remembering
+    def slow_effects(self) -> frozenset[str]:
+        """Names of the effects that make a simulation at least twice as slow."""
+        return self.effects_with_states
 
     def holding(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
-        """A smaller model with at least the `needed` effects, where its compilation pays off; see `Model.holding`."""
-        lean, steps = self.with_only(needed), sum(self.path(run).nodes.shape[1] for run in runs)
+        """A smaller model with at least the `needed` effects, if it saves more time than its compilation takes."""
+        lean, steps = self.with_only(needed), sum(self.input_path(run).nodes.shape[1] for run in runs)
         if steps * (len(self.names) - len(lean.names)) > MIN_SAVED_STEPS:
             return lean
-        return self.with_only({effect.name for effect in self.effects}.difference(self.slow).union(needed))
+        return self.with_only({effect.name for effect in self.effects}.difference(self.slow_effects).union(needed))
 
     @abstractmethod
     def measured_motion(self, run: Run, times: np.ndarray, theta: np.ndarray, swing: float) -> np.ndarray | None:
-        """(J, starts) start values of the motion at (J,) times, s, from measured channels; None without such channels.
+        """(J, starts) measured states, as start values of a motion from each of (J,) times, s; None if not measured.
 
-        `theta` are (p,) parameters in the order of `names`, and `swing` is the period of the swing, s.
+        `theta` are (p,) parameters in the order of `names`, and `swing` is the period of the motion, s.
         """
 
     @abstractmethod
     def force_covariates(
         self, run: Run, time: np.ndarray, motion: np.ndarray, speed: int, theta: np.ndarray
     ) -> dict[str, tuple[np.ndarray, str]]:
-        """(J,) values and unit of each quantity on which the missing rate of the start value `speed` may depend.
+        """(J,) values and unit of each quantity on which a missing acceleration may depend, by name.
 
-        `motion` are (J, starts) start values at (J,) times, s, and `theta` (p,) parameters in the order of `names`.
+        `motion` are (J, starts) measured states at (J,) times, s, `speed` is the index of the speed that the missing
+        acceleration changes, and `theta` are (p,) parameters in the order of `names`.
         """
 
-    def comes_to_rest(self, run: Run, swing: float) -> float:
-        """Time, s, at which an undriven motion with a period of `swing` s rests; then friction hides all forces."""
+    def time_of_rest(self, run: Run, swing: float) -> float:
+        """Time, s, at which a motion without drive comes to rest, after which friction hides all forces.
+
+        `swing` is the period of the motion, s; the result is infinite for a motion that does not come to rest.
+        """
         del run, swing
         return np.inf
 
-    def states_moved(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
-        """Unmeasured states, with their units, that change with the parameters (p,) `theta` along (p,) `direction`."""
+    def states_sensitive_to(self, run: Run, theta: np.ndarray, direction: np.ndarray) -> tuple[str, ...]:
+        """Unmeasured states, with units, that change if the parameters (p,) `theta` change along (p,) `direction`."""
         del run, theta, direction
         return ()
 
     def direct_estimates(self, run: Run, theta: np.ndarray) -> dict[str, float]:
-        """Values of parameters that a run gives without a fit, as the period of a swing gives a length."""
+        """Parameters that a run determines without a fit, by name: the period of a swing determines a length."""
         del run, theta
         return {}
 
     @abstractmethod
-    def swing(self, run: Run, theta: np.ndarray) -> float:
-        """Period of the motion in a run, s; `theta` is (p,) in the order of `names`."""
+    def oscillation_period(self, run: Run, theta: np.ndarray) -> float:
+        """Period of the motion in a run, s; `theta` are (p,) parameters in the order of `names`."""
 
     @property
     @abstractmethod
     def system(self) -> System:
-        """The equations with their effects."""
+        """The equations of the model with its effects."""
 
     @property
     @abstractmethod
     def formulation(self) -> str:
-        """Identifier of the equations; models that share it differ only in numbers."""
+        """Identifier of the equations; models with the same identifier differ only in parameter values."""
 
     @abstractmethod
-    def path(self, run: Run) -> InputPath:
+    def input_path(self, run: Run) -> InputPath:
         """The recorded inputs of a run on an even grid."""
 
-    def driven_by(self, path: InputPath, physics: np.ndarray) -> InputPath:
-        """The inputs that drive the motion when `path` was recorded; `physics` is (p,) as `physics_theta`."""
+    def simulation_inputs(self, path: InputPath, physics: np.ndarray) -> InputPath:
+        """Inputs of the simulation for the recorded inputs `path`, at (p,) parameters as in `physics_names`."""
         del physics
-        return path.with_columns(self.system.columns)
+        return path.with_columns(self.system.recorded_columns)
 
     @property
     def physics_names(self) -> tuple[str, ...]:
-        """Parameters of the equations and sensors, in the order of theta there: all but those of the start."""
+        """Names of all parameters except the start values, in the order of the parameter vector of the equations."""
         return self.system.names
 
     def rollout(self, path: InputPath, theta: np.ndarray, channels: tuple[str, ...] | None = None) -> Rollout:
-        """Simulate `channels` (None means all) along recorded inputs; `theta` is (p,) in the order of `names`."""
-        system, physics = self.system, theta[self.places[1]]
+        """Simulate `channels` (None means all) along recorded inputs; `theta` are (p,) parameters as in `names`."""
+        system, physics = self.system, theta[self.parameter_positions[1]]
         channels = system.outputs if channels is None else channels
         start = (float(theta[self.names.index(name)]) for name in self.start_names)
-        return _simulator(system, self.formulation, channels).rollout(self.driven_by(path, physics), physics, *start)
+        return _simulator(system, self.formulation, channels).rollout(
+            self.simulation_inputs(path, physics), physics, *start
+        )
 
     def physics_theta(self) -> np.ndarray:
-        """(p,) present values in the order of `physics_names`."""
+        """(p,) values of the parameters in the order of `physics_names`."""
         return np.array([self.parameters[name].value for name in self.physics_names])
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """Channels of a run that the model predicts; see `Model.predicted_channels`."""
+        """Channels of a run that the model predicts, in the order of the prediction."""
         outputs = self.system.outputs
         channels = tuple(name for name in outputs if name in run.channels)
         if not channels:
@@ -150,20 +157,20 @@ class SimulatedModel(Model):
         return channels
 
     def prepared(self, run: Run, beside: Sequence[Run] = ()) -> Run:
-        """The run without faulty samples, at a reduced rate; see `Model.prepared`."""
+        """The run without faulty samples, averaged to a lower rate if it was sampled fast."""
         del beside
-        return clean(run, self.predicted_channels(run), self.inputs)
+        return without_faulty_samples(run, self.predicted_channels(run), self.inputs)
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
-        """Predict the channels of a run; see `Model.predict`."""
-        channels, path = self.predicted_channels(run), self.path(run)
-        return self.readings(run, path, self.rollout(path, theta, channels), theta, channels)
+        """Predict the channels of a run at (p,) parameters in the order of `names`."""
+        channels, path = self.predicted_channels(run), self.input_path(run)
+        return self.sensor_readings(run, path, self.rollout(path, theta, channels), theta, channels)
 
-    def readings(
+    def sensor_readings(
         self, run: Run, path: InputPath, rollout: Rollout, theta: np.ndarray, channels: tuple[str, ...]
     ) -> Prediction:
-        """Sensor readings of a rollout of `channels` along a path, at the stamps of a run."""
-        columns, places = self.places
+        """Sensor readings of a simulation at the time stamps of a run, with their derivatives by the parameters."""
+        columns, places = self.parameter_positions
         given = path.start, path.dt, len(rollout.outputs)
         physics, parts = theta[places], []
         for row, name in enumerate(channels):
@@ -175,19 +182,19 @@ class SimulatedModel(Model):
         return join_channels(parts)
 
     @cached_property
-    def places(self) -> tuple[list[int], list[int]]:
-        """Positions of a rollout's columns, and of the physics' parameters, among `names`."""
+    def parameter_positions(self) -> tuple[list[int], list[int]]:
+        """Indices of `names` among a rollout's derivative columns, and of `physics_names` among `names`."""
         place = {name: i for i, name in enumerate((*self.physics_names, *self.start_names))}
         return [place[name] for name in self.names], [self.names.index(name) for name in self.physics_names]
 
 
-def with_motion(model: Model) -> SimulatedModel | None:
-    """The model, where it has a motion with states that begins somewhere; else None."""
+def as_model_with_motion(model: Model) -> SimulatedModel | None:
+    """The model if it simulates a motion that begins at a state; else None."""
     return model if isinstance(model, SimulatedModel) and model.start_names else None
 
 
-def simulated(model: Model) -> SimulatedModel:
-    """The model as one that simulates; for code that is never called with another model."""
+def as_simulated_model(model: Model) -> SimulatedModel:
+    """The model, whose class must be `SimulatedModel`: a cast that checks the class."""
     assert isinstance(model, SimulatedModel), f"a model of base '{model.base}' does not simulate"
     return model
 
@@ -203,10 +210,10 @@ def _interpolated(start: float, dt: float, size: int, channel: Channel, spread: 
     return Interpolated(start + dt * np.arange(size), channel.time, spread)
 
 
-def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
-    """(J, 2) value and rate of a channel at (J,) times, s, from local cubic polynomials.
+def local_values_and_rates(channel: Channel, times: np.ndarray, reach: float) -> np.ndarray:
+    """(J, 2) value and rate of a channel at (J,) times, s, by fits of cubic polynomials.
 
-    A local fit has twice the length `reach`, s, and at least eight samples.
+    Each fit uses the samples up to `reach` s before and after its time, and at least eight samples.
     """
     found = np.empty((len(times), 2))
     for j, at in enumerate(times):
@@ -219,7 +226,7 @@ def local_motion(channel: Channel, times: np.ndarray, reach: float) -> np.ndarra
     return found
 
 
-def main_period(channel: Channel) -> float:
+def dominant_period(channel: Channel) -> float:
     """Period of the strongest oscillation of a channel about its mean, s."""
     time = np.linspace(channel.time[0], channel.time[-1], max(len(channel), 16))
     value = np.interp(time, channel.time, channel.value)
@@ -230,8 +237,8 @@ def main_period(channel: Channel) -> float:
     return float(ZERO_PADDING_FACTOR * len(value) * (time[1] - time[0]) / best)
 
 
-def end_of_motion(channel: Channel, swing: float) -> float:
-    """Time at which an oscillation has come to rest, s: its amplitude stays below a share of the largest one.
+def rest_time(channel: Channel, swing: float) -> float:
+    """Time at which an oscillation has come to rest, s: after it the amplitude is below a share of the largest one.
 
     The amplitude is estimated from the median of the squares in every half period, which glitches do not change, less
     the noise: single samples of a noisy sensor remain large for ever. `swing` is the period, s.
@@ -242,13 +249,15 @@ def end_of_motion(channel: Channel, swing: float) -> float:
     begins = np.flatnonzero(np.diff(part, prepend=-1))
     squares = np.array([np.median(one) for one in np.split((channel.value - rest) ** 2, begins[1:])])
     count = np.diff(begins, append=len(left))
-    noise = quiet_std(channel.time, channel.value) ** 2 * (NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count))
+    noise = noise_std_from_differences(channel.time, channel.value) ** 2 * (
+        NORMAL_MEDIAN**2 + MIN_AMPLITUDE_DEVIATES / np.sqrt(count)
+    )
     moving = np.flatnonzero(squares > noise + REST_AMPLITUDE_SHARE**2 * squares.max())
     last = begins[moving[-1] + 1] if len(moving) and moving[-1] + 1 < len(begins) else -1
     return float(channel.time[last])
 
 
-def measured_start(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
+def first_value_and_rate(channel: Channel, stretch: float = START_FIT_SECONDS) -> tuple[float, float]:
     """Value and rate of a channel at its first sample, from a parabola through the first `stretch` s."""
     since = channel.time - channel.time[0]
     near = max(MIN_START_SAMPLES, int(np.searchsorted(since, stretch)))

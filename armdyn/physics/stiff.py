@@ -1,4 +1,4 @@
-"""Choose the step of an integration so that it is stable for any base and effects.
+"""Choose the step of an integration so that it is stable with any equations and effects.
 
 An explicit Runge-Kutta step h of order 4 damps a decay with rate r only where r h < 2.78 (Hairer & Wanner, Solving
 Ordinary Differential Equations II, 1996, §IV.2). Dry friction of 5 N on 1 kg that reverses over 1 mm/s decays at
@@ -14,24 +14,26 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.physics.definition import Physics
-from armdyn.physics.formulation import Formulation, formulated
+from armdyn.physics.formulation import Formulation, formulate
 
 STABLE_STEP_RATE = 1.4
-"""Step times the fastest rate: half of the stable limit, since an effect may be twice its typical size."""
+"""Product of the step and the fastest decay rate for typical effects: half the stability limit, since an effect may
+have twice its typical size."""
 MAX_STEP_RATE = 2.1
-"""Step times the fastest rate above which a step is cut at fitted values: three quarters of the stable limit."""
-SQUARINGS = 4
-"""Squarings of a matrix in the bound of its largest eigenvalue: at 16 the bound is rarely half as large again."""
+"""Largest product of the step and the fastest decay rate at fitted values: three quarters of the stability limit. Above
+it the step is divided."""
+EIGENVALUE_BOUND_SQUARINGS = 4
+"""Number of squarings of a matrix in the bound of its largest eigenvalue; the bound is rarely 1.5 times too large."""
 MAX_STEP_DIVISION = 50.0
-"""Largest factor by which steps are shortened; a faster motion needs a smoother law."""
+"""Largest factor by which integration steps are shortened; a faster motion needs smoother equations."""
 MAX_STATE_COMBINATIONS = 729
-"""Number of combinations of states that are evaluated, at their start and to both sides; above it single states are
-varied."""
+"""Largest number of combinations of states at which decay rates are computed; with more states only one state at a time
+is varied."""
 
 
 @lru_cache(maxsize=512)
-def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
-    """Step of the integration, s: the one that the physics declares, or a shorter one, stable with each effect."""
+def stable_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
+    """Step of the integration, s: the declared step of the physics, or a shorter one that all effects need."""
     fastest = max(_fastest(physics, some) for some in ((), *((one,) for one in effects)))
     return max(
         min(physics.step, STABLE_STEP_RATE / fastest if fastest > 0.0 else np.inf), physics.step / MAX_STEP_DIVISION
@@ -41,7 +43,7 @@ def longest_step(physics: Physics, effects: tuple[Effect, ...]) -> float:
 @lru_cache(maxsize=512)
 def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
     """Largest rate, 1/s, of decay or oscillation near the start of the states; 0 without states."""
-    bare = formulated(physics, (), tuple(p.name for p in physics.parameters))
+    bare = formulate(physics, (), tuple(p.name for p in physics.parameters))
     sizes = {p.name: p.value for p in physics.parameters}
     for one in effects:
         for joint in one.joints or bare.stages.get(one.acts_on, ()):
@@ -49,25 +51,25 @@ def _fastest(physics: Physics, effects: tuple[Effect, ...]) -> float:
                 p = quantity.parameter(one.name, short, joint)
                 on = p.null if p.null else p.null + p.typical
                 sizes[p.name] = float(np.clip(on, p.lower, p.upper))
-    system = formulated(physics, effects, tuple(sizes))
-    if not system.states:
+    system = formulate(physics, effects, tuple(sizes))
+    if not system.state_count:
         return 0.0
     return float(np.abs(np.linalg.eigvals(_slopes(system, physics, np.array(list(sizes.values()))))).max(initial=0.0))
 
 
-def stable_parts(system: Formulation, physics: Physics, theta: np.ndarray, step: float) -> int:
-    """Number of equal parts, a power of two, of a `step`, s, in which an integration is stable at (p,) `theta`.
+def stable_step_divisions(system: Formulation, physics: Physics, theta: np.ndarray, step: float) -> int:
+    """Number of parts, a power of two, into which a `step`, s, is divided so that it is stable at (p,) `theta`.
 
     A fit may make a value many times larger than its first guess or typical size.
     """
-    if not system.states:
+    if not system.state_count:
         return 1
     slopes = _slopes(system, physics, theta)
     power = slopes
-    for _ in range(SQUARINGS):
+    for _ in range(EIGENVALUE_BOUND_SQUARINGS):
         power = power @ power
     # The root of the norm of a power is at least the largest rate, and near it (Gelfand 1941).
-    bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**SQUARINGS)
+    bound = np.linalg.norm(power, axis=(1, 2)) ** (1.0 / 2**EIGENVALUE_BOUND_SQUARINGS)
     near = slopes[bound * step > MAX_STEP_RATE]
     fastest = float(np.abs(np.linalg.eigvals(near)).max(initial=0.0))
     needed = min(fastest * step / MAX_STEP_RATE, MAX_STEP_DIVISION * step / physics.step)
@@ -76,8 +78,8 @@ def stable_parts(system: Formulation, physics: Physics, theta: np.ndarray, step:
 
 def _slopes(system: Formulation, physics: Physics, theta: np.ndarray) -> np.ndarray:
     """(k, n, n) derivatives of the rates by the states at their start and to both sides, where they are finite."""
-    n, states = system.states, _states(system, physics)
-    found = np.asarray(_many(system, len(states))(states.T, np.zeros(system.inputs), theta))
+    n, states = system.state_count, _states(system, physics)
+    found = np.asarray(_many(system, len(states))(states.T, np.zeros(system.input_count), theta))
     slopes = found.reshape(n, len(states), n).transpose(1, 0, 2)
     return np.asarray(slopes[np.isfinite(slopes).all(axis=(1, 2))])
 
@@ -90,7 +92,7 @@ def _many(system: Formulation, points: int) -> ca.Function:
 @lru_cache(maxsize=64)
 def _states(system: Formulation, physics: Physics) -> np.ndarray:
     """(k, n) states at their start and, of those on which the derivatives depend, to both sides."""
-    s, w, theta = (ca.SX.sym("x", size) for size in (system.states, system.inputs, len(system.names)))
+    s, w, theta = (ca.SX.sym("x", size) for size in (system.state_count, system.input_count, len(system.names)))
     matters = ca.which_depends(ca.vec(system.slopes(s, w, theta)), s, 1, False)
     starts = [p.value + p.typical * np.array([0.0, -1.0, 1.0][: 3 if matters[k] else 1])
               for k, p in enumerate(physics.states.values())]  # fmt: skip
@@ -100,6 +102,6 @@ def _states(system: Formulation, physics: Physics) -> np.ndarray:
         middle = np.array([each[0] for each in starts])
         points = np.array([np.where(np.arange(len(middle)) == k, value, middle)
                            for k, each in enumerate(starts) for value in each])  # fmt: skip
-    states = np.zeros((len(points), system.states))
+    states = np.zeros((len(points), system.state_count))
     states[:, : points.shape[1]] = points
     return states

@@ -1,4 +1,4 @@
-"""A user's own base, from a Python file that defines it with `@physics`."""
+"""Load the physics that a user wrote in a Python file with the decorator `@physics`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,12 +14,12 @@ KEYS = ()
 
 
 def read_base(table: Mapping[str, Any], folder: Path) -> tuple[PhysicsModel, dict[str, Any]]:
-    """The model of a file whose base is a path to a Python file, relative to the model file's folder."""
+    """The model whose base is the Python file that a model file names, relative to the model file's `folder`."""
     return load_base(folder / table["base"]), {}
 
 
 def load_base(path: str | Path) -> PhysicsModel:
-    """Load the model that a file defines: its physics, without effects, and the effects that come with it.
+    """Load the model that a Python file defines: its physics without effects, and the effects that the file defines.
 
     The file is run as Python: it may do anything that a Python program may do.
 

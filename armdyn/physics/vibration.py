@@ -1,4 +1,4 @@
-r"""A damped vibration that a signal passes, y'' + 2 z w y' + w^2 y = w^2 u, exact for piecewise linear u.
+r"""A signal filtered by a damped vibration, y'' + 2 z w y' + w^2 y = w^2 u, exact for piecewise linear u.
 
 Between two samples y is u - 2 z s/w, with s the slope of u, plus a decaying oscillation. Two steps give a recursion
 
@@ -14,8 +14,8 @@ import numpy as np
 from armdyn.physics.definition import Expression
 
 SIMULATED_FREQUENCY, IGNORED_FREQUENCY = 1.5, 3.0
-"""Frequencies, in radians per sample, up to which a vibration is simulated, and from which it is left out; pi is
-Nyquist's limit."""
+"""Frequency up to which a vibration is simulated, and frequency from which it is ignored, in radians per sample; pi is
+the Nyquist frequency."""
 MIN_VIBRATION_SAMPLES = 1.0 / 200.0
 """Time, in samples, that is added in quadrature to 1/w, so that derivatives exist where there is no vibration."""
 
@@ -37,10 +37,10 @@ class Vibration:
         )
         self._settings = ca.Function("settings", [theta], [given, ca.densify(ca.jacobian(given, theta))])
 
-    def passed(
+    def response(
         self, signal: np.ndarray, by_theta: np.ndarray, theta: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The signal after the vibration, which starts at rest.
+        """Response of the vibration, which starts at rest, to a signal.
 
         Args:
             signal: (K,) samples at even times.
@@ -64,7 +64,7 @@ class Vibration:
         return after[:, 0], after[:, 1:]
 
     def adjoint(self, weights: np.ndarray, theta: np.ndarray, dt: float) -> np.ndarray:
-        """(K,) weights of the signal that give the same sum as (K,) `weights` of the response."""
+        """(K,) weights w' with sum w' u = sum w y, for (K,) `weights` w of the response y to a signal u."""
         from scipy.signal import lfilter
 
         b, a, *_ = self._numbers(np.asarray(self._settings(theta)[0]), dt)

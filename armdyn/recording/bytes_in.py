@@ -1,4 +1,4 @@
-"""Read the bytes of an outside file with a limit on their number, also from a device that never ends."""
+"""Read the bytes of a file up to a largest number, so that an endless device does not fill the memory."""
 
 from pathlib import Path
 

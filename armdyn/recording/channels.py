@@ -17,12 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChannelKind:
-    """Meaning of a channel.
+    """Properties of a kind of channel.
 
     Attributes:
         units: SI units that its values may have; a joint channel has two, for revolute and prismatic joints.
-        measured: True where a model predicts the channel.
-        held: True where each value holds until the next stamp.
+        measured: whether models predict the channel.
+        held: whether each value holds until the next time stamp, as for a command.
     """
 
     units: tuple[str, ...]
@@ -44,10 +44,10 @@ JOINT_CHANNELS = {
     "v": ChannelKind(("rad/s", "m/s")),
     "a": ChannelKind(("rad/s^2", "m/s^2")),
     "tau": ChannelKind(("N m", "N"), measured=True),
-    "q_cmd": ChannelKind(("rad", "m"), held=True),  # what the joint was told
+    "q_cmd": ChannelKind(("rad", "m"), held=True),  # commanded position
     "v_cmd": ChannelKind(("rad/s", "m/s"), held=True),
-    "tau_ff": ChannelKind(("N m", "N")),  # asked for beside them
-    "duty": ChannelKind(("1",)),  # what the drive did
+    "tau_ff": ChannelKind(("N m", "N")),  # feed-forward torque
+    "duty": ChannelKind(("1",)),  # duty cycle of the drive
     "current": ChannelKind(("A",)),
     "voltage": ChannelKind(("V",)),
     "enabled": ChannelKind(("1",)),  # 0 where the drive was off
@@ -69,36 +69,36 @@ MAX_SIZE_OF_OTHER_UNITS = 1e15
 """Largest plausible size in any other unit: a frequency of light, in Hz, is the largest that anybody records."""
 EXTRA_PREFIX = "extra"
 """Prefix, before the dot, of a column with any further quantity, such as ``extra.temperature``."""
-EXTRA_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
+EXTRA_CHANNEL_FORM = "'extra.NAME [unit]' with letters, digits and '_', such as 'extra.temperature [degC]'"
 
 
 MIN_SAMPLES = 10
-"""Least number of samples that can distinguish a model from its noise."""
+"""Least number of samples of a channel for a comparison with a model."""
 
 
-def in_contract(name: str) -> bool:
-    """Whether `name` is the name of a channel in the contract."""
+def is_channel_name(name: str) -> bool:
+    """Whether `name` is the name of a channel that recordings may contain."""
     quantity, dot, joint = name.partition(".")
     return name in PENDULUM_CHANNELS or is_auxiliary(name) or (bool(dot and joint) and quantity in JOINT_CHANNELS)
 
 
 def is_auxiliary(name: str) -> bool:
-    """Whether `name` is the name of a further quantity, of any kind, that was recorded besides the channels."""
+    """Whether `name` is that of a further recorded quantity of any kind, such as ``extra.temperature``."""
     quantity, _, own = name.partition(".")
     return quantity == EXTRA_PREFIX and own.isidentifier()
 
 
 def channel_kind(name: str, where: str = "channel") -> ChannelKind:
-    """The meaning of the channel `name`.
+    """Properties of the channel `name`: its units, and how it is used.
 
     Raises:
         UnknownNameError: there is no such channel; `where` names the kind of name in the message.
     """
     quantity, _, joint = name.partition(".")
-    if not in_contract(name):
+    if not is_channel_name(name):
         if quantity == EXTRA_PREFIX:
-            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_FORM}")
-        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_FORM}")
+            raise InputError(f"{where} '{shown(name)}': write a further quantity as {EXTRA_CHANNEL_FORM}")
+        raise UnknownNameError(where, name, _valid_names(joint), f"; write a further quantity as {EXTRA_CHANNEL_FORM}")
     if is_auxiliary(name):
         return ChannelKind(("1",))
     return PENDULUM_CHANNELS[name] if name in PENDULUM_CHANNELS else JOINT_CHANNELS[quantity]
@@ -114,7 +114,7 @@ def channel_units(name: str, where: str = "channel") -> tuple[str, ...]:
 
 
 class Conversion(NamedTuple):
-    """Conversion of written values to a channel's: ``factor * value + zero`` in `unit`, an SI unit."""
+    """Conversion of written values to the SI unit `unit`: ``factor * value + zero``."""
 
     unit: str
     factor: float = 1.0
@@ -125,7 +125,7 @@ class Conversion(NamedTuple):
         return value if (self.factor, self.zero) == (1.0, 0.0) else value * self.factor + self.zero
 
 
-def channel_unit(name: str, unit: str) -> Conversion:
+def unit_conversion(name: str, unit: str) -> Conversion:
     """Conversion from `unit` to the SI unit of the channel `name`; a further quantity may have any unit.
 
     Raises:
@@ -164,8 +164,8 @@ class SampleError(InputError):
     """
 
     def __init__(self, index: int, said: str) -> None:
-        self.index, self.said = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
-        super().__init__(f"sample {index}: {self.said}")
+        self.index, self.fault = index, f"{said}: check its unit, or leave out the sample where the sensor failed"
+        super().__init__(f"sample {index}: {self.fault}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,15 +211,15 @@ class Channel:
     def __reduce__(self) -> tuple[type["Channel"], tuple[FloatArray, FloatArray, str]]:
         return Channel, (self.time, self.value, self.unit)  # pickled arrays forget that they are read-only
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> "Channel":
+    def selected(self, which: npt.NDArray[np.bool_]) -> "Channel":
         """The samples for which (n,) `which` is True."""
         return Channel(self.time[which], self.value[which], self.unit)
 
-    def held(self, time: FloatArray) -> FloatArray:
+    def held_values(self, time: FloatArray) -> FloatArray:
         """(n,) values at (n,) times of a signal that holds each value until the next stamp, as a command does."""
         return np.asarray(self.value[np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, None)])
 
-    def mean_held(self, edges: np.ndarray) -> FloatArray:
+    def mean_held_values(self, edges: np.ndarray) -> FloatArray:
         """(n,) means between (n + 1,) increasing times of a signal that holds each value until the next stamp."""
         time = np.append(self.time, max(self.time[-1], edges[-1]) + 1.0)
         area = np.interp(edges, time, np.concatenate([[0.0], np.cumsum(self.value * np.diff(time))]))
@@ -244,24 +244,24 @@ class DriveReading(Channel):
     It is therefore compared only within the positions' band, with the noise of differentiated positions.
 
     Attributes:
-        off: standard deviation of a common error, in `unit`, from the uncertainty of the drive's gain and delay.
-        told: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.Told`.
+        common_error_std: standard deviation of the error that all samples share, in `unit`: that of gain and delay.
+        commands: (5, n) commands of the drive at the stamps, in the order of `armdyn.arm.physics.DriveCommands`.
     """
 
-    off: float = 0.0
-    told: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    common_error_std: float = 0.0
+    commands: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __reduce__(self) -> Any:
-        return DriveReading, (self.time, self.value, self.unit, self.off, self.told)
+        return DriveReading, (self.time, self.value, self.unit, self.common_error_std, self.commands)
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
-        """The samples for which (n,) `which` is True; see `Channel.kept`."""
-        told = self.told[:, which] if len(self.told) else self.told
-        return replace(self, time=self.time[which], value=self.value[which], told=told)
+    def selected(self, which: npt.NDArray[np.bool_]) -> "DriveReading":
+        """The samples for which (n,) `which` is True, with their commands."""
+        told = self.commands[:, which] if len(self.commands) else self.commands
+        return replace(self, time=self.time[which], value=self.value[which], commands=told)
 
 
 def check_clock(time: FloatArray) -> None:
-    """Refuse time stamps that do not increase.
+    """Check that (n,) time stamps increase.
 
     Raises:
         InputError: it names the first wrong sample.
@@ -277,7 +277,7 @@ def check_clock(time: FloatArray) -> None:
 
 
 def check_joint_units(channels: Iterable[tuple[str, str]]) -> None:
-    """Refuse a joint that is revolute in one channel and prismatic in another.
+    """Check that no joint is revolute in one channel and prismatic in another.
 
     Args:
         channels: name and SI unit of each channel.

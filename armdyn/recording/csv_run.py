@@ -1,4 +1,4 @@
-"""The CSV form of a recording: ``name [unit]`` per column, a row per time stamp, empty cells for missing samples."""
+"""Read and write recordings as CSV: columns ``name [unit]``, a row per time stamp, empty cells for missing samples."""
 
 import re
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from armdyn.recording.channels import (
     Conversion,
     FloatArray,
     SampleError,
-    channel_unit,
     channel_units,
     check_joint_units,
-    in_contract,
     is_auxiliary,
+    is_channel_name,
     name_and_unit,
+    unit_conversion,
 )
-from armdyn.recording.delimited import Delimited, IntArray, header_of, labels_of, parse_delimited, read_text
+from armdyn.recording.delimited import DelimitedTable, IntArray, header_of, labels_of, parse_delimited, read_text
 from armdyn.recording.units import si_factor
 from urdf.bounds import LONGEST_NAME, number, shown
 
@@ -63,7 +63,7 @@ def read_csv(path: Path, units: Mapping[str, str] | None = None) -> dict[str, Ch
 def _is_foreign(header: str) -> bool:
     """Whether a header is not that of a run: it has no unit in brackets, or neither the time nor a channel."""
     cells = [name_and_unit(cell) for cell in re.split("[,;\t]", header)]
-    known = any(name == "time" or in_contract(name) for name, _ in cells)
+    known = any(name == "time" or is_channel_name(name) for name, _ in cells)
     return len(cells) > 1 and not (known and "[" in header)
 
 
@@ -111,7 +111,9 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
             raise InputError(f"column '{name}' has no unit: write it as '{name} [{choices[0]}]'")
         with at(f"column '{name}'"):
             columns[name] = (
-                channel_unit(name, written) if units is None else Conversion(choices[0], si_factor(written, choices[0]))
+                unit_conversion(name, written)
+                if units is None
+                else Conversion(choices[0], si_factor(written, choices[0]))
             )
     if "time" not in columns:
         raise InputError("no 'time' column: add one named 'time [s]'")
@@ -122,7 +124,7 @@ def _columns(labels: tuple[str, ...], units: Mapping[str, str] | None) -> dict[s
     return columns
 
 
-def _channels(table: Delimited, columns: Mapping[str, Conversion], *, complete: bool) -> dict[str, Channel]:
+def _channels(table: DelimitedTable, columns: Mapping[str, Conversion], *, complete: bool) -> dict[str, Channel]:
     """The channels of a table; `complete` where no sample may be missing."""
     names, rows, values = list(columns), table.rows, table.values
     for k, cells in table.texts.items():
@@ -152,7 +154,7 @@ def _channels(table: Delimited, columns: Mapping[str, Conversion], *, complete: 
         try:
             found[name] = Channel(time[present], value[present], columns[name].unit)
         except SampleError as error:
-            raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.said}") from error
+            raise InputError(f"row {rows[present][error.index]}, column '{name}': {error.fault}") from error
     return found
 
 

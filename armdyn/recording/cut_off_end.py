@@ -1,7 +1,7 @@
-"""Detect a table that does not end in a newline and may have been cut off in the middle of its last cell.
+"""Detect a text table that was cut off in the middle of its last cell.
 
-A part of a number is a number as well, so nobody can be certain. But a cut leaves a cell that differs from the others
-of its column: fewer digits, no exponent, a tenth of the value, half a word.
+A part of a number is a number as well, so that a cut cannot be proved. But a cut leaves a cell that differs from the
+others of its column: fewer digits, no exponent, a tenth of the value, half a word.
 """
 
 import re
@@ -11,14 +11,14 @@ from itertools import pairwise
 from urdf.bounds import shown
 
 HARMLESS_CUT_ERROR = 1e-6
-"""Error of a cut, as a share of the usual step from row to row, that may remain unnoticed: of numbers with 15 to 17
-digits one in ten has a digit less, whether it was cut there or not."""
+"""Largest error by a cut of the last number that is accepted, as a share of the usual step from row to row: of numbers
+with 15 to 17 digits one in ten has a digit less, whether it was cut there or not."""
 COMPARED_ROWS = 1000
-"""Number of rows before the last one with which it is compared."""
+"""Number of rows with which the last row is compared."""
 _NUMBER = re.compile(r"[-+]?[0-9]*(?P<point>[.,](?P<digits>[0-9]*))?(?P<exponent>[eE][-+]?[0-9]+)?")
 
 
-def is_whole(cells: Sequence[str]) -> bool:
+def is_complete_cell(cells: Sequence[str]) -> bool:
     """Whether the last cell of a column, which ends the file without a newline, is as complete as the others.
 
     Args:
@@ -45,7 +45,7 @@ def is_whole(cells: Sequence[str]) -> bool:
     return digits >= max(before) or (bool(steps) and 10.0 ** -behind[-1] <= HARMLESS_CUT_ERROR * steps[len(steps) // 2])
 
 
-def cut_off(row: int, cell: str, column: str) -> str:
+def cut_off_message(row: int, cell: str, column: str) -> str:
     """Message about a file that ends in the middle of a row, or may do so."""
     return (
         f"row {row}, column '{shown(column)}': the file ends at '{shown(cell.strip(), 40)}' without a newline, and may "

@@ -1,4 +1,4 @@
-"""Read tables of text, such as CSV, in armdyn's recordings and in other formats.
+"""Parse text tables, such as CSV files, of armdyn and of other programs.
 
 Rows are counted as in a spreadsheet: the header is row 1 where no blank line is before it.
 """
@@ -15,13 +15,13 @@ import numpy.typing as npt
 from armdyn.errors import InputError
 from armdyn.recording.bytes_in import read_bytes
 from armdyn.recording.channels import FloatArray, name_and_unit
-from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off, is_whole
+from armdyn.recording.cut_off_end import COMPARED_ROWS, cut_off_message, is_complete_cell
 from urdf.bounds import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS, number, shown
 
 BLOCK_CHARACTERS = 2**20
-"""Number of characters that are split into cells at once: a cell takes ten times as much memory as its text."""
+"""Number of characters of a table that are split into cells at once, which limits the memory."""
 MISSING_CELLS = frozenset({"", "nan", "-nan", "+nan"})
-"""Cells of missing samples, in lower case."""
+"""Texts of cells that mean a missing sample, in lower case."""
 IntArray = npt.NDArray[np.int64]
 
 
@@ -30,7 +30,7 @@ class CutOffError(InputError):
 
 
 @dataclass(frozen=True, eq=False)
-class Delimited:
+class DelimitedTable:
     """A table of n rows and c columns.
 
     Attributes:
@@ -68,12 +68,12 @@ def read_text(path: Path, encodings: Sequence[str] = ("utf-8-sig",)) -> str:
 
 
 def header_of(text: str) -> str:
-    """The first line that is not blank."""
+    """The first line of a text that is not blank: the header of a table."""
     return next((line for line in text.split("\n") if line.strip()), "")
 
 
 def separator_of(header: str) -> str:
-    """The separator of a header's cells; of commas and semicolons the semicolons, and commas are decimal."""
+    """The character that separates the cells of a header; a semicolon before a tab before a comma, else a space."""
     return next((separator for separator in (";", "\t", ",") if separator in header), " ")
 
 
@@ -96,7 +96,7 @@ def labels_of(header: str, separator: str) -> tuple[str, ...]:
 
 def parse_delimited(
     text: str, separator: str = ",", missing: Collection[str] = MISSING_CELLS, *, decimal_comma: bool = False
-) -> Delimited:
+) -> DelimitedTable:
     """Parse the header and the numbers of a table.
 
     Args:
@@ -142,9 +142,9 @@ def parse_delimited(
     if unfinished and last.strip():
         tail = text[text.find(header) + len(header) :][-BLOCK_CHARACTERS:].split("\n")[1:]
         ends = [line.rpartition(separator)[2] for line in tail[-COMPARED_ROWS - 1 :] if line.strip()]
-        if not is_whole(ends):
-            raise CutOffError(cut_off(row, ends[-1], name_and_unit(labels[-1])[0]))
-    return Delimited(labels, np.concatenate(tables), np.concatenate(rows), texts)
+        if not is_complete_cell(ends):
+            raise CutOffError(cut_off_message(row, ends[-1], name_and_unit(labels[-1])[0]))
+    return DelimitedTable(labels, np.concatenate(tables), np.concatenate(rows), texts)
 
 
 def _plain(block: str, width: int, separator: str, decimal_comma: bool) -> FloatArray | None:
@@ -181,7 +181,7 @@ def _split(block: str, separator: str, row: int = 1) -> list[tuple[int, list[str
 def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str], unfinished: bool) -> None:
     for row, cells in lines:
         if len(cells) < len(labels) and unfinished and row == lines[-1][0]:
-            raise CutOffError(cut_off(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
+            raise CutOffError(cut_off_message(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
         if len(cells) != len(labels):
             raise InputError(
                 f"row {row} has {len(cells)} cells where the header has {len(labels)}: mend or remove the row"

@@ -12,7 +12,7 @@ GAP_INTERVALS, GAP_SECONDS = 5.0, 0.25
 """A gap exceeds both this number of usual intervals and this time, s. Over 0.25 s motions of 1.5 Hz are still
 interpolated to 2 %."""
 MIN_PIECE_SAMPLES = 40
-"""Least number of samples of every channel in a piece, where the whole run has so many."""
+"""Least number of samples of every channel in a part of a run that is cut at gaps."""
 
 
 def gaps_of(run: Run) -> list[tuple[float, float]]:
@@ -33,51 +33,51 @@ def gaps_of(run: Run) -> list[tuple[float, float]]:
 
 
 def shortest_gap(time: FloatArray) -> float:
-    """Interval between two of (n,) stamps, s, beyond which samples between them are missing."""
+    """Longest interval, s, between successive time stamps (n,) without a gap."""
     steps = np.diff(time)
     return max(GAP_INTERVALS * float(np.median(steps)), GAP_SECONDS) if len(steps) else GAP_SECONDS
 
 
-def until(run: Run, end: float) -> Run:
+def run_until(run: Run, end: float) -> Run:
     """The part of a run up to the time `end`, s."""
-    return replace(run, channels=between(run, -np.inf, end))
+    return replace(run, channels=channels_between(run, -np.inf, end))
 
 
-def between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
+def channels_between(run: Run, begin: float, end: float, fewest: int = 0) -> Mapping[str, Channel]:
     """Channels of a run from `begin` to `end`, s; those with fewer than `fewest` samples there are left out."""
     found = {}
     for name, channel in run.channels.items():
         inside = (channel.time >= begin) & (channel.time <= end)
         if inside.sum() >= fewest:
-            found[name] = channel.kept(inside)
+            found[name] = channel.selected(inside)
     return found
 
 
 def cut_at_gaps(run: Run) -> tuple[Run, ...]:
-    """Cut a run at its gaps; see `Run.warnings` and `Run.began`.
+    """Cut a run into its parts between gaps; the first part's warnings state the gaps.
 
-    A piece that is too short to be useful is left out, unless all are.
+    A part that is too short is left out; if all are, the run is not cut.
     """
     spans = gaps_of(run)
     if not spans:
         return (run,)
     edges = [-np.inf, *(t for span in spans for t in span), np.inf]
-    parts = [between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
+    parts = [channels_between(run, *piece, MIN_SAMPLES) for piece in zip(edges[::2], edges[1::2], strict=True)]
     whole = [p for p in parts if set(p) == set(run.channels) and min(len(c) for c in p.values()) >= MIN_PIECE_SAMPLES]
     if not whole:
         return (run,)
-    return in_pieces(
-        run, whole, f"no samples {spans_in_words(spans)}: the run is cut there, each piece with its own start"
+    return runs_of_parts(
+        run, whole, f"no samples {time_spans_in_words(spans)}: the run is cut there, each piece with its own start"
     )
 
 
-def spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
+def time_spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
     """Time spans, s, in words."""
     return ", ".join(f"from {begin:.4g} to {end:.4g} s" for begin, end in spans)
 
 
-def in_pieces(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
-    """Make parts of a run to runs; the first gets the reason of the cut as a warning."""
+def runs_of_parts(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
+    """Make runs of parts of a run; the first one gets the reason of the cut, `said`, as a warning."""
     began = min(float(channel.time[0]) for channel in run.channels.values())
     return tuple(
         replace(

@@ -16,19 +16,19 @@ from typing import Any
 from armdyn.errors import InputError
 from urdf.bounds import LARGEST_CHUNK, LARGEST_CONTENT, MIB
 
-CUT_MESSAGE = "is cut off, its recording did not end properly"
+CUT_OFF_MESSAGE = "is cut off, its recording did not end properly"
 BLOCK_BYTES = 2**17
 """Number of bytes that zstd compresses at a time."""
 CHUNK_HEAD_BYTES = 1 + 8 + 28
-"""Bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
+"""Number of bytes of a chunk before the name of its compression: opcode, length, times, size and checksum."""
 
 
-def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
-    """Every complete record of the file, including those in chunks.
+def intact_records(data: bytes, problems: list[str]) -> Iterator[Any]:
+    """Read every intact record of an MCAP file, including those in chunks.
 
     Args:
         data: bytes of the file.
-        problems: list that gets a sentence for everything that is lost.
+        problems: list to which a text is appended for each fault of the file.
 
     Raises:
         InputError: the chunks are too large, one or together, or a chunk contains more than it states.
@@ -57,7 +57,7 @@ def sound_records(data: bytes, problems: list[str]) -> Iterator[Any]:
                 yield record
             whole = source.tell()
     except (EndOfFile, RecordLengthLimitExceeded, struct.error):
-        problems.append(CUT_MESSAGE)
+        problems.append(CUT_OFF_MESSAGE)
         yield from _of_cut_chunk(data[whole:])
     except InputError:
         raise
@@ -76,7 +76,7 @@ def _check_size(chunk: Any, number: int, total: int) -> None:
         raise InputError(f"expands to more than {LARGEST_CONTENT / MIB:.0f} MiB: cut the recording")
 
 
-def expanded(data: bytes) -> bytes:
+def decompressed(data: bytes) -> bytes:
     """Expand bytes that zstd compressed, as far as they go.
 
     Raises:

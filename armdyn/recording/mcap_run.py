@@ -1,4 +1,4 @@
-"""The MCAP form of a recording, as the pipeline writes it and Foxglove and PlotJuggler show it.
+"""Read recordings in MCAP files, as the pipeline writes them and Foxglove and PlotJuggler show them.
 
 One topic per group of channels (``/gripper``, ``/load``, ``/q``, ...) holds JSON messages ``{"time": 0.01, "x": 0.2}``.
 The metadata of each topic gives the channel and unit of a field: ``{"x": "gripper_x [m]"}``. The text of the sidecar is
@@ -13,8 +13,8 @@ import numpy as np
 
 from armdyn.errors import InputError, at
 from armdyn.recording.bytes_in import read_bytes
-from armdyn.recording.channels import Channel, SampleError, channel_unit, in_contract, name_and_unit
-from armdyn.recording.mcap_records import sound_records
+from armdyn.recording.channels import Channel, SampleError, is_channel_name, name_and_unit, unit_conversion
+from armdyn.recording.mcap_records import intact_records
 from armdyn.recording.sidecar import Sidecar, parse_sidecar
 
 SIDECAR_RECORD = "armdyn.sidecar"
@@ -33,9 +33,9 @@ class McapRecording:
     """Content of one MCAP file.
 
     Attributes:
-        channels: the contract's channels and all others that were recorded, by name.
-        sidecar: what is known besides the samples.
-        warnings: a sentence for everything that was lost; empty for a complete file.
+        channels: all recorded channels, by name.
+        sidecar: known facts on the recording besides its samples.
+        warnings: a sentence on lost samples; empty for a complete file.
     """
 
     channels: dict[str, Channel]
@@ -101,7 +101,7 @@ def _scan(data: bytes) -> tuple[dict[str, _Samples], Sidecar, str]:
     samples, sidecar, problems = dict[str, _Samples](), Sidecar(), list[str]()
     labels: dict[int, dict[str, tuple[str, str]]] = {}
     try:
-        for record in sound_records(data, problems):
+        for record in intact_records(data, problems):
             if isinstance(record, Topic):
                 labels[record.id] = {
                     key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
@@ -130,10 +130,10 @@ def _take(message: dict[str, float], labels: dict[str, tuple[str, str]], samples
 
 def _channel(name: str, samples: _Samples) -> Channel:
     time, value = np.array(samples.time), np.array(samples.value)
-    if not in_contract(name):
+    if not is_channel_name(name):
         return Channel(time, value, samples.unit)  # a further quantity, in its own unit
-    to_si = channel_unit(name, samples.unit)
+    to_si = unit_conversion(name, samples.unit)
     try:
         return Channel(time, to_si(value), to_si.unit)
     except SampleError as error:
-        raise InputError(f"at {time[error.index]:.3f} s: {error.said}") from error
+        raise InputError(f"at {time[error.index]:.3f} s: {error.fault}") from error

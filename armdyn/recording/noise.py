@@ -1,4 +1,4 @@
-"""The noise of a channel, from divided differences of its samples, which remove the smooth part of a signal."""
+"""Estimate the noise of a signal by divided differences, which remove the smooth part of the signal."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ NORMAL_MEDIAN = 0.6745
 MIN_DIFFERENCES = 8
 """Least number of differences that determine the noise of a signal."""
 MAX_DIFFERENCE_SPAN = 1.5
-"""Span of a difference, in usual spans, beyond which there is a gap between its samples."""
+"""Largest time span of a difference's samples, in usual spans; a longer one contains a gap."""
 DIFFERENCE_ORDERS = tuple(range(3, 9))
 """Orders of the differences from which the noise is estimated."""
 MAX_SIGNAL_RATIO = 0.9
@@ -17,8 +17,8 @@ MAX_SIGNAL_RATIO = 0.9
 a correlation of 0.9 from sample to sample the ratio is 0.96; for a swing of 0.8 Hz at 20 Hz, a hundred times the noise,
 it is 0.3."""
 MIN_NOISE_SHARE = 0.1
-"""Least noise of a channel, as a share of its stated noise: an encoder at rest shows none."""
-NO_JUMPS = np.zeros(0)
+"""Least noise of a channel, as a share of its stated noise; an encoder at rest has samples without noise."""
+NO_JUMP_TIMES = np.zeros(0)
 
 
 def normalised_differences(
@@ -54,8 +54,8 @@ def normalised_differences(
     return np.where(span < longest_span * order * usual, total / np.sqrt(squares), np.nan)
 
 
-def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
-    """Standard deviation of white noise on smooth samples, robust against glitches: from the median difference.
+def noise_std_from_differences(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: float = 0.0) -> float:
+    """Standard deviation of white noise on a smooth signal, from the median difference: glitches do not change it.
 
     Args:
         time: (n,) time stamps, s.
@@ -71,8 +71,8 @@ def quiet_std(time: np.ndarray, value: np.ndarray, order: int = 3, *, unknown: f
     return float(np.median(np.abs(whole)) / NORMAL_MEDIAN) if len(whole) >= MIN_DIFFERENCES else unknown
 
 
-def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMPS) -> float:
-    """Standard deviation of white noise on smooth samples, from their differences of order 3 or higher.
+def white_noise_std(time: np.ndarray, value: np.ndarray, jumps: np.ndarray = NO_JUMP_TIMES) -> float:
+    """Standard deviation of white noise on a smooth signal, from differences of order 3 or higher.
 
     The divided difference of order k at any stamps removes every polynomial of lower degree; over sqrt(sum w^2) of its
     weights the variance of the result is that of the noise. A fast signal at a low rate is no parabola over four
@@ -107,11 +107,13 @@ def _difference_std(time: np.ndarray, value: np.ndarray, order: int, jumps: np.n
     return float(np.sqrt(np.mean(whole**2))) if len(whole) >= 5 else None
 
 
-def quiet_noise(channel: Channel, noise: float) -> float:
-    """Smallest white noise that a channel can have, from its third differences; a few glitches do not change it.
+def smallest_noise_std(channel: Channel, noise: float) -> float:
+    """Smallest probable standard deviation of a channel's white noise, from its third differences.
 
     Args:
         channel: its samples.
-        noise: noise as stated or estimated otherwise; an upper limit of the result.
+        noise: standard deviation that is stated or otherwise estimated; an upper limit of the result.
     """
-    return max(min(noise, quiet_std(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise)
+    return max(
+        min(noise, noise_std_from_differences(channel.time, channel.value, unknown=noise)), MIN_NOISE_SHARE * noise
+    )

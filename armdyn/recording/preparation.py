@@ -1,4 +1,4 @@
-"""Processing of a measured signal before its comparison, as reports and answers state it."""
+"""Facts on the processing of a measured torque before its comparison with a model, for reports."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 HARDLY_MOVING_SHARE = 0.01
-"""Share of a recording during which a joint certainly moves, below which a report says that it hardly moves."""
+"""Share of a recording during which a joint moves, below which a report states that it hardly moves."""
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """Processing of one measured torque.
+    """Facts on the processing of one measured torque.
 
     Attributes:
         cutoff: cut-off of the low-pass on measured and predicted torque, Hz.
@@ -21,8 +21,8 @@ class Preparation:
         recorded_rate: rate of the recorded samples, 1/s.
         recorded: number of the recorded samples.
         left_out: share of the recorded samples at which the joint's direction is uncertain.
-        moving: share of the recorded samples at which it is certain.
-        smoothed: cut-off of the drive's low-pass on the torque before it was recorded, Hz; None where there was none.
+        moving: share of the recorded samples at which the joint's direction is certain.
+        smoothed: cut-off, Hz, of the drive's own low-pass on the recorded torque; None without one.
     """
 
     cutoff: float
@@ -36,7 +36,7 @@ class Preparation:
     smoothed: float | None = None
 
 
-def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
+def combined_preparations(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparation]:
     """Combine several runs by channel: the lowest cut-offs and rates, and the total numbers of samples."""
     by_channel: dict[str, list[Preparation]] = {}
     for run in runs:
@@ -45,8 +45,8 @@ def of_all_runs(runs: Iterable[Mapping[str, Preparation]]) -> dict[str, Preparat
     return {channel: _together(every) for channel, every in by_channel.items()}
 
 
-def sentence(prepared: Mapping[str, Preparation]) -> str:
-    """Band, rate and left-out samples in one sentence, for a reader; empty where nothing was done."""
+def preparation_sentence(prepared: Mapping[str, Preparation]) -> str:
+    """Sentence on the band, rate and left-out samples of prepared torques; empty if there are none."""
     if not prepared:
         return ""
     every = list(prepared.values())

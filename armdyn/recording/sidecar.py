@@ -1,4 +1,4 @@
-"""The sidecar: a small TOML file with the same stem, which contains what is known of a recording besides its samples.
+"""The sidecar of a recording: a TOML file with the same stem, with known facts besides the samples.
 
 ```toml
 description = "swing 3, 80 g ball"
@@ -7,7 +7,7 @@ recorded = 2026-05-04T14:30:00
 load_force = "3 mN"
 [known]                     # measured by hand: priors, not truth
 mass = "80 g +/- 0.4 g"
-[asked]                     # what nobody has answered of how it was read: a line goes where it is answered
+[asked]                     # open questions of the import: remove a line when it is answered
 "q.elbow" = "'J2 pos': or deg?"
 ```
 
@@ -23,35 +23,35 @@ from pathlib import Path
 
 from armdyn.errors import InputError, at
 from armdyn.quoting import toml_string
-from armdyn.recording.channels import channel_kind, channel_unit, in_contract, is_auxiliary
-from armdyn.recording.units import Known, parse_quantity
+from armdyn.recording.channels import channel_kind, is_auxiliary, is_channel_name, unit_conversion
+from armdyn.recording.units import KnownQuantity, parse_quantity
 from armdyn.toml_file import read_toml
 from urdf.table_file import TableFileError, parse_table
 
 POSITIVE_VALUES = {"mass": "kg", "length": "m", "gravity": "m/s^2"}
-"""Known values of the base pendulum that have a fixed unit and cannot be zero or less."""
+"""Units of a pendulum's values that a sidecar may state under ``[known]`` and that must be positive."""
 
 
 SIDECAR_KEYS = ("description", "recorded", "noise", "known", "asked",
         "source", "licence", "license", "published", "urdf", "notes")  # fmt: skip
-"""Keys that are used, and further keys for readers of the file."""
+"""Keys of a sidecar: those that armdyn uses, and further keys for human readers."""
 MISSPELLING_SIMILARITY = 0.75
-"""Similarity (`difflib`) from which a key is a misspelling: 'nosie' and 'knwon' have 0.8."""
+"""Least similarity (`difflib`) of an unknown key with a known one for a misspelling: 'nosie' and 'knwon' have 0.8."""
 
 
 @dataclass(frozen=True)
 class Sidecar:
-    """Known facts on a recording, in SI units; the time of the recording, UTC; and open questions on its import."""
+    """Content of a sidecar: facts on a recording in SI units, its time in UTC, and open questions of its import."""
 
     description: str = ""
-    noise: Mapping[str, Known] = field(default_factory=dict)
-    known: Mapping[str, Known] = field(default_factory=dict)
+    noise: Mapping[str, KnownQuantity] = field(default_factory=dict)
+    known: Mapping[str, KnownQuantity] = field(default_factory=dict)
     recorded: datetime | None = None
     asked: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_sidecar(path: Path) -> Sidecar:
-    """Read the sidecar at `path`; without a file nothing is known.
+    """Read the sidecar at `path`; an empty one if the file does not exist.
 
     Raises:
         InputError: it names the file, the field, what is wrong and what to do.
@@ -76,7 +76,7 @@ def parse_sidecar(text: str) -> Sidecar:
 
 
 def sidecar_of(table: Mapping[str, object]) -> Sidecar:
-    """Read the entries of a sidecar's table.
+    """Make a sidecar from its parsed TOML table.
 
     Raises:
         InputError: a field cannot be used.
@@ -88,19 +88,19 @@ def sidecar_of(table: Mapping[str, object]) -> Sidecar:
     noise = {name: _noise(name, value) for name, value in _entries(table, "noise").items()}
     known = {name: _known(name, value) for name, value in _entries(table, "known").items()}
     asked = {name: str(value) for name, value in _entries(table, "asked").items()}
-    recorded = utc(table["recorded"], "recorded") if "recorded" in table else None
+    recorded = utc_time(table["recorded"], "recorded") if "recorded" in table else None
     return Sidecar(description, noise, known, recorded, asked)
 
 
-def utc(value: object, where: str) -> datetime:
-    """Convert a day or time, in TOML or ISO 8601, to UTC; without a zone it is UTC, and a day is its beginning.
+def utc_time(value: object, where: str) -> datetime:
+    """Convert a date or time, from TOML or as ISO 8601 text, to UTC; a time without a zone is UTC.
 
     Args:
         value: a value such as ``2026-05-04`` or ``2026-05-04T14:30:00+02:00``, or such a text.
         where: place of the value, for the message.
 
     Raises:
-        InputError: the value is neither.
+        InputError: the value is neither a date nor a time.
     """
     if isinstance(value, str):
         try:
@@ -124,7 +124,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
             continue
         if key in POSITIVE_VALUES:
             raise InputError(f"'{key}' stands outside every table: put it below a line '[known]'")
-        if in_contract(key):
+        if is_channel_name(key):
             raise InputError(f"'{key}' stands outside every table: put it below a line '[noise]'")
         close = difflib.get_close_matches(key.lower(), SIDECAR_KEYS, n=1, cutoff=MISSPELLING_SIMILARITY)
         if close:
@@ -132,7 +132,7 @@ def _check_keys(table: Mapping[str, object]) -> None:
 
 
 def sidecar_text(sidecar: Sidecar) -> str:
-    """The sidecar as TOML."""
+    """The text of a sidecar's TOML file."""
     lines = [f"description = {toml_string(sidecar.description)}"]
     if sidecar.recorded is not None:
         lines.append(f"recorded = {sidecar.recorded.isoformat()}Z")
@@ -162,7 +162,7 @@ def _flat(table: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, 
             yield prefix + name, value
 
 
-def _quantity(where: str, value: object, unit: str | None) -> Known:
+def _quantity(where: str, value: object, unit: str | None) -> KnownQuantity:
     if not isinstance(value, str):
         example = f"{value} {unit or 'kg'}" if isinstance(value, int | float) else f"1 {unit or 'kg'}"
         raise InputError(f'{where}: {value!r} has no unit: write it as text, such as "{example}"')
@@ -170,18 +170,18 @@ def _quantity(where: str, value: object, unit: str | None) -> Known:
         return parse_quantity(value, unit)
 
 
-def _noise(name: str, value: object) -> Known:
+def _noise(name: str, value: object) -> KnownQuantity:
     where = f"[noise] {name}"
     choices = channel_kind(name, "channel in [noise]").units
     parsed = _quantity(where, value, None if is_auxiliary(name) or len(choices) > 1 else choices[0])
     if parsed.value <= 0.0:
         raise InputError(f"{where}: '{value}' is not positive: give the standard deviation, or leave it out")
     with at(where):
-        unit, factor, _ = channel_unit(name, parsed.unit)
-    return Known(parsed.value * factor, None, unit)
+        unit, factor, _ = unit_conversion(name, parsed.unit)
+    return KnownQuantity(parsed.value * factor, None, unit)
 
 
-def _known(name: str, value: object) -> Known:
+def _known(name: str, value: object) -> KnownQuantity:
     where = f"[known] {name}"
     known = _quantity(where, value, POSITIVE_VALUES.get(name))
     if name in POSITIVE_VALUES and known.value <= 0.0:

@@ -1,4 +1,4 @@
-"""Find faulty samples, which are left out of a comparison: isolated spikes, and saturated readings."""
+"""Find faulty samples of a run, which are left out: isolated spikes and saturated readings."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -17,46 +17,45 @@ SPIKE_DIFFERENCE_ORDER = 4
 SPIKE_DEVIATES = 6.0
 """Robust standard deviations beyond which a difference is not noise; one in 5e8 of white noise is larger."""
 MAX_ROUNDING_STEPS = 1.0
-"""Largest difference of a signal rounded to the steps of an encoder or of a file's digits, in such steps: the sum of
+"""Largest normalised difference by rounding alone, in steps of an encoder or of a file's digits: the sum of
 the absolute weights over the root of the sum of their squares, 16 / 8.4, times half a step."""
 ROUNDING_RANGE_SHARE = 1e-9
-"""Size of differences, as a share of a signal's range, below which they are rounding of numbers without noise."""
+"""Size of differences, as a share of the signal's range, up to which they are only rounding errors."""
 LOCAL_DIFFERENCES = 25
-"""Number of differences to either side that give their local size, where a signal is rougher than elsewhere."""
+"""Number of differences to either side from which the local size of differences is estimated."""
 MAX_ADJACENT_FAULTS = 2
-"""Largest number of adjacent faulty samples; more are an event of the motion."""
+"""Largest number of adjacent faulty samples; more are an event of the motion, such as an impact."""
 MAX_FAULT_DENSITY = 1.0 / 3.0
-"""Largest share of faulty samples from the first to the last of a group; where every other sample would be faulty, the
-signal vibrates."""
+"""Largest share of faulty samples in a group; if more samples were faulty, the signal vibrates."""
 MIN_STEP_RATIO = 1.5
-"""Size of a step across a gap, as a multiple of the longest other change over as long a time."""
+"""Least step of a signal across samples that are left out, over the largest other change in the same time."""
 MAX_FAULT_SHARE = 0.03
 """Largest share of samples that are faults; more are the usual noise of this sensor. Of samples that fail one time in a
 hundred, at random, 2.1 % fail in one of a thousand runs of 800."""
 ALLOWED_FAULTS = 4
-"""Number of faults that even a short run may have."""
+"""Number of faulty samples that even a short run may have."""
 ROUGHNESS_RATIO, ROUGH_FAULT_RATIO = 2.0, 4.0
 """Where differences are typically so many times those of the quietest stretch, an event occurs, such as a load that
 hits something and vibrates; a fault there is so many times larger than everything that is left without it."""
 MAX_STRANGE_SHARE = 0.4
-"""Share of differences that are too large beyond which single faults are not searched."""
+"""Largest share of too large differences for which single faulty samples are searched."""
 SATURATION_RATIO = 5.0
 """Ratio of the number of samples with the extreme value to that with the next value (plus one) from which the sensor
 was saturated: of a coarsely rounded sine 2.4 times as many are at the peak."""
 MAX_COMPARED_RATE = 125.0
 """Sampling rate, Hz, above which samples are averaged in groups: a swing contains nothing faster."""
 SAMPLES_BESIDE_SATURATION = 2
-"""Samples to either side of a saturated one that are left out as well, because noise decided which ones saturated."""
+"""Number of samples to either side of a saturated one that are left out as well."""
 
 
-def clean(
+def without_faulty_samples(
     run: Run,
     measured: Iterable[str],
     driving: Iterable[str],
     held: Collection[str] = (),
     highest: float = MAX_COMPARED_RATE,
 ) -> Run:
-    """The run without faulty samples of the channels that a model uses, at a reduced rate.
+    """The run without faulty samples of the channels that a model uses, with fast channels averaged to a lower rate.
 
     Args:
         run: the recorded run.
@@ -76,9 +75,12 @@ def clean(
 
 
 def without_saturation(run: Run, names: Iterable[str]) -> Run:
-    """The run without samples of these channels that are at the end of the sensor's range."""
+    """The run without the saturated samples of these channels."""
     return _without(
-        run, {n: at_the_end(run.channels[n].value) for n in names}, "at the end of its range", SAMPLES_BESIDE_SATURATION
+        run,
+        {n: saturated_samples(run.channels[n].value) for n in names},
+        "at the end of its range",
+        SAMPLES_BESIDE_SATURATION,
     )
 
 
@@ -104,7 +106,7 @@ def without_spikes(run: Run, names: Iterable[str]) -> Run:
     return replace(kept, warnings=(*kept.warnings, *told)) if told else kept
 
 
-def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
+def outlier_counts(runs: Iterable[Run]) -> dict[str, int]:
     """Number of samples that were left out as faulty, by channel, of several runs."""
     counts: dict[str, int] = {}
     for run in runs:
@@ -114,8 +116,8 @@ def outliers_of(runs: Iterable[Run]) -> dict[str, int]:
 
 
 def outlier_sentence(runs: Iterable[Run]) -> str:
-    """A sentence on the number of samples that were left out, which follows another sentence; empty where none was."""
-    counts = outliers_of(runs)
+    """Sentence on the number of outliers that were left out of some runs; empty if there were none."""
+    counts = outlier_counts(runs)
     return f" Left out as outliers: {', '.join(f'{n} of {name}' for name, n in counts.items())}." if counts else ""
 
 
@@ -133,12 +135,12 @@ def _without(run: Run, faulty: Mapping[str, np.ndarray], what: str, around: int)
             when = f"at {first:.4g} s" if bad.sum() == 1 else f"between {first:.4g} and {last:.4g} s"
             some = f"1 of {len(bad)} samples" if bad.sum() == 1 else f"{bad.sum()} of {len(bad)} samples"
             warnings.append(f"{name}: {some} {what} left out, {when}")
-            channels[name] = channel.kept(kept)
+            channels[name] = channel.selected(kept)
     return replace(run, channels=channels, warnings=tuple(warnings)) if len(warnings) > len(run.warnings) else run
 
 
-def at_the_end(value: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples with the largest or smallest value, where these are suspiciously many."""
+def saturated_samples(value: np.ndarray) -> np.ndarray:
+    """(n,) bool, whether each sample is saturated: it has an extreme value that too many samples have."""
     levels, counts = np.unique(value, return_counts=True)
     found = np.zeros(len(value), dtype=bool)
     for extreme, beside in ((-1, -2), (0, 1)) if len(levels) > 2 else ():
@@ -149,14 +151,14 @@ def at_the_end(value: np.ndarray) -> np.ndarray:
 
 @cached_with_first_argument
 def spikes_of(channel: Channel) -> np.ndarray:
-    """(n,) bool: `spikes` of a channel; cached, because inspection and preparation both need them."""
+    """(n,) bool, whether each sample of a channel is a spike; cached."""
     found = spikes(channel.time, channel.value)
     found.setflags(write=False)
     return found
 
 
 def spikes(time: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples whose removal makes the samples around them lie on a smooth curve.
+    """(n,) bool, whether each sample is a spike: without it the samples around it lie on a smooth curve.
 
     Hampel's rule (J. Am. Stat. Assoc. 69, 1974) on fourth differences: a difference is too large beyond
     `SPIKE_DEVIATES` times the median absolute difference, of all or of those nearby, whichever is larger. A sample is a
@@ -294,13 +296,13 @@ def _typical(size: np.ndarray) -> np.ndarray:
 
 
 def thin_out(run: Run, held: Collection[str] = (), highest: float = MAX_COMPARED_RATE) -> Run:
-    """The run with channels that were sampled faster averaged in groups, at the groups' mean times.
+    """The run with channels that were sampled faster than `highest` averaged in groups.
 
-    Averaging k samples shifts nothing in time and lowers white noise by sqrt(k); see `Run.spread` for what bends.
+    Averaging k samples shifts nothing in time and reduces white noise by sqrt(k).
 
     Args:
         run: as recorded.
-        held: channels that stay as they are: the mean of a command that is held is late by half its samples.
+        held: channels that are not averaged, such as commands that are held between samples.
         highest: rate beyond which samples are averaged, Hz.
     """
     channels, noise, spread = {}, dict(run.noise), dict(run.spread)

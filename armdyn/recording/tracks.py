@@ -1,4 +1,4 @@
-"""Detect two series recorded as one: a second publisher on a topic, whose messages are between those of the first."""
+"""Detect two series that were recorded as one, as by two publishers on one topic."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,18 +7,16 @@ from armdyn.recording.channels import MIN_SAMPLES, FloatArray
 from armdyn.smoothing.choice import resolution
 
 MIN_TRACK_STEPS = 12.0
-"""Distance of the other series, in usual steps from sample to sample; the fastest step of a swing is 1.6 times the
-usual one."""
+"""Least distance of a second series, in usual steps from sample to sample."""
 MIN_TRACK_DISTANCE = 0.01
-"""Least distance of the other series, rad or m, and at least `MIN_TRACK_RESOLUTIONS` times the resolution: a coarse
-encoder alternates by one."""
+"""Least distance of a second series, rad or m; also `MIN_TRACK_RESOLUTIONS` times the resolution of the encoder."""
 MIN_TRACK_RESOLUTIONS = 5.0
 MAX_RETURN_SHORTFALL = 0.2
-"""Share of the way to the other series and back that may be missing, because both series have moved on."""
+"""Largest change of a series between its samples, as a share of the distance to the second series."""
 
 
-def second_track(values: FloatArray) -> npt.NDArray[np.bool_]:
-    """(n, k) bool: samples that belong to a second series; all False where there is only one series.
+def samples_of_second_series(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """(n,) bool, whether each of (n, k) samples belongs to a second series; all False for a single series.
 
     A second series is there where single samples leave and return, again and again, to values that follow each other.
     """

@@ -1,4 +1,4 @@
-"""Convert units at the edges: text with a unit becomes a plain SI number.
+"""Convert texts and numbers with units to numbers in SI units.
 
 All numbers inside armdyn are in SI units and radians. Units are looked up only in this file, and pint is imported only
 where a text is not already in the wanted unit.
@@ -23,16 +23,17 @@ _NEWTON_METRE = re.compile(r"\bNm\b")
 
 
 ENERGY_UNITS = ("joule", "watt", "electron_volt", "calorie", "british_thermal_unit", "erg")
-"""Units of energy, and of power for a time, by their names in pint: their dimensions are those of a torque."""
+"""Names in pint of units of energy and power, which must not be used for a torque, whose dimensions are those of
+energy."""
 MAX_UNIT_LENGTH = 80
-"""Largest number of characters of a unit."""
+"""Largest number of characters in the text of a unit."""
 _POWER = re.compile(r"(?:\^|\*\*)\s*(?:[-+]?\d(?:\.\d{1,3})?|\([-+]?\d(?:\s*/\s*\d)?\))(?![\w.])(?!\s*(?:\^|\*\*))")
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 _SUPERSCRIPT = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+")
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownQuantity:
     """A number with its unit and, where it was measured, its standard deviation.
 
     Attributes:
@@ -75,7 +76,7 @@ def si_factor(unit: str, expected: str) -> float:
     return given.factor / wanted.factor
 
 
-def parse_quantity(text: str, expected: str | None = None) -> Known:
+def parse_quantity(text: str, expected: str | None = None) -> KnownQuantity:
     """Parse a quantity such as ``"80 g +/- 0.4 g"``, ``"3 mN"`` or ``"0.368 ± 0.001 m"``.
 
     Args:
@@ -104,7 +105,7 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
     if not is_sane(value * scale):
         raise InputError(f"'{text}' is too large or too small for anything: write a number, such as '80 g'")
     if len(numbers) == 1:
-        return Known(value * scale, None, si)
+        return KnownQuantity(value * scale, None, si)
     spread, spread_unit = numbers[1]
     spread_unit = spread_unit or ("1" if expected == "1" else "")
     if "%" in spread_unit and spread_unit != "%":
@@ -116,11 +117,11 @@ def parse_quantity(text: str, expected: str | None = None) -> Known:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
     if not is_sane(std):
         raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
-    return Known(value * scale, std, si)
+    return KnownQuantity(value * scale, std, si)
 
 
 def si_unit(unit: str) -> str:
-    """SI unit of the same kind as `unit`: the unit itself where it is SI, such as ``"N s^2/m^2"``, else its base units.
+    """SI unit of the same kind as `unit`: the unit itself if it is SI, such as ``"N s^2/m^2"``, else its base units.
 
     Raises:
         InputError: the unit is unknown.
@@ -130,7 +131,7 @@ def si_unit(unit: str) -> str:
 
 
 def to_base_units(unit: str) -> tuple[str, float, float]:
-    """SI base units of any unit (``"1"`` for a plain number), with the factor to them and the offset after it.
+    """SI base units of a unit (``"1"`` for a plain number), and factor and offset of the conversion to them.
 
     Raises:
         InputError: the unit is unknown, or is no multiple of its base units, such as a decibel.
@@ -142,7 +143,7 @@ def to_base_units(unit: str) -> tuple[str, float, float]:
 
 
 def sliding_unit(unit: str) -> str:
-    """Unit for a joint that slides, from that for a joint that turns: ``"N/m"`` from ``"N m/rad"``."""
+    """Unit for a prismatic joint from the unit for a revolute joint, such as ``"N/m"`` from ``"N m/rad"``."""
     if unit == "kg m^2":
         return "kg"
     return re.sub(r"\brad\b", "m", re.sub(r"\bN m\b", "N", unit))

@@ -1,7 +1,4 @@
-"""Choose how much to smooth: the cut-off, the order and the noise under which the samples are most probable.
-
-A curve through a signal and its measured derivatives is fitted as well.
-"""
+"""Choose the cut-off and order of smoothing under which samples are most probable, and smooth a signal."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,24 +17,24 @@ from armdyn.smoothing.spline import (
 
 SPLINE_ORDERS = (4, 3, 5, 6)
 MAX_CUTOFF_SHARE = 0.3
-"""Highest cut-off that is tried, as a share of the sampling rate."""
+"""Highest cut-off of smoothing that is tried, as a share of the sampling rate."""
 KNOT_INTERVAL_FACTOR = 4
-"""Ratio of the knot intervals of two successive searches."""
+"""Ratio of the spline's knot intervals in two successive searches for a cut-off."""
 CUTOFFS_TRIED, FIRST_CUTOFF_STRIDE = 12, 3
-"""Number of cut-offs in a search, and the stride between those that are tried first."""
+"""Number of cut-offs in a search, and stride between the cut-offs that are tried first."""
 ORDER_PREFERENCE = 20.0
-"""Twice the log-likelihood by which another order must exceed the preferred one."""
+"""Twice the log-likelihood by which another order of smoothing must exceed the preferred one."""
 
 
-class Choice(NamedTuple):
-    """A choice of smoothing: cut-off in Hz, standard deviation of the noise, and order."""
+class SmoothingChoice(NamedTuple):
+    """Choice of smoothing: cut-off, Hz, standard deviation of the noise, and order of the penalised differences."""
 
     cutoff: float
     noise: float
     order: int = PENALTY_ORDER
 
 
-def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> Choice:
+def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] = (PENALTY_ORDER,)) -> SmoothingChoice:
     """Find the smoothing under which a signal is most probable.
 
     Args:
@@ -47,44 +44,44 @@ def best_smoothing(time: np.ndarray, values: np.ndarray, orders: Sequence[int] =
     """
     span = float(np.std(values))
     if span == 0.0:
-        return Choice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
+        return SmoothingChoice(2.0 / float(time[-1] - time[0]), 0.0, orders[0])
     scaled = values / span  # so that orders with different numbers of free coefficients can be compared
     rounding = resolution(scaled) / np.sqrt(12.0)
     first = _best_cutoff(time, scaled, rounding, orders[0])
     best, best_score = first, -np.inf
     if len(orders) > 1:
         near = SplineSamples(time, 0.5 * MAX_UNDISTORTED_CUTOFF / first.cutoff)
-        others = [_best_near(near.of_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
+        others = [_best_near(near.with_order(order), first.cutoff, scaled, rounding) for order in orders[1:]]
         all_alike = SplineSamples(time, MAX_UNDISTORTED_CUTOFF / max(choice.cutoff for choice in (first, *others)))
-        best_score = _score(all_alike.of_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
+        best_score = _score(all_alike.with_order(first.order), first.cutoff, scaled, rounding) - ORDER_PREFERENCE
         for choice in others:
-            score = _score(all_alike.of_order(choice.order), choice.cutoff, scaled, rounding)
+            score = _score(all_alike.with_order(choice.order), choice.cutoff, scaled, rounding)
             if score < best_score:
                 best, best_score = choice, score
     return best._replace(noise=best.noise * span)
 
 
 def resolution(values: np.ndarray) -> float:
-    """Step of an encoder or of a file's digits: the smallest difference between (n,) values that is not rounding."""
+    """Resolution of an encoder or a file's digits: smallest difference of (n,) values, except rounding errors."""
     differences = np.diff(np.unique(values))
     return float(np.min(differences[differences > 1e-9 * np.ptp(values)], initial=np.ptp(values)))
 
 
-def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> Choice:
+def _best_cutoff(time: np.ndarray, values: np.ndarray, least_noise: float, order: int) -> SmoothingChoice:
     """The most probable cut-off for one order; knots become coarser while it is below the finer ones' range."""
     samples = SplineSamples(time, None, order)
     slowest = 2.0 / float(time[-1] - time[0])
-    low, high = samples.lowest, MAX_CUTOFF_SHARE / samples.interval
+    low, high = samples.lowest_cutoff, MAX_CUTOFF_SHARE / samples.interval
     while True:
         cutoffs = np.geomspace(max(low, slowest), max(high, 2.0 * slowest), CUTOFFS_TRIED)
         choice = _best_of(cutoffs, samples, values, least_noise)
         if choice.cutoff > cutoffs[0] or low <= slowest or samples.size < 8 * KNOT_INTERVAL_FACTOR:
             return choice
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, order)
-        low, high = samples.lowest, MAX_UNDISTORTED_CUTOFF / samples.step
+        low, high = samples.lowest_cutoff, MAX_UNDISTORTED_CUTOFF / samples.step
 
 
-def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> Choice:
+def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_noise: float) -> SmoothingChoice:
     """The most probable of the cut-offs near `around`, Hz."""
     slowest = 2.0 / float(samples.time[-1] - samples.time[0])
     low, high = 0.4 * around, min(2.0 * around, MAX_CUTOFF_SHARE / samples.interval)
@@ -92,7 +89,7 @@ def _best_near(samples: SplineSamples, around: float, values: np.ndarray, least_
     return _best_of(cutoffs, samples, values, least_noise)
 
 
-def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, least_noise: float) -> Choice:
+def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, least_noise: float) -> SmoothingChoice:
     """The most probable of (k,) cut-offs, or one between it and its neighbours.
 
     Every third is tried, then the neighbours of the best so far; the first one is tried only where it could be the
@@ -105,10 +102,10 @@ def _best_of(cutoffs: np.ndarray, samples: SplineSamples, values: np.ndarray, le
         best = min(scores, key=lambda i: (scores[i], i))
         new = {i for i in (best - 1, best + 1) if 0 <= i < len(cutoffs)} - scores.keys()
     cutoff = _vertex(cutoffs, scores, best)
-    return Choice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], samples.order)
+    return SmoothingChoice(cutoff, LowPass(samples, cutoff).evidence(values, least_noise)[1], samples.order)
 
 
-def derivative_noise(choice: Choice, interval: float, derivative: int) -> float:
+def derivative_noise(choice: SmoothingChoice, interval: float, derivative: int) -> float:
     """Standard deviation of a smoothed signal's derivative, in 1/s^k.
 
     It is sigma^2 dt 2 int (2 pi f)^(2k) / (1 + (f/f_c)^2m) df: the part of the spectrum that the samples do not
@@ -138,15 +135,17 @@ def _vertex(cutoffs: np.ndarray, scores: Mapping[int, float], best: int) -> floa
     return float(cutoffs[best] * (cutoffs[1] / cutoffs[0]) ** shift)
 
 
-class Rates(NamedTuple):
-    """Measured derivatives of a signal: (n,) times in s, (n,) values, and the order of the derivative."""
+class MeasuredDerivative(NamedTuple):
+    """Measured derivative of a signal: (n,) times, s, (n,) values, and the order of the derivative."""
 
     time: np.ndarray
     values: np.ndarray
     derivative: int
 
 
-def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequence[Rates] = ()) -> SplineCurve:
+def smooth_curve(
+    time: np.ndarray, values: np.ndarray, choice: SmoothingChoice, rates: Sequence[MeasuredDerivative] = ()
+) -> SplineCurve:
     """Fit a curve through a noisy signal and its measured derivatives, each weighted by its agreement.
 
     The noise of a derivative is its difference from the curve through the other signals: a derivative that is filtered
@@ -160,7 +159,7 @@ def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequen
     """
     # Measured derivatives resolve more than the cut-off of the signal alone.
     samples = SplineSamples(time, None if rates else MAX_UNDISTORTED_CUTOFF / choice.cutoff, choice.order)
-    while samples.lowest > choice.cutoff:
+    while samples.lowest_cutoff > choice.cutoff:
         samples = SplineSamples(time, KNOT_INTERVAL_FACTOR * samples.step, choice.order)
     curve = LowPass(samples, choice.cutoff).curve(values)
     if not rates or choice.noise == 0.0:
@@ -168,7 +167,7 @@ def smoothed(time: np.ndarray, values: np.ndarray, choice: Choice, rates: Sequen
     offset = values[0]
     matrices = [basis_matrix(r.time, samples.start, samples.step, samples.size, r.derivative) for r in rates]
     for _ in range(3):  # the weights converge to a few per cent
-        bands = samples.normal + samples.strength(choice.cutoff) * samples.penalty
+        bands = samples.normal + samples.penalty_weight(choice.cutoff) * samples.penalty
         right = samples.matrix.T @ (values - offset)
         for rate, matrix in zip(rates, matrices, strict=True):
             deviation = max(float(np.std(rate.values - matrix @ curve.coefficients[:, 0])), 1e-9)

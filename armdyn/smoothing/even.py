@@ -1,4 +1,4 @@
-"""Smoothed positions on an even grid, with rate and acceleration: a motion that drives a simulation.
+"""Smooth and differentiate positions on an even grid, for the inputs of a simulation.
 
 Positions are smoothed by cross-validation and differentiated without phase shift.
 """
@@ -8,13 +8,14 @@ from scipy.interpolate import make_interp_spline
 from scipy.linalg import solveh_banded
 
 from armdyn.errors import InputError
-from armdyn.smoothing.choice import best_smoothing, smoothed
+from armdyn.smoothing.choice import best_smoothing, smooth_curve
 from armdyn.smoothing.spline import MIN_SMOOTHED_SAMPLES, difference_penalty
 
 WHITTAKER_ORDER = 4
-"""Order of the penalised differences: piecewise-constant jerk costs nothing in the limit."""
+"""Order of the penalised differences in the smoothing of positions on an even grid."""
 MIN_STRENGTH = 1.0 / (2.0 * np.sin(0.1 * np.pi)) ** 8
-"""Smoothing that halves a motion at a tenth of the sampling rate: no gripper is faster, but an encoder's steps are."""
+"""Least smoothing strength, in samples^8: it halves a motion with a tenth of the sampling rate, the fastest of
+grippers."""
 STRENGTHS_TRIED = MIN_STRENGTH * np.logspace(0, 8, 17)
 """Smoothing strengths that are tried, in samples^8; neighbours are a factor of 3.2 apart."""
 
@@ -41,11 +42,11 @@ def smoothed_motion(
     if not (len(grid) == len(time) and np.allclose(grid, time, atol=1e-3 * dt, rtol=0)):
         motion = np.vstack(_off_grid(time, x, np.minimum(grid, time[-1]), exact=exact))
     else:
-        smooth = x if exact else penalised(x, best_strength(x))
-        motion = np.vstack([smooth, *differentiated(smooth, dt)])
+        smooth = x if exact else penalised_least_squares(x, best_strength(x))
+        motion = np.vstack([smooth, *first_and_second_derivatives(smooth, dt)])
     if spread > 0.0:  # the mean of a curved stretch lies inside the curve
-        jerk = slope(motion[2], dt)
-        motion = motion - spread / 2.0 * np.vstack([motion[2], jerk, slope(jerk, dt)])
+        jerk = first_derivative(motion[2], dt)
+        motion = motion - spread / 2.0 * np.vstack([motion[2], jerk, first_derivative(jerk, dt)])
     return motion
 
 
@@ -56,16 +57,16 @@ def _off_grid(
     if exact or len(time) < MIN_SMOOTHED_SAMPLES:
         spline = make_interp_spline(time, x, 5)
         return spline(grid), spline(grid, 1), spline(grid, 2)
-    curve = smoothed(time, x, best_smoothing(time, x))
+    curve = smooth_curve(time, x, best_smoothing(time, x))
     return curve(grid)[:, 0], curve(grid, 1)[:, 0], curve(grid, 2)[:, 0]
 
 
 def grid_size(start: float, end: float, dt: float) -> int:
-    """Number of nodes of a uniform grid that covers [start, end]."""
+    """Number of nodes of an even grid with step `dt` that covers the times from `start` to `end`, s."""
     return max(2, int(np.ceil((end - start) / dt - 1e-9)) + 1)
 
 
-def halfway(motion: np.ndarray, dt: float) -> np.ndarray:
+def motion_at_midpoints(motion: np.ndarray, dt: float) -> np.ndarray:
     """(3, K-1) position, velocity and acceleration halfway between nodes (3, K), by quintic Hermite interpolation."""
     (x0, v0, a0), (x1, v1, a1) = motion[:, :-1], motion[:, 1:]
     return np.vstack(
@@ -78,7 +79,7 @@ def halfway(motion: np.ndarray, dt: float) -> np.ndarray:
 
 
 def best_strength(y: np.ndarray) -> float:
-    """The smoothing strength with the least generalised cross-validation error (Craven & Wahba 1979).
+    """Smoothing strength, in samples^8, with the least generalised cross-validation error (Craven & Wahba 1979).
 
     The error is n |r|^2 / (n - tr H)^2. It needs no noise level: requiring a residual of the size of a stated noise
     does not smooth at all where the statement is 30 % too low. The trace of the smoother H is that of the periodic one,
@@ -88,7 +89,7 @@ def best_strength(y: np.ndarray) -> float:
     eigenvalues = (2.0 * np.sin(np.pi * np.arange(n) / (2.0 * n))) ** (2 * WHITTAKER_ORDER)
 
     def validation_error(strength: float) -> float:
-        residual = y - penalised(y, strength)
+        residual = y - penalised_least_squares(y, strength)
         return float(residual @ residual) / (1.0 - float(np.mean(1.0 / (1.0 + strength * eigenvalues)))) ** 2
 
     best = 4 * int(np.argmin([validation_error(strength) for strength in STRENGTHS_TRIED[::4]]))
@@ -96,23 +97,26 @@ def best_strength(y: np.ndarray) -> float:
     return float(near[int(np.argmin([validation_error(strength) for strength in near]))])
 
 
-def penalised(y: np.ndarray, strength: float) -> np.ndarray:
-    """(n,) minimiser of |y - x|^2 + strength |D^4 x|^2."""
+def penalised_least_squares(y: np.ndarray, strength: float) -> np.ndarray:
+    """(n,) smoothed samples x that minimise |y - x|^2 + strength |D^4 x|^2, with fourth differences D^4."""
     bands = strength * difference_penalty(len(y), WHITTAKER_ORDER, WHITTAKER_ORDER + 1)
     bands[0] += 1.0
     return solveh_banded(bands, y, lower=True, check_finite=False)
 
 
-def differentiated(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives of even samples, by fourth-order differences (third-order at the two ends)."""
+def first_and_second_derivatives(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives of samples at even times, by differences of fourth order, third at the two ends."""
     padded = np.concatenate([_extrapolated(x[:5])[::-1], x, _extrapolated(x[:-6:-1])])
     m2, m1, c, p1, p2 = (padded[i : len(padded) - 4 + i] for i in range(5))
     return (m2 - 8 * m1 + 8 * p1 - p2) / (12 * dt), (-m2 + 16 * m1 - 30 * c + 16 * p1 - p2) / (12 * dt**2)
 
 
-def slope(x: np.ndarray, dt: float) -> np.ndarray:
-    """First derivative of even samples, or of columns of them, as `differentiated`, but also for fewer than five."""
-    return differentiated(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
+def first_derivative(x: np.ndarray, dt: float) -> np.ndarray:
+    """First derivative of (n, ...) samples at even times with interval `dt`, s, by differences of fourth order.
+
+    With fewer than five samples the differences are of second order.
+    """
+    return first_and_second_derivatives(x, dt)[0] if len(x) >= 5 else np.gradient(x, dt, axis=0)
 
 
 def _extrapolated(near: np.ndarray) -> np.ndarray:

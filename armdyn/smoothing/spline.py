@@ -1,4 +1,4 @@
-r"""Smoothing and differentiation of noisy samples at any stamps, without phase shift, the noise level estimated.
+r"""Smooth and differentiate noisy samples at any time stamps, without phase shift, and estimate their noise.
 
 A curve x(t) of quintic B-splines minimises (Eilers & Marx, Statistical Science 11, 1996)
 
@@ -28,12 +28,12 @@ PENALTY_ORDER = 4
 MIN_SMOOTHED_SAMPLES = 8
 """Least number of samples that can be smoothed."""
 MAX_LAMBDA = 1e10
-"""Largest lambda that is tried: beyond it the equations lose too many digits, and coarser knots are as good."""
+"""Largest weight lambda of the penalty: above it the equations lose too many digits."""
 GAP_STIFFNESS_SHARE = 1e-13
 """Weight that pulls a coefficient in a gap towards the first sample, as a share of its own weight: a hundred times the
 rounding error of the equations of order 6, and negligible up to 20 knots from the nearest sample."""
 REFINED_LAMBDA = 1e4
-"""Lambda from which a solution is refined once."""
+"""Weight lambda of the penalty from which a solution is refined by one iteration."""
 MAX_UNDISTORTED_CUTOFF = 0.125
 """Largest cut-off, per knot interval, at which differences of coefficients are as good as derivatives."""
 WHITE_RATE_SHARE = 0.896
@@ -90,7 +90,7 @@ def _pieces(derivative: int) -> np.ndarray:
 
 
 class SplineSamples:
-    """Time stamps of samples, with a spline basis for them.
+    """Spline basis for samples at given time stamps.
 
     Args:
         time: (n,) time stamps, s, increasing.
@@ -113,8 +113,8 @@ class SplineSamples:
         self.size = int(np.ceil((time[-1] - time[0]) / self.step - 1e-9)) + SPLINE_DEGREE
         self.matrix = basis_matrix(time, self.start, self.step, self.size)
 
-    def of_order(self, order: int) -> "SplineSamples":
-        """The same samples with another order of the penalised differences."""
+    def with_order(self, order: int) -> "SplineSamples":
+        """A copy with another order of the penalised differences."""
         other, bands = copy(self), max(SPLINE_DEGREE, order) + 1
         other.order = order
         for known in ("penalty", "penalty_determinant"):
@@ -124,12 +124,12 @@ class SplineSamples:
 
     @cached_property
     def normal(self) -> np.ndarray:
-        """(b, N) lower bands of B' B."""
+        """(b, N) lower bands of B' B, with the spline basis B at the samples."""
         return self.bands(self.matrix)
 
     @cached_property
     def penalty(self) -> np.ndarray:
-        """(b, N) lower bands of D' D, stiffened by `GAP_STIFFNESS_SHARE` where no sample determines a coefficient.
+        """(b, N) lower bands of the penalty D' D, slightly increased where no sample determines a coefficient.
 
         Across a gap of tens of knots the smoothest curve costs less than rounding, and the equations are singular.
         """
@@ -139,7 +139,7 @@ class SplineSamples:
 
     @cached_property
     def penalty_determinant(self) -> float:
-        """Logarithm of det(D D'): the number of plane partitions in a box (MacMahon 1916)."""
+        """Logarithm of det(D D') of the penalty's differences D, in closed form (MacMahon 1916)."""
         i, j = np.arange(1, self.size - self.order + 1)[:, None], np.arange(1, self.order + 1)
         return float(np.sum(np.log1p(self.order / (i + j - 1))))
 
@@ -153,18 +153,18 @@ class SplineSamples:
                 bands[b - a] += np.bincount(first + a, values[:, a] * values[:, b], self.size)
         return bands
 
-    def strength(self, cutoff: float) -> float:
-        """The lambda with which the amplitude is halved at `cutoff`, Hz."""
+    def penalty_weight(self, cutoff: float) -> float:
+        """Weight lambda of the penalty that halves the amplitude at `cutoff`, Hz."""
         return float((2.0 * np.pi * cutoff * self.step) ** (-2 * self.order) * self.step / self.interval)
 
     @property
-    def lowest(self) -> float:
-        """Cut-off under `MAX_LAMBDA`, Hz."""
+    def lowest_cutoff(self) -> float:
+        """Lowest cut-off that is possible with these knots, Hz."""
         return float((MAX_LAMBDA * self.interval / self.step) ** (-0.5 / self.order) / (2.0 * np.pi * self.step))
 
 
 class LowPass:
-    """Low-pass with one cut-off for given sample times: linear, the same for every signal, without phase shift.
+    """Low-pass filter without phase shift, with a fixed cut-off and fixed sample times.
 
     Args:
         samples: times of the samples.
@@ -173,11 +173,11 @@ class LowPass:
 
     def __init__(self, samples: SplineSamples, cutoff: float) -> None:
         self.samples, self.cutoff = samples, cutoff
-        self.strength = samples.strength(cutoff)
+        self.strength = samples.penalty_weight(cutoff)
         self.factor = cholesky_banded(samples.normal + self.strength * samples.penalty, lower=True, check_finite=False)
 
     def curve(self, values: np.ndarray) -> SplineCurve:
-        """Smooth curves through (n,) or (n, m) values."""
+        """Smooth (n,) or (n, m) values; return the curves."""
         columns = values.reshape(len(values), -1)
         # Minus its first value a constant is exactly zero, and a position loses no digits to its offset.
         offset = columns[:1].copy()
@@ -192,7 +192,7 @@ class LowPass:
         return SplineCurve(self.samples.start, self.samples.step, c + offset)
 
     def noise_gain(self, time: np.ndarray) -> float:
-        """Mean variance, at (k,) times, of smoothed white noise of unit variance; at most 50 times are used."""
+        """Mean variance of smoothed white noise of unit variance at (k,) times, s, of which at most 50 are used."""
         chosen = time[:: max(1, len(time) // 50)]
         B = self.samples.matrix
         at = basis_matrix(chosen, self.samples.start, self.samples.step, self.samples.size)
@@ -200,7 +200,7 @@ class LowPass:
         return float(np.mean(np.sum(rows**2, axis=0)))
 
     def evidence(self, values: np.ndarray, least_noise: float = 0.0) -> tuple[float, float]:
-        """Evidence of (n,) values for this cut-off and order.
+        """Likelihood of samples for this cut-off and order, and their noise.
 
         Args:
             values: (n,) samples.
@@ -221,7 +221,7 @@ class LowPass:
 
 
 def difference_penalty(size: int, order: int, bands: int) -> np.ndarray:
-    """(bands, size) lower bands of D' D, where D takes differences of the given order."""
+    """(bands, size) lower bands of D' D, where D is the matrix of differences of the given order."""
     stencil, rows = _stencil(order), size - order
     penalty = np.zeros((bands, size))
     for offset in range(order + 1):

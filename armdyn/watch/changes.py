@@ -21,10 +21,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from armdyn.arm.motion import CERTAIN
+from armdyn.arm.motion import MIN_CERTAIN_SIGN
 from armdyn.codegen import Buffered
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.observer import Step
+from armdyn.watch.observer import ObserverOutput
 from armdyn.watch.variances import MIN_VARIANCE
 
 SAMPLE_SECONDS, BLOCK_SECONDS = 0.04, 1.0
@@ -33,154 +33,157 @@ WINDOW_SIZES = (3, 7, 14, 28)
 """Blocks per window; each size about doubles the one before, so that one window covers 70 % or more of a change."""
 JOINT_CHANGES = ("joint_coulomb_friction", "joint_viscous_friction", "torque_offset", "torque_gain")
 """Effects that may change in a joint, in the order of `column_function`."""
-UNITS = ("N m", "N m s/rad", "N m", "1")
-SLIDING_UNITS = ("N", "N s/m", "N", "1")
+JOINT_CHANGE_UNITS = ("N m", "N m s/rad", "N m", "1")
+SLIDING_JOINT_CHANGE_UNITS = ("N", "N s/m", "N", "1")
 """Units of `JOINT_CHANGES` for revolute and for prismatic joints."""
 POOLED_WEIGHT = 4.0
 """Weight of the mean over all joints beside a joint's own statistics, in independent windows."""
-TYPICAL_LOAD = np.array([1.0, 0.2, 0.2, 0.2])
+LOAD_PRIOR_STD = np.array([1.0, 0.2, 0.2, 0.2])
 """Prior standard deviations of a load's mass, kg, and mass times position, kg m: 1 kg at 0.2 m."""
-LOAD_PRIOR = np.diag(1.0 / TYPICAL_LOAD**2)
+LOAD_PRIOR_INFORMATION = np.diag(1.0 / LOAD_PRIOR_STD**2)
 """Inverse covariance of that prior; it only matters where the motion does not identify the load."""
-EM_STEPS, RIDGE = 10, 1e-6
+EM_STEPS, SUMS_RIDGE = 10, 1e-6
 """Iterations of the fit of P and n; and what is added to sums of mean 1, for joints that do not move."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class BlockSums:
     """Sums over the samples of windows or blocks (...), per joint; L, X: columns of load and of the joint's changes.
 
     Attributes:
         load: (..., nj, 4, 4) L' W L.
         load_error: (..., nj, 4) L' W r.
         cross: (..., nj, 4, 4) L' W X.
-        own: (..., nj, 4, 4) X' W X.
-        own_error: (..., nj, 4) X' W r.
+        joints: (..., nj, 4, 4) X' W X.
+        joints_error: (..., nj, 4) X' W r.
     """
 
     load: FloatArray
     load_error: FloatArray
     cross: FloatArray
-    own: FloatArray
-    own_error: FloatArray
+    joints: FloatArray
+    joints_error: FloatArray
 
     @classmethod
-    def zeros(cls, joints: int) -> "Sums":
-        """Sums of no sample."""
+    def zeros(cls, joints: int) -> "BlockSums":
+        """BlockSums of no sample."""
         square, line = (joints, 4, 4), (joints, 4)
         return cls(*(np.zeros(shape) for shape in (square, line, square, square, line)))
 
     @classmethod
-    def stacked(cls, parts: "Sequence[Sums]") -> "Sums":
+    def stacked(cls, parts: "Sequence[BlockSums]") -> "BlockSums":
         """Sums of k blocks, (k, ...)."""
         return cls(*(np.array([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
-    def windows(self, size: int) -> "Sums":
+    def windows(self, size: int) -> "BlockSums":
         """Sums of all windows of `size` successive blocks out of k: (k - size + 1, ...)."""
         totals = (np.cumsum(getattr(self, each.name), axis=0) for each in fields(self))
         padded = (np.concatenate([np.zeros((1, *total.shape[1:])), total]) for total in totals)
-        return Sums(*(total[size:] - total[:-size] for total in padded))
+        return BlockSums(*(total[size:] - total[:-size] for total in padded))
 
-    def select(self, chosen: object) -> "Sums":
+    def select(self, chosen: object) -> "BlockSums":
         """Sums of the blocks with these indices."""
-        return Sums(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return BlockSums(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
-    def total(self) -> "Sums":
+    def total(self) -> "BlockSums":
         """Sum over all blocks."""
-        return Sums(*(getattr(self, each.name).sum(axis=0) for each in fields(self)))
+        return BlockSums(*(getattr(self, each.name).sum(axis=0) for each in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
-class Baseline:
+class FaultFreeBaseline:
     """Statistics of the apparent changes of a sound robot, for windows of one size.
 
     Attributes:
         load: (4,) mean apparent load, kg and kg m.
-        own: (nj, 4) m, mean apparent change of each joint, in `UNITS`.
+        joints: (nj, 4) m, mean apparent change of each joint, in `JOINT_CHANGE_UNITS`.
         scatter: (nj, 4, 4) P.
         noise: (nj,) n.
         spread: mean square of the load's score over its expected value.
-        own_spread: (nj, 4) the same for the joints' scores.
+        joints_spread: (nj, 4) the same for the joints' scores.
         information: mean information about the load's mass, 1/kg^2, and (nj, 4) mean J of the joints' changes.
     """
 
     load: FloatArray
-    own: FloatArray
+    joints: FloatArray
     scatter: FloatArray
     noise: FloatArray
     spread: float
-    own_spread: FloatArray
+    joints_spread: FloatArray
     information: tuple[float, FloatArray]
 
     @classmethod
-    def of(cls, windows: Sums, size: int) -> "Baseline":
+    def of(cls, windows: BlockSums, size: int) -> "FaultFreeBaseline":
         """Fitted to windows (k, ...) of `size` blocks, each shifted by one block."""
         # A few windows determine little for one joint alone: it shares in the mean over all joints.
         apart, tiny = len(windows.load) / size, np.finfo(float).tiny
         own, scatter, noise = _scatter(windows, apart)
         found = cls(np.zeros(4), own, scatter, noise, 1.0, np.ones(own.shape), (np.inf, np.full(own.shape, np.inf)))
         sums, errors, _, _ = found._whitened(windows)
-        load = np.linalg.solve(sums.sum(axis=0) + LOAD_PRIOR, errors.sum(axis=0))
+        load = np.linalg.solve(sums.sum(axis=0) + LOAD_PRIOR_INFORMATION, errors.sum(axis=0))
         found = replace(found, load=np.asarray(load))
         of_load, by_own = found.explained(windows)
         spread = (apart * by_own.mean(axis=0) + POOLED_WEIGHT * by_own.mean(axis=(0, 1))) / (apart + POOLED_WEIGHT)
         J = found._whitened(windows)[3]
         return replace(
-            found, spread=max(float(of_load.mean()) / len(TYPICAL_LOAD), tiny), own_spread=np.maximum(spread, tiny),
+            found, spread=max(float(of_load.mean()) / len(LOAD_PRIOR_STD), tiny),
+            joints_spread=np.maximum(spread, tiny),
             information=(float(sums[:, 0, 0].mean()), J.mean(axis=0)),
         )  # fmt: skip
 
-    def _whitened(self, sums: Sums) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _whitened(self, sums: BlockSums) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Sums (..., 4, 4) and errors (..., 4) of the load, u (..., nj, 4), and diagonal of J (..., nj, 4)."""
-        M = np.linalg.inv(sums.own @ self.scatter + self.noise[:, None, None] * np.eye(4))
-        error = sums.own_error - _times(sums.own, self.own)
-        of_load = sums.load_error - _times(sums.cross, self.own)
+        M = np.linalg.inv(sums.joints @ self.scatter + self.noise[:, None, None] * np.eye(4))
+        error = sums.joints_error - _times(sums.joints, self.joints)
+        of_load = sums.load_error - _times(sums.cross, self.joints)
         G = sums.cross @ self.scatter @ M
         A = ((sums.load - G @ np.swapaxes(sums.cross, -1, -2)) / self.noise[:, None, None]).sum(axis=-3)
         errors = ((of_load - _times(G, error)) / self.noise[:, None]).sum(axis=-2) - A @ self.load
-        J = np.einsum("...ik,...ki->...i", M, sums.own)
+        J = np.einsum("...ik,...ki->...i", M, sums.joints)
         return A, errors, _times(M, error), np.maximum(J, np.finfo(float).tiny)
 
-    def explained(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
+    def explained(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
         """Fall of chi2 by a change: (...) for the load, (..., nj, 4) for each change of a joint."""
         A, errors, u, J = self._whitened(sums)
-        return np.einsum("...i,...i->...", errors, np.linalg.solve(A + LOAD_PRIOR, errors[..., None])[..., 0]), u**2 / J
+        return np.einsum(
+            "...i,...i->...", errors, np.linalg.solve(A + LOAD_PRIOR_INFORMATION, errors[..., None])[..., 0]
+        ), u**2 / J
 
-    def scores(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
+    def scores(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
         """Its root in sound standard deviations: (...) for the load (4 parameters), (..., nj, 4) for the joints."""
         of_load, own = self.explained(sums)
         A, _, _, J = self._whitened(sums)
         mass = np.minimum(1.0, self.information[0] / np.maximum(A[..., 0, 0], np.finfo(float).tiny))
         return np.sqrt(mass * of_load / self.spread), np.sqrt(
-            np.minimum(1.0, self.information[1] / J) * own / self.own_spread
+            np.minimum(1.0, self.information[1] / J) * own / self.joints_spread
         )
 
-    def load_change(self, sums: Sums) -> tuple[FloatArray, FloatArray]:
+    def load_change(self, sums: BlockSums) -> tuple[FloatArray, FloatArray]:
         """Estimated change of the load (4,), kg and kg m, and standard deviations (4,)."""
         A, errors, _, _ = self._whitened(sums)
-        inverse = np.linalg.inv(A + LOAD_PRIOR)
+        inverse = np.linalg.inv(A + LOAD_PRIOR_INFORMATION)
         wider = max(1.0, float(A[0, 0]) / self.information[0])
         return inverse @ errors, np.sqrt(wider * self.spread * np.diag(inverse))
 
-    def own_change(self, sums: Sums, joint: int, kind: int) -> tuple[float, float]:
-        """Estimated change of a joint and its standard deviation, in `UNITS`; `kind` indexes `JOINT_CHANGES`."""
+    def joint_change(self, sums: BlockSums, joint: int, kind: int) -> tuple[float, float]:
+        """Estimated change of a joint, the `kind`-th of `JOINT_CHANGES`, and its standard deviation, in its unit."""
         _, _, u, J = (each[..., joint, kind] if k > 1 else each for k, each in enumerate(self._whitened(sums)))
-        return float(u / J), float(np.sqrt(self.own_spread[joint, kind] / min(J, self.information[1][joint, kind])))
+        return float(u / J), float(np.sqrt(self.joints_spread[joint, kind] / min(J, self.information[1][joint, kind])))
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> FloatArray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _scatter(windows: Sums, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _scatter(windows: BlockSums, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fit of m (nj, 4), P (nj, 4, 4) and n (nj,) to k windows of which `apart` share no block.
 
     Expectation maximisation for random effects (Laird & Ware, Biometrics 38, 1982).
     """
-    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.own).mean(axis=0), MIN_VARIANCE))
-    S = windows.own * unit[:, :, None] * unit[:, None, :] + RIDGE * np.eye(4)
-    b = windows.own_error * unit
+    unit = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", windows.joints).mean(axis=0), MIN_VARIANCE))
+    S = windows.joints * unit[:, :, None] * unit[:, None, :] + SUMS_RIDGE * np.eye(4)
+    b = windows.joints_error * unit
     mean = _times(np.linalg.inv(S.sum(axis=0)), b.sum(axis=0))
     error = b - _times(S, mean)
     P, n = np.tile(np.eye(4), (len(unit), 1, 1)), np.ones(len(unit))
@@ -190,22 +193,22 @@ def _scatter(windows: Sums, apart: float) -> tuple[FloatArray, FloatArray, Float
         own, covariance = _times(P, u), P - P @ M @ S @ P
         left = n[:, None] * u
         squares = (left * np.linalg.solve(S, left[..., None])[..., 0]).sum(axis=-1)
-        n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / 4, RIDGE)
+        n = np.maximum((squares + np.einsum("...ij,...ji->...", S, covariance)).mean(axis=0) / 4, SUMS_RIDGE)
         each = (own[..., None] * own[..., None, :] + covariance).mean(axis=0)
         P = (apart * each + POOLED_WEIGHT * each.mean(axis=0)) / (apart + POOLED_WEIGHT)
     return mean * unit, P * unit[:, :, None] * unit[:, None, :], n
 
 
-class Blocks:
+class MotionBlocks:
     """Sums over the last blocks of motion.
 
     Args:
         columns: compiled `column_function`.
-        level: (nj, 4) factors of the residual's variance, see `Step.sources`.
+        level: (nj, 4) factors of the residual's variance, see `ObserverOutput.sources`.
         kept: number of blocks to keep; None keeps all.
 
     Attributes:
-        begins: start of each kept block, s.
+        start_times: start of each kept block, s.
         sums: sums of each kept block.
         load: (nj, 4) columns L of the load at the last sample.
         own: (nj, 4) columns X of the joints at the last sample.
@@ -213,41 +216,41 @@ class Blocks:
 
     def __init__(self, columns: Buffered, level: FloatArray, kept: int | None = WINDOW_SIZES[-1]) -> None:
         self._columns, self._level = columns, level
-        self.begins: deque[float] = deque(maxlen=kept)
-        self.sums: deque[Sums] = deque(maxlen=kept)
+        self.start_times: deque[float] = deque(maxlen=kept)
+        self.sums: deque[BlockSums] = deque(maxlen=kept)
         self.load, self.own = np.zeros((len(level), 4)), np.zeros((len(level), 4))
         self._last = -np.inf
         self.clear()
 
     def clear(self) -> None:
         """Forget all blocks."""
-        self.begins.clear()
+        self.start_times.clear()
         self.sums.clear()
         self.drop_partial()
 
     def drop_partial(self) -> None:
         """Forget the incomplete block."""
-        self._sum, self._count, self._start = Sums.zeros(len(self._level)), 0, 0.0
+        self._sum, self._count, self._start = BlockSums.zeros(len(self._level)), 0, 0.0
 
-    def due(self, time: float) -> bool:
+    def is_due(self, time: float) -> bool:
         """Whether the next sample is due at `time`, s."""
         return not 0.0 <= time - self._last < SAMPLE_SECONDS
 
-    def take_columns(self, step: Step, bandwidth: float) -> None:
-        """Update the columns without adding to the sums; arguments as in `take`."""
+    def update_columns(self, step: ObserverOutput, bandwidth: float) -> None:
+        """Update the columns without adding to the sums; arguments as in `add_sample`."""
         self._last = step.time
         self.load, self.own, self._way = (each.copy() for each in self._columns(*step.motion, bandwidth))
 
-    def take(self, step: Step, bandwidth: float) -> bool:
+    def add_sample(self, step: ObserverOutput, bandwidth: float) -> bool:
         """Add a sample to the sums; returns whether it completes a block.
 
         Args:
             step: the observer's output.
             bandwidth: K of the observer, 1/s.
         """
-        self.take_columns(step, bandwidth)
+        self.update_columns(step, bandwidth)
         load, own = self.load, self.own
-        if not (np.abs(self._way) >= CERTAIN).any():
+        if not (np.abs(self._way) >= MIN_CERTAIN_SIGN).any():
             return False
         weight = 1.0 / (self._level * step.sources).sum(axis=1)
         if self._count == 0:
@@ -257,12 +260,12 @@ class Blocks:
         total.load[...] += load[:, :, None] * of_load
         total.load_error[...] += of_load[:, 0] * step.residual[:, None]
         total.cross[...] += load[:, :, None] * of_own
-        total.own[...] += own[:, :, None] * of_own
-        total.own_error[...] += of_own[:, 0] * step.residual[:, None]
+        total.joints[...] += own[:, :, None] * of_own
+        total.joints_error[...] += of_own[:, 0] * step.residual[:, None]
         self._count += 1
         if self._count < round(BLOCK_SECONDS / SAMPLE_SECONDS):
             return False
-        self.begins.append(self._start)
+        self.start_times.append(self._start)
         self.sums.append(total)
         self.drop_partial()
         return True

@@ -6,26 +6,26 @@ from typing import Any
 
 from armdyn.arm.model import ArmModel
 
-SCHEMA = "armdyn.watch/1"
+EVENT_SCHEMA = "armdyn.watch/1"
 
 
-class Kind(Enum):
-    """Kind of an event; the value is its name in JSON. `NOT_TOLD`: detected, but not identifiable yet."""
+class EventKind(Enum):
+    """Kind of an event; the value is its name in JSON. `UNIDENTIFIED`: detected, but not identifiable yet."""
 
     OUTSIDE_TORQUE = "outside_torque"
     LOAD_CHANGED = "load_changed"
     ROBOT_CHANGED = "robot_changed"
-    NOT_TOLD = "not_told"
+    UNIDENTIFIED = "not_told"
     RECOVERED = "recovered"
 
 
 @dataclass(frozen=True)
-class Event:
+class WatchEvent:
     """An event on the arm: an outside torque or a change, detected or ended.
 
     Attributes:
         time: time of the report, s.
-        kind: see `Kind`.
+        kind: see `EventKind`.
         joint: name of the joint with the clearest evidence.
         since: estimated start, s.
         size: estimated size, in `unit`.
@@ -37,7 +37,7 @@ class Event:
     """
 
     time: float
-    kind: Kind
+    kind: EventKind
     joint: str
     since: float
     size: float
@@ -51,14 +51,15 @@ class Event:
     def answer(self) -> dict[str, Any]:
         """The event as an object for JSON."""
         return {
-            "schema": SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint, "since": self.since,
+            "schema": EVENT_SCHEMA, "time": self.time, "event": self.kind.value, "joint": self.joint,
+            "since": self.since,
             "size": self.size, "std": self.std, "unit": self.unit, "what": self.what,
             "false_alarms_per_hour": self.false_alarms_per_hour, "sentence": self.sentence,
         }  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ChangeEstimate:
     """Estimated size of a change, and its standard deviation.
 
     Attributes:
@@ -79,7 +80,7 @@ class Estimate:
         return f"{self.size:+.3g} ± {self.std:.2g} {self.unit}"
 
 
-class Reporter:
+class EventReporter:
     """Creates the events of an arm.
 
     Args:
@@ -91,14 +92,14 @@ class Reporter:
         self.joints, self.per_hour = model.arm.joints, per_hour
         self.units = tuple("N" if slides else "N m" for slides in model.arm.slides)
 
-    def torque(self, joint: int, size: float, std: float) -> Estimate:
+    def torque_estimate(self, joint: int, size: float, std: float) -> ChangeEstimate:
         """Estimate of an outside torque on a joint, N m or N."""
-        return Estimate(joint, float(size), float(std), self.units[joint])
+        return ChangeEstimate(joint, float(size), float(std), self.units[joint])
 
-    def event(self, kind: Kind, time: float, since: float, found: Estimate, sentence: str) -> Event:
+    def event(self, kind: EventKind, time: float, since: float, found: ChangeEstimate, sentence: str) -> WatchEvent:
         """An event; `sentence` is what follows the joint's name; times in s."""
         joint = self.joints[found.joint]
-        return Event(
+        return WatchEvent(
             time, kind, joint, since, found.size, found.std, found.unit, found.what, self.per_hour,
             f"{joint}: {sentence}",
         )  # fmt: skip

@@ -8,7 +8,7 @@ where R is the torque that the model predicts. This is the residual of the momen
 2005), in which torque and motion pass the same low-pass and nothing is differentiated. Here F has order 3 instead of 1:
 the positions then also give speed and acceleration, and effects that depend on acceleration are included. An outside
 torque appears in r after the delay of F, 3 / K on average. The contrast c = r - b removes slow errors: b is the running
-mean of r over the last `MEAN_SECONDS`.
+mean of r over the last `RUNNING_MEAN_SECONDS`.
 
 A torque that began a moment ago is hardly visible behind F. So the torque passes a second cascade of low-passes with
 the bandwidth `STAGE_BANDWIDTH`, and the prediction passes a third one; their outputs are the stages. At t s after a
@@ -25,26 +25,26 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from armdyn.arm.composition import depends_on_before
+from armdyn.arm.composition import depends_on_past
 from armdyn.arm.model import ArmModel
-from armdyn.arm.motion import CREEP
+from armdyn.arm.motion import CREEP_SPEED
 from armdyn.arm.physics import Expression
 from armdyn.arm.symbolic import added_torques, rigid_torques
 from armdyn.codegen import Buffered, compile_functions
 from armdyn.errors import InputError
 from armdyn.recording.channels import FloatArray
 
-ORDER = 3
+FILTER_ORDER = 3
 """Order of F: the lowest that gives an acceleration."""
-MEAN_SECONDS = 0.5
+RUNNING_MEAN_SECONDS = 0.5
 """Memory of the running mean, s: half the shortest contact that a person notices, less than half a typical motion."""
-GAP = 0.2
+MAX_SAMPLE_GAP = 0.2
 """Longest time between two samples, s; after a longer one the motion in between is unknown and the filters restart."""
 SETTLING_TIME_CONSTANTS = 15.0
 """Time constants 1 / K after which F has forgotten its initial state: exp(-15) 15^2 / 2 = 3e-5 of it remain."""
-BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
+CANDIDATE_BANDWIDTHS = (30.0, 40.0, 55.0, 75.0)
 """Candidates for K, 1/s; sound recordings select one. Neighbours detect torques that differ by less than 10 %."""
-USUAL, MAX_BANDWIDTH_STEP = 40.0, 0.8
+USUAL_BANDWIDTH, MAX_BANDWIDTH_STEP = 40.0, 0.8
 """K, 1/s, without sound recordings; and the largest product of K and the interval between samples."""
 RATE_INTERVALS = 20
 """Number of intervals from which the sampling rate is estimated."""
@@ -53,22 +53,22 @@ DETECTION_SECONDS = 0.05
 STAGE_BANDWIDTH, TORQUE_STAGES, PREDICTION_STAGES = 100.0, 8, 5
 """Bandwidth of the stages, 1/s; number of low-passes for torque, and for prediction. On three simulated arms 6 and 3
 low-passes detect 2 of 20 steps fewer in time; 60 1/s detects as many."""
-SHORT_DELAYS = frozenset({"torque_delay", "command_delay"})
+SHORT_DELAY_EFFECTS = frozenset({"torque_delay", "command_delay"})
 """Effects that remember for a shorter time than F; the observer leaves them out."""
-MEAN_INDEX = 2 * (ORDER + 1)
+MEAN_INDEX = 2 * (FILTER_ORDER + 1)
 """Index of the running mean of the residual in the state, in blocks of nj."""
 STAGES_INDEX = MEAN_INDEX + 4
 """Index of the first stage in the state, in blocks of nj."""
-PARTS = STAGES_INDEX + TORQUE_STAGES + 1 + PREDICTION_STAGES
+STATES_PER_JOINT = STAGES_INDEX + TORQUE_STAGES + 1 + PREDICTION_STAGES
 """States per joint: last position and its 3 stages of F; the same for its torque; running means of residual and of
 prediction; prediction a moment ago; uncertain friction; stages of torque; prediction and its stages. The last entry of
 the state is the time since the start, s."""
-SOURCES = 4
-"""Number of sources of a residual's variance, see `Step.sources`."""
+VARIANCE_SOURCES = 4
+"""Number of sources of a residual's variance, see `ObserverOutput.sources`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class ObserverOutput:
     """Output of the observer for one sample and nj joints; torques in N m or N, delayed by F.
 
     Attributes:
@@ -103,26 +103,28 @@ class Observer:
 
     Attributes:
         bandwidth: K in use, 1/s.
-        hold: whether the running mean is held constant, because an outside torque must not enter it.
+        mean_is_held: whether the running mean is held constant, because an outside torque must not enter it.
     """
 
-    def __init__(self, model: ArmModel, bandwidth: float = USUAL) -> None:
+    def __init__(self, model: ArmModel, bandwidth: float = USUAL_BANDWIDTH) -> None:
         self._joints = len(model.arm.joints)
         self._asked = np.array([joint in model.joints for joint in model.arm.joints])
-        self._function = compiled(model)[0]
+        self._function = compiled_functions(model)[0]
         self._fastest = 2.0 * np.nan_to_num(np.asarray(model.arm.model.velocityLimit), nan=np.inf, posinf=np.inf)
         self._fastest[self._fastest <= 0.0] = np.inf
-        self._state = np.zeros(PARTS * self._joints + 1)
+        self._state = np.zeros(STATES_PER_JOINT * self._joints + 1)
         self._last: tuple[float, FloatArray] | None = None
         self._intervals: list[float] = []
         self.bandwidth = bandwidth
-        self.hold = False
+        self.mean_is_held = False
 
     def restart(self) -> None:
         """Restart the filters at the next sample."""
         self._last = None
 
-    def take(self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0) -> Step | None:
+    def process_sample(
+        self, time: float, q: FloatArray, tau: FloatArray, shift: FloatArray | float = 0.0
+    ) -> ObserverOutput | None:
         """The output for one sample; None if a value is missing or its time is not after the last one.
 
         Args:
@@ -137,19 +139,19 @@ class Observer:
         step = 0.0
         if self._last is not None:
             step = time - self._last[0]
-            if step == 0.0 or (step < 0.0 and step > -GAP):
+            if step == 0.0 or (step < 0.0 and step > -MAX_SAMPLE_GAP):
                 return None  # repeated, or out of order
             if (np.abs(q - self._last[1]) > self._fastest * abs(step)).any() or (
                 step > 0.0 and len(self._intervals) < RATE_INTERVALS and self._too_rarely(step)
             ):
                 step = 0.0
         self._last, K = (time, np.array(q)), self.bandwidth
-        found = self._function(self._state, step, float(self.hold), K, q, tau, np.broadcast_to(shift, q.shape))
+        found = self._function(self._state, step, float(self.mean_is_held), K, q, tau, np.broadcast_to(shift, q.shape))
         self._state = found[0][:, 0].copy()
         predicted, residual, contrast = (part[:, 0].copy() for part in found[1:4])
         settled = bool(self._state[-1] > settling_time(K))
         stages = self._state[STAGES_INDEX * self._joints : -1].reshape(-1, self._joints).T
-        return Step(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), stages, settled)
+        return ObserverOutput(time, predicted, residual, contrast, found[4].copy(), found[5].T.copy(), stages, settled)
 
     def _too_rarely(self, step: float) -> bool:
         """Whether the sampling rate is too low for the filter; then K is reduced."""
@@ -166,15 +168,15 @@ class Observer:
     @property
     def delay(self) -> float:
         """Mean delay of F, s."""
-        return ORDER / self.bandwidth
+        return FILTER_ORDER / self.bandwidth
 
 
 def settling_time(bandwidth: float) -> float:
     """Time after a start until filters and mean have forgotten their initial state, s; bandwidth in 1/s."""
-    return SETTLING_TIME_CONSTANTS / bandwidth + MEAN_SECONDS
+    return SETTLING_TIME_CONSTANTS / bandwidth + RUNNING_MEAN_SECONDS
 
 
-def arrived_share(bandwidth: float) -> float:
+def visible_share_of_step(bandwidth: float) -> float:
     """Share of a step of outside torque that the residual shows after `DETECTION_SECONDS`, at K = `bandwidth`, 1/s."""
     x = bandwidth * DETECTION_SECONDS
     return float(1.0 - np.exp(-x) * (1.0 + x + x**2 / 2.0))
@@ -184,37 +186,38 @@ def observer_function(model: ArmModel) -> ca.Function:
     """One step of the observer, whose equations stand at the top of this module.
 
     ``(state, step, hold, bandwidth, q, tau, shift) -> (state, predicted, residual, contrast, sources, motion)``; a
-    `step` <= 0 or > `GAP`, in s, restarts the filters, and `hold` = 1 holds the mean. Shapes and units: see `Step`.
+    `step` <= 0 or > `MAX_SAMPLE_GAP`, in s, restarts the filters, and `hold` = 1 holds the running mean constant. For
+    shapes and units see `ObserverOutput`.
 
     Raises:
         InputError: an effect depends on time or has states; a function of one instant cannot contain it.
     """
     n = len(model.arm.joints)
     state, q, tau, shift = (ca.SX.sym(name, size) for name, size in
-                            (("state", PARTS * n + 1), ("q", n), ("tau", n), ("shift", n)))  # fmt: skip
+                            (("state", STATES_PER_JOINT * n + 1), ("q", n), ("tau", n), ("shift", n)))  # fmt: skip
     step, hold, K = (ca.SX.sym(name) for name in ("step", "hold", "bandwidth"))
-    parts = [state[k * n : (k + 1) * n] for k in range(PARTS)]
-    fresh = ca.logic_or(step <= 0.0, step > GAP)
+    parts = [state[k * n : (k + 1) * n] for k in range(STATES_PER_JOINT)]
+    fresh = ca.logic_or(step <= 0.0, step > MAX_SAMPLE_GAP)
     h = ca.if_else(fresh, 1.0, step)
-    position, torque = (_filtered(inputs, past, K, h, fresh) for inputs, past in
-                        ((q, parts[: ORDER + 1]), (tau, parts[ORDER + 1 : 2 * ORDER + 2])))  # fmt: skip
+    past = parts[: FILTER_ORDER + 1], parts[FILTER_ORDER + 1 : MEAN_INDEX]
+    position, torque = (_filtered(signal, states, K, h, fresh) for signal, states in zip((q, tau), past, strict=True))
     x1, x2, x3 = position[1:]
     v, a = K * (x2 - x3), K**2 * (x1 - 2.0 * x2 + x3)
     predicted, friction, way = _reading(model, x3, v, a, K)
     residual = torque[-1] - predicted - shift
     mean, expected, before, doubted = parts[MEAN_INDEX:STAGES_INDEX]
     early = parts[STAGES_INDEX:]
-    torques = _filtered(tau, [parts[ORDER + 1], *early[:TORQUE_STAGES]], STAGE_BANDWIDTH, h, fresh)[1:]
+    torques = _filtered(tau, [parts[FILTER_ORDER + 1], *early[:TORQUE_STAGES]], STAGE_BANDWIDTH, h, fresh)[1:]
     predictions = _filtered(predicted, early[TORQUE_STAGES:], STAGE_BANDWIDTH, h, fresh)
     age = ca.if_else(fresh, 0.0, state[-1] + h)
     # Before its memory is full, the mean is that of all samples since the filters settled.
-    gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, MEAN_SECONDS), 1e-9))
+    gain = 1.0 - ca.exp(-h / ca.fmax(ca.fmin(age - SETTLING_TIME_CONSTANTS / K, RUNNING_MEAN_SECONDS), 1e-9))
     young = age <= SETTLING_TIME_CONSTANTS / K
     mean = ca.if_else(young, residual, mean + ca.if_else(hold > 0.5, 0.0, gain) * (residual - mean))
     expected = ca.if_else(young, predicted, expected + gain * (predicted - expected))
-    before = ca.if_else(fresh, predicted, before + (1.0 - ca.exp(-h * K / ORDER)) * (predicted - before))
+    before = ca.if_else(fresh, predicted, before + (1.0 - ca.exp(-h * K / FILTER_ORDER)) * (predicted - before))
     # The friction of a reversal stays in the filters for a while.
-    doubt = ca.fmax(friction * ca.sqrt(ca.fmax(1.0 - way**2, 0.0)), ca.exp(-h * K / ORDER) * doubted)
+    doubt = ca.fmax(friction * ca.sqrt(ca.fmax(1.0 - way**2, 0.0)), ca.exp(-h * K / FILTER_ORDER) * doubted)
     doubt = ca.if_else(fresh, friction, doubt)
     following = ca.vertcat(*position, *torque, mean, expected, before, doubt, *torques, *predictions, age)
     changes = predicted - expected, predicted - before, doubt
@@ -252,7 +255,7 @@ def column_function(model: ArmModel) -> ca.Function:
     return ca.Function("columns", [q, v, a, K], outputs, ["q", "v", "a", "bandwidth"], ["load", "own", "way"])
 
 
-def compiled(model: ArmModel) -> tuple[Buffered, Buffered]:
+def compiled_functions(model: ArmModel) -> tuple[Buffered, Buffered]:
     """`observer_function` and `column_function`, as machine code if a C compiler is installed."""
     kept = without_memory(model)
     name = f"watch_{len(model.arm.joints)}"
@@ -267,9 +270,9 @@ def without_memory(model: ArmModel) -> ArmModel:
     Raises:
         InputError: a named effect has states, and remembers longer than F.
     """
-    late = {effect.name for effect in model.effects if depends_on_before(effect)}
+    late = {effect.name for effect in model.effects if depends_on_past(effect)}
     for effect in model.named_effects:
-        if effect.name in late and effect.name not in SHORT_DELAYS:
+        if effect.name in late and effect.name not in SHORT_DELAY_EFFECTS:
             raise InputError(
                 f"effect '{effect.name}' has a state of its own, which a watch of single samples lacks: repair the "
                 "model without it"
@@ -294,8 +297,8 @@ def _reading(
     model: ArmModel, q: Expression, v: Expression, a: Expression, K: Expression
 ) -> tuple[Expression, Expression, Expression]:
     """Predicted torques, size of the dry friction in them, and expected signs of the velocities, (nj,) each."""
-    creep = ca.DM([0.1 * CREEP if slides else CREEP for slides in model.arm.slides])
-    way = ca.erf(v / ca.sqrt(2.0 * (creep**2 + ORDER * (a / K) ** 2)))
+    creep = ca.DM([0.1 * CREEP_SPEED if slides else CREEP_SPEED for slides in model.arm.slides])
+    way = ca.erf(v / ca.sqrt(2.0 * (creep**2 + FILTER_ORDER * (a / K) ** 2)))
     links = [ca.SX(link) for link in model.link_parameters().values()]
     load = rigid_torques(model.arm.model, links, ca.SX(model.gravity()), q, v, a)
     added, gain, offset = _torques(model, q, v, a, load, way)

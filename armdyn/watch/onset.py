@@ -17,42 +17,44 @@ import numpy as np
 from scipy.special import gammainc
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.observer import PREDICTION_STAGES, SOURCES, STAGE_BANDWIDTH, TORQUE_STAGES
-from armdyn.watch.variances import variances
+from armdyn.watch.observer import PREDICTION_STAGES, STAGE_BANDWIDTH, TORQUE_STAGES, VARIANCE_SOURCES
+from armdyn.watch.variances import fitted_variance_factors
 
 ONSET_SECONDS = 0.03
 """Age of the step that the sum is tuned to, s; the remaining 20 of 50 ms are for the filter of a drive."""
-FIT_PASSES = 3
+ONSET_FIT_PASSES = 3
 """Alternating fits of w and of the variance of w'x; w changes little after two."""
-RIDGE = 1e-9
+ONSET_RIDGE_SHARE = 1e-9
 """Share of the mean variance that is added to each stage; the stages are nearly equal in slow motion."""
 
 
 @dataclass(frozen=True, eq=False)
-class Onset:
+class OnsetEstimator:
     """Estimator of the torque that began, for each joint.
 
     Attributes:
         weights: (nj, 14) w.
-        variance: (nj, 4) factors of the variance of w'x, see `Step.sources`; (N m)^2, 1, 1, 1.
+        variance: (nj, 4) factors of the variance of w'x, see `ObserverOutput.sources`; (N m)^2, 1, 1, 1.
     """
 
     weights: FloatArray
     variance: FloatArray
 
     @classmethod
-    def of(cls, stages: np.ndarray, sources: np.ndarray) -> "Onset":
+    def of(cls, stages: np.ndarray, sources: np.ndarray) -> "OnsetEstimator":
         """Fitted to a sound robot's stages (n, nj, 14) and sources of variance (n, nj, 4)."""
         count, joints, size = stages.shape
-        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, SOURCES))
+        step, weights, variance = step_response(), np.zeros((joints, size)), np.zeros((joints, VARIANCE_SOURCES))
         for j in range(joints):
             spread = np.ones(count)
-            for _ in range(FIT_PASSES):
+            for _ in range(ONSET_FIT_PASSES):
                 scaled = stages[:, j] / np.sqrt(spread)[:, None]
                 C = scaled.T @ scaled
-                w = np.linalg.solve(C + (RIDGE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step)
+                w = np.linalg.solve(
+                    C + (ONSET_RIDGE_SHARE * np.trace(C) / size + np.finfo(float).tiny) * np.eye(size), step
+                )
                 weights[j] = w / (step @ w)
-                variance[j] = variances((stages[:, j] @ weights[j])[:, None], sources[:, j : j + 1])[0]
+                variance[j] = fitted_variance_factors((stages[:, j] @ weights[j])[:, None], sources[:, j : j + 1])[0]
                 spread = sources[:, j] @ variance[j]
         return cls(weights, variance)
 

@@ -21,7 +21,7 @@ MIN_STRETCHES = 7
 """Least number of stretches for a tail; with three excesses the threshold is a hundred times their mean."""
 
 
-class Law(Protocol):
+class StatisticDistribution(Protocol):
     """Distribution of a statistic of a sound robot."""
 
     def threshold(self, per_hour: float) -> float:
@@ -30,7 +30,7 @@ class Law(Protocol):
 
 
 @dataclass(frozen=True)
-class Tail:
+class ExponentialTail:
     """Exponential tail; its equation stands at the top of this module.
 
     Attributes:
@@ -48,7 +48,7 @@ class Tail:
     power: int
 
     @classmethod
-    def of(cls, largest: np.ndarray, seconds: float, power: int) -> "Tail":
+    def of(cls, largest: np.ndarray, seconds: float, power: int) -> "ExponentialTail":
         """Fitted to the largest values (k,) of k >= `MIN_STRETCHES` stretches of `seconds` each; `power`: see above."""
         values = np.sort(largest**power)
         count = len(values) // 2
@@ -56,14 +56,14 @@ class Tail:
         return cls(start, float(np.mean(values[-count:] - start)), count, 1800.0 / seconds, power)
 
     def threshold(self, per_hour: float) -> float:
-        """See `Law`."""
+        """See `StatisticDistribution`."""
         rarer = max(self.rate / per_hour, 1.0)
         beyond = self.excess * self.count * float(np.expm1(np.log(rarer) / self.count))
         return float((self.start + beyond) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class GaussianDistribution:
     """Distribution of the root of the sum of `degrees` squared unit Gaussian errors; used without calibration.
 
     Attributes:
@@ -75,11 +75,11 @@ class Gaussian:
     degrees: int = 1
 
     def threshold(self, per_hour: float) -> float:
-        """See `Law`."""
+        """See `StatisticDistribution`."""
         return float(chi(self.degrees).isf(min(per_hour / self.values, 1.0)))
 
 
-def largest_of(values: np.ndarray, size: int) -> np.ndarray:
+def largest_of_stretches(values: np.ndarray, size: int) -> np.ndarray:
     """(k, m) largest of (n, m) values in each stretch of `size`; an incomplete last stretch is left out."""
     count = len(values) // size
     return np.asarray(values[: count * size].reshape(count, size, -1).max(axis=1))

@@ -10,19 +10,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import LOAD_PRIOR
-from armdyn.watch.event import Event, Kind, Reporter
-from armdyn.watch.observer import GAP, Step
-from armdyn.watch.sound import Sound
-from armdyn.watch.variances import Level
+from armdyn.watch.changes import LOAD_PRIOR_INFORMATION
+from armdyn.watch.event import EventKind, EventReporter, WatchEvent
+from armdyn.watch.fault_free import FaultFreeStatistics
+from armdyn.watch.observer import MAX_SAMPLE_GAP, ObserverOutput
+from armdyn.watch.variances import ErrorLevel
 
-LONGEST_TOUCH = 5.0
+MAX_CONTACT_SECONDS = 5.0
 """Longest contact, s; what lasts longer is treated as a change of load or robot."""
-END_SHARE = 0.5
+CONTACT_END_SHARE = 0.5
 """Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
-END_SECONDS = 0.3
+CONTACT_END_SECONDS = 0.3
 """Time below that share until the event ends, s; the filters of the onset have then forgotten its start."""
-REPEAT_SECONDS = 60.0
+REPEATED_REPORT_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
 
@@ -51,7 +51,7 @@ class _Open:
         largest: (nj,) largest contrast, N m or N.
         joint: index of the joint with the clearest evidence.
         doubted: whether it may be a load.
-        lasting: whether the contrast has exceeded `END_SHARE` of its threshold.
+        lasting: whether the contrast has exceeded `CONTACT_END_SHARE` of its threshold.
         reported: whether an event has reported it.
         gone: time at which it fell below that, s.
     """
@@ -67,7 +67,7 @@ class _Open:
     gone: float | None = None
 
 
-class Touches:
+class ContactDetector:
     """Detects outside torques by onset and contrast.
 
     Args:
@@ -76,30 +76,30 @@ class Touches:
         per_hour: false alarms per hour, for these events together.
     """
 
-    def __init__(self, reporter: Reporter, sound: Sound, per_hour: float) -> None:
+    def __init__(self, reporter: EventReporter, sound: FaultFreeStatistics, per_hour: float) -> None:
         self._report, self._sound = reporter, sound
         each = per_hour / len(reporter.joints) / (1 if sound.onset is None else 2)
         self.threshold, self._sudden = (
             np.array([law.threshold(each) for law in laws]) for laws in (sound.touch, sound.sudden)
         )
-        self._level = Level(sound.contrast)
-        self._onset_level = None if sound.onset is None else Level(sound.onset.variance)
+        self._level = ErrorLevel(sound.contrast)
+        self._onset_level = None if sound.onset is None else ErrorLevel(sound.onset.variance)
         self._open: _Open | None = None
         self._quiet = 0.0
         self._outlasted: FloatArray | None = None
         self._doubted = self._last = -np.inf
 
     @property
-    def going_on(self) -> bool:
+    def is_active(self) -> bool:
         """Whether an outside torque, or a possible load, acts now; the running mean is then held."""
         return self._open is not None
 
     @property
-    def surely_outside(self) -> bool:
+    def is_certainly_outside_torque(self) -> bool:
         """Whether it acts now and no load can explain it; the slow sums then wait."""
         return self._open is not None and not self._open.doubted
 
-    def limit(self, step: Step) -> FloatArray:
+    def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nj,) thresholds of the contrast, N m or N."""
         return np.asarray(self.threshold * self._level.std(step.sources))
 
@@ -107,7 +107,7 @@ class Touches:
         """Forget the present event at a time, s: it is explained, or the observer restarted."""
         self._open, self._outlasted, self._quiet = None, None, time
 
-    def take(self, step: Step, load: FloatArray, delay: float) -> list[Event]:
+    def process_sample(self, step: ObserverOutput, load: FloatArray, delay: float) -> list[WatchEvent]:
         """The events of one sample.
 
         Args:
@@ -117,50 +117,52 @@ class Touches:
         """
         contrast = _Excess(step.contrast, self._level.std(step.sources), self.threshold)
         seen = [contrast]
-        interval, self._last = min(max(step.time - self._last, 0.0), GAP), step.time
+        interval, self._last = min(max(step.time - self._last, 0.0), MAX_SAMPLE_GAP), step.time
         if self._open is None:
-            self._level.take(step.contrast, step.sources, interval)
+            self._level.update(step.contrast, step.sources, interval)
         if self._sound.onset is not None and self._onset_level is not None:
             began = self._sound.onset.estimate(step.stages)
             seen.append(_Excess(began, self._onset_level.std(step.sources), self._sudden))
             if self._open is None:
-                self._onset_level.take(began, step.sources, interval)
+                self._onset_level.update(began, step.sources, interval)
         if self._open is not None:
             return self._went_on(self._open, step, seen, load)
         clearest = max(seen, key=lambda each: float(each.ratio.max()))
         highest = float(clearest.ratio.max())
-        if highest < END_SHARE:
+        if highest < CONTACT_END_SHARE:
             self._quiet = step.time
         return self._begun(step, clearest, contrast, load, delay) if highest >= 1.0 else []
 
-    def _went_on(self, now: _Open, step: Step, seen: list[_Excess], load: FloatArray) -> list[Event]:
+    def _went_on(self, now: _Open, step: ObserverOutput, seen: list[_Excess], load: FloatArray) -> list[WatchEvent]:
         contrast = seen[0]
         left, most = (float(np.linalg.norm(each / contrast.std)) for each in (contrast.value, now.largest))
         if left > most:
             now.largest = contrast.value
-        shown = float(contrast.ratio.max()) >= END_SHARE
+        shown = float(contrast.ratio.max()) >= CONTACT_END_SHARE
         now.lasting |= shown
         if now.lasting:
-            there = shown and left > END_SHARE * most
+            there = shown and left > CONTACT_END_SHARE * most
         else:
             back = seen[-1].value[now.joint] * now.began
-            opposite = step.time - now.begun > END_SECONDS and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
+            opposite = step.time - now.begun > CONTACT_END_SECONDS and back < 0.0 and seen[-1].ratio[now.joint] >= 1.0
             there = now.gone is None and not opposite
         if there:
             now.gone = None
         elif now.gone is None:
             now.gone = step.time
-        elif step.time - now.gone > END_SECONDS:
+        elif step.time - now.gone > CONTACT_END_SECONDS:
             self._open, self._quiet = None, step.time
             return [self._ended(now, step, contrast)] if now.reported else []
-        if step.time - now.begun > LONGEST_TOUCH:
+        if step.time - now.begun > MAX_CONTACT_SECONDS:
             self._open, self._outlasted, self._quiet = None, now.largest, step.time
         elif now.doubted and not self._as_load(step, load, 1.0):
             now.doubted, now.reported, self._doubted = False, True, -np.inf
-            return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
+            return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
         return []
 
-    def _begun(self, step: Step, clearest: _Excess, contrast: _Excess, load: FloatArray, delay: float) -> list[Event]:
+    def _begun(
+        self, step: ObserverOutput, clearest: _Excess, contrast: _Excess, load: FloatArray, delay: float
+    ) -> list[WatchEvent]:
         joint, since, lasting = int(np.argmax(clearest.ratio)), self._quiet - delay, clearest is contrast
         if self._outlasted is not None:
             before, self._outlasted = self._outlasted, None
@@ -174,31 +176,31 @@ class Touches:
             step.time, since, float(clearest.value[joint]), contrast.value, joint, doubted, lasting
         )
         if not doubted:
-            return [self._event(Kind.OUTSIDE_TORQUE, now, step, contrast)]
-        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEAT_SECONDS, step.time
-        return [self._event(Kind.NOT_TOLD, now, step, contrast)] if now.reported else []
+            return [self._event(EventKind.OUTSIDE_TORQUE, now, step, contrast)]
+        now.reported, self._doubted = not 0.0 <= step.time - self._doubted < REPEATED_REPORT_SECONDS, step.time
+        return [self._event(EventKind.UNIDENTIFIED, now, step, contrast)] if now.reported else []
 
-    def _as_load(self, step: Step, load: FloatArray, share: float) -> bool:
+    def _as_load(self, step: ObserverOutput, load: FloatArray, share: float) -> bool:
         """Whether a load explains the residual: with the best load, less than a share of the threshold remains.
 
         The contrast does not serve for this: its running mean contains part of a load that was lifted just before.
         """
         std = np.sqrt((self._sound.residual * step.sources).sum(axis=1))
         X, r = load / std[:, None], step.residual / std
-        best = np.linalg.solve(X.T @ X + LOAD_PRIOR, X.T @ r)
+        best = np.linalg.solve(X.T @ X + LOAD_PRIOR_INFORMATION, X.T @ r)
         return bool((np.abs(r - X @ best) < share * self.threshold).all())
 
-    def _event(self, kind: Kind, now: _Open, step: Step, contrast: _Excess) -> Event:
-        torque = self._report.torque(now.joint, contrast.value[now.joint], contrast.std[now.joint])
+    def _event(self, kind: EventKind, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
+        torque = self._report.torque_estimate(now.joint, contrast.value[now.joint], contrast.std[now.joint])
         says = f"{torque} by now, since {now.since:.2f} s"
-        if kind is Kind.NOT_TOLD:
+        if kind is EventKind.UNIDENTIFIED:
             torque = replace(torque, what="outside_torque, payload")
             sentence = f"something touches the arm, or it took up a load; one moment cannot tell which: {says}."
         else:
             sentence = f"something outside acts on the arm: {says}."
         return self._report.event(kind, step.time, now.since, torque, sentence)
 
-    def _ended(self, now: _Open, step: Step, contrast: _Excess) -> Event:
-        torque = self._report.torque(now.joint, now.largest[now.joint], contrast.std[now.joint])
+    def _ended(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> WatchEvent:
+        torque = self._report.torque_estimate(now.joint, now.largest[now.joint], contrast.std[now.joint])
         sentence = f"what acted since {now.since:.2f} s is gone; it was {torque} at its largest."
-        return self._report.event(Kind.RECOVERED, step.time, now.since, torque, sentence)
+        return self._report.event(EventKind.RECOVERED, step.time, now.since, torque, sentence)

@@ -1,24 +1,24 @@
-"""Variance of a sound robot's error at each instant, from the sources in `Step.sources` and from recent errors."""
+"""Variance of a fault-free robot's error at each instant, from `ObserverOutput.sources` and from recent errors."""
 
 import numpy as np
 from scipy.optimize import nnls
 
 from armdyn.recording.channels import FloatArray
 
-LOCAL_SECONDS, MAX_RATIO = 3.0, 5.0
+RECENT_ERROR_SECONDS, MAX_ERROR_DEVIATES = 3.0, 5.0
 """Memory of recent errors, s; largest error that counts, in standard deviations. On three simulated arms 3 s and 10 s
 give the wanted rate of false alarms; without recent errors it is up to 30 times as high."""
 FIT_PASSES = 4
 """Iterations of the reweighted fit of variances; it changes by less than 1 % after three."""
-MIN_SHARE, MIN_VARIANCE = 1e-3, 1e-18
+MIN_NOISE_VARIANCE_SHARE, MIN_VARIANCE = 1e-3, 1e-18
 """Least share of the mean variance that is noise, and least variance, (N m)^2."""
 
 
-class Level:
-    """Standard deviation of each joint's error now, raised where errors of the last `LOCAL_SECONDS` were larger.
+class ErrorLevel:
+    """Standard deviation of each joint's error now, raised where errors of the last `RECENT_ERROR_SECONDS` were larger.
 
     Args:
-        variance: (nj, k) factors of the variance, see `Step.sources`.
+        variance: (nj, k) factors of the variance, see `ObserverOutput.sources`.
     """
 
     def __init__(self, variance: FloatArray) -> None:
@@ -29,14 +29,14 @@ class Level:
         by_source = (self._variance * sources).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(1.0, self._squares) * by_source))
 
-    def take(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
+    def update(self, error: FloatArray, sources: FloatArray, interval: float) -> None:
         """Update with a sound error (nj,), N m or N, `interval` s after the last one."""
         square = error**2 / (self._variance * sources).sum(axis=1)
-        share = 1.0 - np.exp(-interval / LOCAL_SECONDS)
-        self._squares = self._squares + share * (np.minimum(square, MAX_RATIO**2) - self._squares)
+        share = 1.0 - np.exp(-interval / RECENT_ERROR_SECONDS)
+        self._squares = self._squares + share * (np.minimum(square, MAX_ERROR_DEVIATES**2) - self._squares)
 
 
-def variances(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
+def fitted_variance_factors(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
     """(nj, k) factors v >= 0 of the variance sum_k v_k s_k of errors (n, nj) with sources s (n, nj, k).
 
     Non-negative least squares on the squared errors, each weighted by 1 over the square of its expected value.
@@ -47,6 +47,6 @@ def variances(errors: np.ndarray, sources: np.ndarray) -> np.ndarray:
         for _ in range(FIT_PASSES):
             weight = 1.0 / mean
             found[j] = nnls(sources[:, j] * weight[:, None], square * weight)[0]
-            found[j, 0] = max(found[j, 0], MIN_SHARE * float(square.mean()), MIN_VARIANCE)
+            found[j, 0] = max(found[j, 0], MIN_NOISE_VARIANCE_SHARE * float(square.mean()), MIN_VARIANCE)
             mean = sources[:, j] @ found[j]
     return found

@@ -8,16 +8,23 @@ import numpy as np
 from armdyn.arm.model import ArmModel
 from armdyn.identify.selection.set_score import TIE_NATS
 from armdyn.recording.channels import FloatArray
-from armdyn.watch.changes import JOINT_CHANGES, SLIDING_UNITS, UNITS, WINDOW_SIZES, Blocks, Sums
-from armdyn.watch.event import Estimate, Event, Kind, Reporter
-from armdyn.watch.observer import Observer, Step, compiled
-from armdyn.watch.sound import Sample, Sound
-from armdyn.watch.touch import Touches
+from armdyn.watch.changes import (
+    JOINT_CHANGE_UNITS,
+    JOINT_CHANGES,
+    SLIDING_JOINT_CHANGE_UNITS,
+    WINDOW_SIZES,
+    BlockSums,
+    MotionBlocks,
+)
+from armdyn.watch.event import ChangeEstimate, EventKind, EventReporter, WatchEvent
+from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
+from armdyn.watch.observer import Observer, ObserverOutput, compiled_functions
+from armdyn.watch.touch import ContactDetector
 
-CLEAN_BLOCKS = 7
+BLOCKS_AFTER_DETECTION = 7
 """Blocks to wait after detection in a window of at most this length, so that the whole window lies after the change."""
 MAX_WAIT_BLOCKS = 21
-"""Longest wait, in blocks, for the motion to identify a detected change; then `Kind.NOT_TOLD` is reported."""
+"""Longest wait, in blocks, for the motion to identify a detected change; then `EventKind.UNIDENTIFIED` is reported."""
 LOAD_PARAMETERS = 4
 """Number of a load's parameters: mass, kg, and mass times position (3), kg m."""
 
@@ -39,7 +46,7 @@ class _Alarm:
 
     window: int
     since: float
-    torque: Estimate
+    torque: ChangeEstimate
 
 
 class Watch:
@@ -56,13 +63,13 @@ class Watch:
         latest: the observer's last output.
     """
 
-    def __init__(self, model: ArmModel, sound: Sound, per_hour: float) -> None:
+    def __init__(self, model: ArmModel, sound: FaultFreeStatistics, per_hour: float) -> None:
         joints = model.arm.joints
         self.model, self.sound = model, sound
-        self._report = Reporter(model, per_hour)
+        self._report = EventReporter(model, per_hour)
         self.observer = Observer(model, sound.bandwidth)
-        self.touches = Touches(self._report, sound, per_hour / 2.0)
-        self._blocks = Blocks(compiled(model)[1], sound.residual)
+        self.touches = ContactDetector(self._report, sound, per_hour / 2.0)
+        self._blocks = MotionBlocks(compiled_functions(model)[1], sound.residual)
         share = per_hour / 4.0
         self._load_threshold = sound.load.threshold(share) if sound.load is not None else np.inf
         laws, each = sound.own or (), share / (len(joints) * len(JOINT_CHANGES))
@@ -73,14 +80,14 @@ class Watch:
         self._alarm: _Alarm | None = None
         self._waited = 0
         self._refining: _Change | None = None
-        self.latest: Step | None = None
+        self.latest: ObserverOutput | None = None
 
-    def all(self, samples: Iterable[Sample]) -> Iterator[Event]:
+    def events_of(self, samples: Iterable[JointSample]) -> Iterator[WatchEvent]:
         """The events of successive samples."""
         for sample in samples:
-            yield from self.take(*sample)
+            yield from self.process_sample(*sample)
 
-    def take(self, time: float, q: FloatArray, tau: FloatArray) -> list[Event]:
+    def process_sample(self, time: float, q: FloatArray, tau: FloatArray) -> list[WatchEvent]:
         """The events of one sample.
 
         Args:
@@ -88,21 +95,21 @@ class Watch:
             q: (nj,) positions, rad or m; nan where one is missing.
             tau: (nj,) measured torques, N m or N; likewise.
         """
-        self.observer.hold = self.touches.going_on
-        step = self.observer.take(time, q, tau, self._shift)
+        self.observer.mean_is_held = self.touches.is_active
+        step = self.observer.process_sample(time, q, tau, self._shift)
         if step is None:
             return []
         self.latest = step
         if not step.settled:
             self.touches.reset(time)
             return []
-        events: list[Event] = []
-        going_on = self.touches.surely_outside
-        if self._blocks.due(time):
+        events: list[WatchEvent] = []
+        going_on = self.touches.is_certainly_outside_torque
+        if self._blocks.is_due(time):
             bandwidth = self.observer.bandwidth
-            complete = not going_on and self._blocks.take(step, bandwidth)
+            complete = not going_on and self._blocks.add_sample(step, bandwidth)
             if going_on:
-                self._blocks.take_columns(step, bandwidth)
+                self._blocks.update_columns(step, bandwidth)
             before = self._shift = self._known()
             if complete:
                 events += self._changes(time)
@@ -112,10 +119,10 @@ class Watch:
                     self.observer.restart_mean(step.residual - (self._shift - before))
                     self.touches.reset(time)
                     return events
-        events += self.touches.take(step, self._blocks.load, self.observer.delay)
-        if self.touches.surely_outside and not going_on:
+        events += self.touches.process_sample(step, self._blocks.load, self.observer.delay)
+        if self.touches.is_certainly_outside_torque and not going_on:
             self._blocks.drop_partial()  # it contains samples from before the detection
-        if going_on and not self.touches.surely_outside:
+        if going_on and not self.touches.is_certainly_outside_torque:
             self._blocks.clear()
         return events
 
@@ -123,9 +130,9 @@ class Watch:
         """(nj,) torque of the reported changes at the last sample, N m or N."""
         return np.asarray(self._blocks.load @ self._load + (self._blocks.own * self._own).sum(axis=1))
 
-    def _changes(self, time: float) -> list[Event]:
+    def _changes(self, time: float) -> list[WatchEvent]:
         """The events that the last blocks of motion give, at a time, s."""
-        blocks = Sums.stacked(list(self._blocks.sums))
+        blocks = BlockSums.stacked(list(self._blocks.sums))
         if self._refining is not None:
             self._refine(blocks)
             return []
@@ -135,26 +142,29 @@ class Watch:
         elif best is None:
             return []
         else:
-            self._alarm, self._waited = self._noticed(best, blocks), 0 if best.window <= CLEAN_BLOCKS else CLEAN_BLOCKS
-        if self._waited < CLEAN_BLOCKS:
+            self._alarm, self._waited = (
+                self._noticed(best, blocks),
+                0 if best.window <= BLOCKS_AFTER_DETECTION else BLOCKS_AFTER_DETECTION,
+            )
+        if self._waited < BLOCKS_AFTER_DETECTION:
             return []
         # At detection a short window contains motion before the change; now all of it may lie after the change.
-        after, others = self._best(blocks, [w for w in self.sound.baselines if w <= CLEAN_BLOCKS])
+        after, others = self._best(blocks, [w for w in self.sound.baselines if w <= BLOCKS_AFTER_DETECTION])
         if after is not None:
             best, rivals = after, others
         alarm = self._alarm
         if best is None:
             self._alarm = None
-            return [self._passed(time, alarm)] if alarm.window <= CLEAN_BLOCKS else []
+            return [self._passed(time, alarm)] if alarm.window <= BLOCKS_AFTER_DETECTION else []
         others = [each for each in rivals if best.evidence - each.evidence < TIE_NATS]
         if all(each.joint == best.joint for each in others):
             self._alarm = None
             return [self._identified(time, alarm.since, best, others, blocks)]
         return [self._undecided(time, alarm.since, best, others, blocks)] if self._waited == MAX_WAIT_BLOCKS else []
 
-    def _best(self, blocks: Sums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
+    def _best(self, blocks: BlockSums, windows: Iterable[int]) -> tuple[_Change | None, list[_Change]]:
         """The best change in the window with the highest score, and its rivals; None below the threshold."""
-        found: tuple[int, Sums] | None = None
+        found: tuple[int, BlockSums] | None = None
         highest = 1.0
         for window in windows:
             if len(blocks.load) < window:
@@ -172,7 +182,7 @@ class Watch:
         load, own = baseline.scores(sums)
         of_load, each = baseline.explained(sums)
         # Evidence in nats: half the fall of chi2 over its sound mean, less half log(blocks) per parameter (BIC).
-        alike, cost = baseline.spread + float(baseline.own_spread.mean()), 0.5 * float(np.log(chosen))
+        alike, cost = baseline.spread + float(baseline.joints_spread.mean()), 0.5 * float(np.log(chosen))
         every = [_Change(-1, 0, chosen, float(load), float(of_load) / alike - LOAD_PARAMETERS * cost)]
         every += [
             _Change(int(j), int(k), chosen, float(own[j, k]), float(each[j, k]) / alike - cost)
@@ -183,7 +193,9 @@ class Watch:
             return None, []
         return best, [change for change in every if change is not best]
 
-    def _identified(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _identified(
+        self, time: float, since: float, best: _Change, others: list[_Change], blocks: BlockSums
+    ) -> WatchEvent:
         """Report a change, and subtract it from now on."""
         found, sums = self._size(best, blocks)
         before = self._load[0] if best.joint < 0 else self._own[best.joint, best.kind]
@@ -192,7 +204,7 @@ class Watch:
         total = before + found.size
         over = before != 0.0 and abs(total) < 0.5 * abs(before)
         self._refining = best
-        kind = Kind.RECOVERED if over else Kind.LOAD_CHANGED if best.joint < 0 else Kind.ROBOT_CHANGED
+        kind = EventKind.RECOVERED if over else EventKind.LOAD_CHANGED if best.joint < 0 else EventKind.ROBOT_CHANGED
         tied = [JOINT_CHANGES[each.kind] for each in others]
         if best.joint < 0:
             says = f"the tool carries {found}"
@@ -206,48 +218,52 @@ class Watch:
         )
         return self._report.event(kind, time, since, stated, f"{says}; since {since:.1f} s.")
 
-    def _noticed(self, best: _Change, blocks: Sums) -> _Alarm:
+    def _noticed(self, best: _Change, blocks: BlockSums) -> _Alarm:
         sums, baseline = blocks.select(slice(-best.window, None)).total, self.sound.baselines[best.window]
         offset = JOINT_CHANGES.index("torque_offset")
         joint = best.joint if best.joint >= 0 else int(np.argmax(baseline.scores(sums)[1][:, offset]))
-        since = self._blocks.begins[-best.window]
-        return _Alarm(best.window, since, self._report.torque(joint, *baseline.own_change(sums, joint, offset)))
+        since = self._blocks.start_times[-best.window]
+        return _Alarm(
+            best.window, since, self._report.torque_estimate(joint, *baseline.joint_change(sums, joint, offset))
+        )
 
-    def _passed(self, time: float, alarm: _Alarm) -> Event:
+    def _passed(self, time: float, alarm: _Alarm) -> WatchEvent:
         """Report a past outside torque that was too small or too slow for immediate detection."""
         sentence = (
             f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
             "average, and is gone."
         )
-        return self._report.event(Kind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
+        return self._report.event(EventKind.OUTSIDE_TORQUE, time, alarm.since, alarm.torque, sentence)
 
-    def _undecided(self, time: float, since: float, best: _Change, others: list[_Change], blocks: Sums) -> Event:
+    def _undecided(
+        self, time: float, since: float, best: _Change, others: list[_Change], blocks: BlockSums
+    ) -> WatchEvent:
         found, _ = self._size(best, blocks)
         names = dict.fromkeys(self._name(each) for each in (best, *others))
         either = " or ".join(names)
         sentence = f"something changed, and this motion does not tell what: {either}; since {since:.1f} s."
-        return self._report.event(Kind.NOT_TOLD, time, since, replace(found, what=", ".join(names)), sentence)
+        return self._report.event(EventKind.UNIDENTIFIED, time, since, replace(found, what=", ".join(names)), sentence)
 
     def _name(self, change: _Change) -> str:
         return "payload" if change.joint < 0 else f"{JOINT_CHANGES[change.kind]}[{self.model.arm.joints[change.joint]}]"
 
-    def _size(self, change: _Change, blocks: Sums) -> tuple[Estimate, Sums]:
+    def _size(self, change: _Change, blocks: BlockSums) -> tuple[ChangeEstimate, BlockSums]:
         sums, baseline = blocks.select(slice(-change.window, None)).total, self.sound.baselines[change.window]
         if change.joint < 0:
             load, std = baseline.load_change(sums)
-            return Estimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
-        units = SLIDING_UNITS if self.model.arm.slides[change.joint] else UNITS
-        found = baseline.own_change(sums, change.joint, change.kind)
-        return Estimate(change.joint, *found, units[change.kind], JOINT_CHANGES[change.kind]), sums
+            return ChangeEstimate(self._carried, float(load[0]), float(std[0]), "kg", "payload"), sums
+        units = SLIDING_JOINT_CHANGE_UNITS if self.model.arm.slides[change.joint] else JOINT_CHANGE_UNITS
+        found = baseline.joint_change(sums, change.joint, change.kind)
+        return ChangeEstimate(change.joint, *found, units[change.kind], JOINT_CHANGES[change.kind]), sums
 
-    def _count_in(self, change: _Change, sums: Sums) -> None:
+    def _count_in(self, change: _Change, sums: BlockSums) -> None:
         baseline = self.sound.baselines[change.window]
         if change.joint < 0:
             self._load = self._load + baseline.load_change(sums)[0]
         else:
-            self._own[change.joint, change.kind] += baseline.own_change(sums, change.joint, change.kind)[0]
+            self._own[change.joint, change.kind] += baseline.joint_change(sums, change.joint, change.kind)[0]
 
-    def _refine(self, blocks: Sums) -> None:
+    def _refine(self, blocks: BlockSums) -> None:
         """Correct the size of a reported change with the blocks after it, without an event."""
         change = self._refining
         largest = max(

@@ -29,7 +29,7 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 hidden_pendulum = hidden_table.generator("pendulum")
@@ -54,8 +54,8 @@ def recordings(
             return pickle.load(stream)
     rng = np.random.default_rng([seed, zlib.crc32(label.encode())])
     mass, length = rng.uniform(0.06, 0.12), rng.uniform(0.30, 0.45)
-    weighed = Known(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
-    measured = Known(length + 1e-3 * rng.normal(), 1e-3, "m")
+    weighed = KnownQuantity(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
+    measured = KnownQuantity(length + 1e-3 * rng.normal(), 1e-3, "m")
     runs = []
     for k in range(count):
         setup = hidden_pendulum.Setup(

@@ -34,9 +34,9 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
-from armdyn.inspection.arm import Description
+from armdyn.inspection.arm import DescriptionCorrection
 from armdyn.inspection.check import Check, Inspection, Severity
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Run, read_run
@@ -78,7 +78,7 @@ def judged(mistake: object, sound: Run, answer: Inspection) -> Answer:
     correction = answer.corrected().get(mistake.run.name)
     undone = None
     if any(c.correction is not None for c in hits):
-        undone = correction is not None and _same(correction.of(mistake.run), sound)
+        undone = correction is not None and _same(correction.applied_to(mistake.run), sound)
     return Answer(mistake.name, bool(hits) and not others, undone, said)
 
 
@@ -100,7 +100,9 @@ def _same(run: Run, sound: Run) -> bool:
 
 def as_written(model: ArmModel, mass: float, length: float) -> ArmModel:
     """The model of a description in other units."""
-    robot = replace(model.arm.robot, model=Description(mass=mass, length=length).of(model.arm.model))
+    robot = replace(
+        model.arm.robot, model=DescriptionCorrection(mass=mass, length=length).corrected_model(model.arm.model)
+    )
     return replace(model, arm=replace(model.arm, robot=robot))
 
 
@@ -112,7 +114,7 @@ def of_arm(robot: str, seed: int) -> Iterator[Answer]:
     mistakes = [*made.of_arms(sound, seed), *made.of_signals(sound, np.random.default_rng(seed))]
     for mistake in (*mistakes, *made.mounted(robot, real, seed)):
         described = model if mistake.urdf == (1.0, 1.0) else as_written(model, *mistake.urdf)
-        yield judged(mistake, sound.run, inspected([mistake.run], described))
+        yield judged(mistake, sound.run, inspect_runs([mistake.run], described))
 
 
 def of_pendulum(kind: int, seed: int) -> Iterator[Answer]:
@@ -120,7 +122,7 @@ def of_pendulum(kind: int, seed: int) -> Iterator[Answer]:
     driven, channels = PENDULUMS[kind]
     sound = recorded.pendulum(REAL[seed % len(REAL)], seed, driven=driven, channels=channels)
     for mistake in (*made.of_pendulums(sound, seed), *made.of_signals(sound, np.random.default_rng(seed))):
-        yield judged(mistake, sound.run, inspected([mistake.run], pendulum_model(0.35, 0.1)))
+        yield judged(mistake, sound.run, inspect_runs([mistake.run], pendulum_model(0.35, 0.1)))
 
 
 def sound_runs(robots: list[str], seeds: int) -> Iterator[tuple[str, Model, Run]]:
@@ -159,7 +161,7 @@ def cost_of(model: Model, run: Run) -> float:
     begun = time.process_time()
     compare(Study.of(model, [run], [], catalogue))
     between = time.process_time()
-    inspected([run], model, catalogue)
+    inspect_runs([run], model, catalogue)
     return (time.process_time() - between) / (between - begun)
 
 
@@ -194,12 +196,12 @@ def main() -> int:
     )  # fmt: skip
     wrong, suspect, sound, costs = 0, 0, 0, []
     for name, model, run in sound_runs(robots, 1 if options.quick else seeds):
-        wrong, suspect, sound = _counted(name, inspected([run], model), wrong, suspect, sound)
+        wrong, suspect, sound = _counted(name, inspect_runs([run], model), wrong, suspect, sound)
     real_wrong, real_suspect, real = 0, 0, 0
     if options.data.is_dir() and not options.quick:
         for name, model, run in recorded_runs(options.data):
             costs.append(cost_of(model, run))
-            real_wrong, real_suspect, real = _counted(name, inspected([run], model), real_wrong, real_suspect, real)
+            real_wrong, real_suspect, real = _counted(name, inspect_runs([run], model), real_wrong, real_suspect, real)
     print(f"\nsound, generated: {wrong} wrong, {suspect} suspect of {sound}")
     print(f"sound, recorded: {real_wrong} wrong, {real_suspect} suspect of {real}")
     rate, mended = sum(found.values()) / len(answers), float(np.mean([a.undone for a in undone]))
@@ -238,9 +240,9 @@ def _told(where: str, answers: Iterator[Answer]) -> Iterator[Answer]:
 
 
 def _counted(name: str, found: Inspection, wrong: int, suspect: int, sound: int) -> tuple[int, int, int]:
-    for check in (*found.wrong, *found.of(Severity.SUSPECT)):
+    for check in (*found.wrong, *found.with_severity(Severity.SUSPECT)):
         print(f"{name}: {check.severity.key} {check.kind}: {check.sentence[:160]}", flush=True)
-    doubtful = bool(found.of(Severity.SUSPECT)) and found.usable
+    doubtful = bool(found.with_severity(Severity.SUSPECT)) and found.usable
     return wrong + (not found.usable), suspect + doubtful, sound + 1
 
 

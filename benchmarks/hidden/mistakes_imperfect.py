@@ -27,7 +27,7 @@ import numpy as np
 
 from armdyn.arm.model import arm_model
 from armdyn.inspection.check import Inspection, Severity
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Run
@@ -65,14 +65,14 @@ def worlds(count: int, arm_count: int, first: int) -> Iterator[tuple[str, Model,
 
 def judged(mistake: object, sound: Run, model: Model) -> Answer:
     """Whether an inspection names a mistake, and whether its correction gives the sound recording back."""
-    answer = inspected([mistake.run], model)
+    answer = inspect_runs([mistake.run], model)
     right = [c for c in answer.checks if c.kind in mistake.kinds and c.severity is not Severity.NOTE]
     found = bool(right) and all(c.kind in mistake.kinds for c in answer.wrong)
     sure = found and bool(answer.wrong)
     correction = answer.corrected().get(mistake.run.name)
     mended = None
     if mistake.undone and sure:
-        mended = correction is not None and _alike(correction.of(mistake.run), sound, model)
+        mended = correction is not None and _alike(correction.applied_to(mistake.run), sound, model)
     if not found or mended is False:
         said = "; ".join(f"{c.severity.key} {c.kind}: {c.sentence[:90]}" for c in answer.checks[:3])
         print(f"  {mistake.name}: {'not mended' if found else 'not found'}: {said or 'nothing'}", flush=True)
@@ -81,7 +81,7 @@ def judged(mistake: object, sound: Run, model: Model) -> Answer:
 
 def _alike(run: Run, sound: Run, model: Model) -> bool:
     """Whether a mended recording is sound, and its channels have the sound one's values at times that fit together."""
-    if not inspected([run], model).usable:
+    if not inspect_runs([run], model).usable:
         return False
     shifts = []
     for name, channel in sound.channels.items():
@@ -94,7 +94,7 @@ def _alike(run: Run, sound: Run, model: Model) -> bool:
 
 
 def _doubtful(found: Inspection) -> bool:
-    return any(c.kind != "no_motion" for c in found.of(Severity.SUSPECT))
+    return any(c.kind != "no_motion" for c in found.with_severity(Severity.SUSPECT))
 
 
 def main() -> int:
@@ -109,9 +109,9 @@ def main() -> int:
     answers: list[Answer] = []
     wrong = doubtful = sound = 0
     for name, model, run, mistakes in worlds(options.pendulums, options.arms, options.first_seed):
-        twin = inspected([run], model)
+        twin = inspect_runs([run], model)
         wrong, doubtful, sound = wrong + (not twin.usable), doubtful + _doubtful(twin), sound + 1
-        said = "; ".join(c.sentence[:90] for c in (*twin.wrong, *twin.of(Severity.SUSPECT)))
+        said = "; ".join(c.sentence[:90] for c in (*twin.wrong, *twin.with_severity(Severity.SUSPECT)))
         print(f"{name}: {said or 'sound'}", flush=True)
         answers += [judged(mistake, run, model) for mistake in mistakes]
     asked = Counter(a.name for a in answers)

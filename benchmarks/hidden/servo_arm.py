@@ -34,7 +34,7 @@ import numpy as np
 from generated_arm import judged
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import roll_outs, rolled
+from armdyn.arm.rollout import roll_outs, simulated_positions
 from armdyn.checked_study import CheckedStudy
 from armdyn.errors import InputError
 from armdyn.inspection.check import WrongRecordingError
@@ -107,7 +107,7 @@ def exported_errors(seed: int) -> list[float]:
     mended = mended.with_only([effect.name for effect in mended.effects if effect.name in HELD["mujoco"]])
     text = mujoco_text(mended)[0]
     there = [in_mujoco.errors_in_mujoco(text, mended, held_out, step) for step in (SHORT, None)]
-    own = [rolled(mended, mended.theta(), w) - w.q for w in in_mujoco.stretches(mended, held_out)]
+    own = [simulated_positions(mended, mended.theta(), w) - w.q for w in in_mujoco.stretches(mended, held_out)]
     return [float(np.sqrt(np.mean(errors**2))) for errors in (*there, np.vstack(own))]
 
 

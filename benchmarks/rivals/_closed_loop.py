@@ -10,7 +10,7 @@ from armdyn.control.sac import SacSettings, SacState, SequentialActionControl
 from armdyn.identify.estimator import Estimate, Estimator, Minimise
 from armdyn.identify.least_squares import descend
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import gripper_path
 from armdyn.run import Channel, Run
 
 DT = 0.01
@@ -115,6 +115,6 @@ def held(gripper: np.ndarray) -> Motion:
 
 
 def _now(model: PendulumModel, run: Run, x: float, v: float) -> SacState:
-    rollout = model.rollout(run_path(run), model.theta(), channels=("load_force",))
+    rollout = model.rollout(gripper_path(run), model.theta(), channels=("load_force",))
     sensitivity = rollout.state_sensitivities[:, model.physics_names.index("length")]
     return SacState(float(run.channels["load_force"].time[-1]), x, v, rollout.states[-1], sensitivity)

@@ -11,7 +11,7 @@ from _rival_fits import NAMES, Data, Fit, over_windows, with_floats
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.estimator import Estimate, Estimator
 from armdyn.pendulum.model import PendulumModel, pendulum_model
-from armdyn.recording.gaps import until
+from armdyn.recording.gaps import run_until
 from armdyn.run import Channel, Run
 
 MOTION = sum_of_cosines((0.04, 0.012), (0.6, 1.15))
@@ -50,7 +50,7 @@ class Scenario:
         """By armdyn."""
         estimator, begin = Estimator(self.model, {"load_force": NOISE}), self.run.channels["load_force"].time[0]
         for window in WINDOWS if self.windows else ():
-            estimator.update(until(self.run, begin + window))
+            estimator.update(run_until(self.run, begin + window))
         return estimator.update(self.run)
 
     def theirs(self, fit: Fit) -> np.ndarray:

@@ -24,7 +24,7 @@ from _rival_fits import NAMES, Fit, with_arrays, with_floats, with_scipy
 
 from armdyn.identify.estimator import Estimate, Estimator
 from armdyn.identify.least_squares import descend
-from armdyn.recording.gaps import until
+from armdyn.recording.gaps import run_until
 
 METHODS = {"levenberg_marquardt": descend, "gradient_descent": gradient_descent}
 OURS, OURS_VM = "armdyn", "armdyn, no C compiler"
@@ -147,7 +147,7 @@ def convergence(guesses: np.ndarray, seeds: int) -> list[dict[str, object]]:
                 run = recording(weak + NOISE * np.random.default_rng(seed).normal(size=len(TIME)))
                 estimator = Estimator(simple_model(guess), {"load_force": NOISE}, METHODS[method])
                 for end in np.arange(1.0, 6.01, 0.5):
-                    estimate = estimator.update(until(run, end))
+                    estimate = estimator.update(run_until(run, end))
                 found["fixed"].append(arrived(estimate))
             row[method] = {k: float(np.mean(v)) for k, v in found.items()} | {
                 "evaluations": float(np.mean(evaluations))

@@ -27,7 +27,7 @@ from armdyn.errors import InputError
 from armdyn.identify.estimator import covariance
 from armdyn.identify.problem import Problem
 from armdyn.pendulum.model import PendulumModel, pendulum_model
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import gripper_path
 from armdyn.run import Run
 
 LENGTH, MASS, NOISE, DURATION = 0.368, 0.08, 0.005, 6.0
@@ -94,7 +94,7 @@ def measure(gripper: np.ndarray) -> Measures:
     """Of x, v, a (3, n) at `TIME`."""
     model = pendulum_model(LENGTH, MASS)
     run = recording(gripper, np.zeros(len(TIME)))
-    outputs = model.rollout(run_path(run), model.theta(), channels=("load_force", "swing_angle")).outputs
+    outputs = model.rollout(gripper_path(run), model.theta(), channels=("load_force", "swing_angle")).outputs
     information = float(fisher_information(model, run, ("length",))[0, 0])
     names = ("length", "mass", *(parameter for parameter, _, _ in NUISANCES.values()))
     try:

@@ -17,7 +17,7 @@ import numpy as np
 from _numpy_sac import NumpyControl
 from _pendulum import Pendulum
 
-from armdyn.control.questions import Question, information, separation
+from armdyn.control.questions import MotionObjective, information_objective, separation_objective
 from armdyn.control.sac import SacAction, SacSettings, SacState, SequentialActionControl
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.pendulum.model import PendulumModel, pendulum_model
@@ -61,7 +61,7 @@ def armdyn_once() -> float:
 def several() -> tuple[SequentialActionControl, list[SacState], PendulumModel]:
     """Length, mass and drag at once, each with the others unknown."""
     model = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
-    question = information(("length", "mass", "linear_drag.coefficient"))
+    question = information_objective(("length", "mass", "linear_drag.coefficient"))
     return SequentialActionControl(model, question=question), informed(question), model
 
 
@@ -71,17 +71,17 @@ def rivals() -> tuple[SequentialActionControl, list[SacState], PendulumModel, Pe
     drag = pendulum_model(LENGTH, MASS, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
     name = "pivot_viscous_friction.coefficient"
     pivot = pendulum_model(LENGTH, MASS, [CATALOGUE["pivot_viscous_friction"]]).with_values({name: 7e-4})
-    question = separation(("length", "mass", name))
+    question = separation_objective(("length", "mass", name))
     return SequentialActionControl(drag, question=question, rival=pivot), informed(question), drag, pivot
 
 
-def informed(question: Question) -> list[SacState]:
+def informed(question: MotionObjective) -> list[SacState]:
     """The same situations after a few seconds, with what is known then."""
     rng, states = np.random.default_rng(3), []
     for state in situations():
         psi = rng.normal(size=(2, len(question.parameters))) * [[0.5], [0.02]]
-        root = 10.0 * rng.normal(size=(question.size, question.size))
-        gram = root @ root.T + 100.0 * np.eye(question.size)
+        root = 10.0 * rng.normal(size=(question.signal_count, question.signal_count))
+        gram = root @ root.T + 100.0 * np.eye(question.signal_count)
         at = (state.time, state.x, state.v, state.pendulum)
         if question.rivals:
             states.append(SacState(*at, np.zeros((2, 0)), 1.02 * state.pendulum, psi, gram))

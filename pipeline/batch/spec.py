@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from armdyn.errors import InputError, UnknownNameError, at
-from armdyn.recording.sidecar import utc
+from armdyn.recording.sidecar import utc_time
 from armdyn.toml_file import read_toml
 from pipeline.batch.change import FALSE_ALARM_RATE
 from pipeline.batch.times import Clock, TimeFrom, When, is_form, seen_from
@@ -154,7 +154,7 @@ def _items(entry: _Recordings, where: str, folder: Path, clock: Clock) -> Iterat
     runs = [entry.runs] if isinstance(entry.runs, str) else entry.runs
     if ROBOT not in entry.model and any(ROBOT in run for run in (*runs, *entry.calibrate)):
         raise InputError(f"{where}: runs: {ROBOT} stands for what it is in `model`, which lacks it: write it there")
-    times = {name: utc(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
+    times = {name: utc_time(value, f"{where}: times: '{name}'") for name, value in entry.times.items()}
     named: set[str] = set()
     for robot, model in _models(entry.model, where, folder):
         sound = tuple(path for run in entry.calibrate for path in _runs(run, robot, f"{where}: calibrate", folder))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.checked_study import ModelWithCatalogue
     from armdyn.run import Run
-    from armdyn.watch.sound import Sound
+    from armdyn.watch.fault_free import FaultFreeStatistics
 
 FALSE_ALARMS_PER_HOUR = 0.01
 """Of a watch."""
@@ -167,28 +167,30 @@ def _found(job: Job) -> dict[str, Any]:
 
 
 def _events(job: Job, run: "Run") -> tuple[str, ...]:
-    from armdyn.watch.sound import samples_of
+    from armdyn.watch.fault_free import samples_of
     from armdyn.watch.watch import Watch
 
     model, sound = _sound(job.model, job.model_key, job.effects, job.calibrate)
-    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).all(samples_of(model.reading(run), model))
+    found = Watch(model, sound, FALSE_ALARMS_PER_HOUR).events_of(samples_of(model.reading(run), model))
     return tuple(f"{event.time:.2f} s: {event.sentence}" for event in found)
 
 
 @lru_cache(maxsize=4)
-def _sound(path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ...]) -> "tuple[ArmModel, Sound]":
+def _sound(
+    path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ...]
+) -> "tuple[ArmModel, FaultFreeStatistics]":
     """An arm's model, and what its sound recordings say; cached while one arm's recordings follow each other.
 
     Raises:
         InputError: the model is no arm's, or the recordings are too short.
     """
-    from armdyn.watch.sound import measured_sound
+    from armdyn.watch.fault_free import statistics_of_recordings
     from pipeline.watch.sources import runs_of, sample_sources
 
     model = _known(path, key, effects).file.model.as_arm()
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
-    return model, measured_sound(model, sample_sources(model, runs_of(model, calibrate)))
+    return model, statistics_of_recordings(model, sample_sources(model, runs_of(model, calibrate)))
 
 
 @lru_cache(maxsize=64)

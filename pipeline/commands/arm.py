@@ -110,7 +110,7 @@ def _ellipsoid(title: str, ellipsoid: "Ellipsoid | None") -> list[Section]:
 
 def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
     """JSON ``armdyn.arm/1`` of the arm's dynamics; infinite values, which JSON lacks, become null."""
-    from armdyn.arm.posture import PER_LINK
+    from armdyn.arm.posture import LINK_PARAMETER_NAMES
     from pipeline.fields import fields
 
     positions, torques = zip(*_units(robot), strict=True)
@@ -125,7 +125,7 @@ def _as_json(robot: "Robot", posture: "ArmPosture") -> dict[str, Any]:
         "tool_link": robot.tool_frame,
         "tool_offset": robot.tool_offset.tolist(),
         **fields(posture, f"tool_position tool_rotation {posed}"),
-        "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in PER_LINK],
+        "parameter_names": [f"{joint}.{name}" for joint in robot.joint_names for name in LINK_PARAMETER_NAMES],
         **fields(posture, "parameters jacobian manipulability"),
         **{
             f"{name}_ellipsoid": ellipsoid

@@ -25,7 +25,7 @@ from pipeline.console.screen import finish, spinner
 if TYPE_CHECKING:
     from armdyn.arm.model import ArmModel
     from armdyn.effects.effect import Effect
-    from armdyn.experiments.goal import Goal
+    from armdyn.experiments.goal import MotionGoal
 
 PANEL = "Motions of an arm"
 
@@ -107,17 +107,19 @@ def excite(
     return 0
 
 
-def _goal(model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float) -> "Goal":
+def _goal(
+    model: "ArmModel", wanted: str | None, rivals: str | None, effects_file: Path | None, rate: float
+) -> "MotionGoal":
     from armdyn.effects.user import load_effects
-    from armdyn.experiments.goal import determining, separating
+    from armdyn.experiments.goal import goal_to_determine, goal_to_separate
 
     own = load_effects(effects_file)
     if rivals is None:
-        return determining(model, _effects(wanted, "--for", model, own) if wanted is not None else (), rate)
+        return goal_to_determine(model, _effects(wanted, "--for", model, own) if wanted is not None else (), rate)
     pair = _effects(rivals, "--rivals", model, own)
     if len(pair) != 2:
         raise InputError(f"--rivals {rivals}: name two effects, separated by a comma")
-    return separating(model, pair[0], pair[1], rate)
+    return goal_to_separate(model, pair[0], pair[1], rate)
 
 
 def _effects(text: str, option: str, model: "ArmModel", own: "tuple[Effect, ...]") -> "list[Effect]":

@@ -80,8 +80,8 @@ def _import(
     wanted: ImportOptions, recordings: "list[Foreign]", choice: RobotChoice, trust_data: bool, json_file: Path | None
 ) -> None:
     from armdyn.arm.model import arm_model
-    from armdyn.inspection.check import Inspection, by_severity
-    from armdyn.inspection.inspect import inspected, require_usable
+    from armdyn.inspection.check import Inspection, sorted_by_severity
+    from armdyn.inspection.inspect import inspect_runs, require_usable
     from pipeline.answers import checks_answer
     from pipeline.imports.conversion import imported
     from pipeline.imports.guess import known_columns
@@ -102,8 +102,8 @@ def _import(
                 found.append(imported(part, read, columns))
     if problems:
         raise InputError("; ".join(problems))
-    looked = inspected([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
-    checks = by_severity([*(c for each in found for c in each.checks), *looked.checks])
+    looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
+    checks = sorted_by_severity([*(c for each in found for c in each.checks), *looked.checks])
     if not trust_data:
         require_usable(Inspection(looked.runs, checks))
     written = _write([each.run for each in found], wanted)

@@ -35,7 +35,7 @@ def inspect(
 ) -> None:
     """Ask whether recordings are what they say they are: gaps, units, signs, swapped columns, clocks, mountings."""
     from armdyn.checked_study import ModelWithCatalogue
-    from armdyn.inspection.inspect import inspected
+    from armdyn.inspection.inspect import inspect_runs
     from armdyn.run import read_run
     from pipeline.answers import inspection_answer
     from pipeline.report.inspection import inspection_document, inspection_report
@@ -49,7 +49,7 @@ def inspect(
         runs = [read_run(path) for path in run_files]
         known = None if model_file is None else ModelWithCatalogue.of(model_file, effects)
         say("looking")
-        found = inspected(runs) if known is None else known.inspect(runs)
+        found = inspect_runs(runs) if known is None else known.inspect(runs)
         written = write_fixed(found, fix, force) if fix is not None else []
     steps, lines = [], [f"written to {path}" for path in written]
     if written:
@@ -86,7 +86,7 @@ def write_fixed(found: "Inspection", folder: Path, force: bool) -> list[Path]:
     maps = {path.with_suffix(".map.toml"): run for path, run in runs.items()}
     for file in maps:
         free_to_write(file, force)
-    write_runs({path: corrected[run.name].of(run) for path, run in runs.items()}, force)
+    write_runs({path: corrected[run.name].applied_to(run) for path, run in runs.items()}, force)
     for file, run in maps.items():
         atomic.write_text(file, correction_text(run, corrected[run.name]))
     return [file for pair in zip(runs, maps, strict=True) for file in pair]

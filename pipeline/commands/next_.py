@@ -34,7 +34,7 @@ def next_(
 ) -> None:
     """Plan the next experiment: how well each kind tells rival effects apart, and the best motion of the gripper."""
     from armdyn.experiments.gripper import motion_series
-    from armdyn.experiments.rivals import undecided
+    from armdyn.experiments.rivals import rivals_of_study
     from pipeline.answers_motion import next_answer
     from pipeline.front import plan_experiment, rig_limits
     from pipeline.motion.feasible_motion import write_motion
@@ -43,7 +43,7 @@ def next_(
     limits = rig_limits(travel, speed, acceleration, swing)
     motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
-        verdict, sentence, found = undecided(given.study, names_in(rivals), say)
+        verdict, sentence, found = rivals_of_study(given.study, names_in(rivals), say)
         made, offer = None, None
         if found is not None:
             made, offer = plan_experiment(found, seconds, limits, seed, say)

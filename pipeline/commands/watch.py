@@ -16,8 +16,8 @@ from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import spinner
 
 if TYPE_CHECKING:
-    from armdyn.watch.event import Event
-    from armdyn.watch.sound import Sample, Sound
+    from armdyn.watch.event import WatchEvent
+    from armdyn.watch.fault_free import FaultFreeStatistics, JointSample
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import Log
 
@@ -60,7 +60,7 @@ def watch(
     from armdyn.effects.user import load_effects
     from armdyn.errors import at
     from armdyn.model_file import read_model_file
-    from armdyn.watch.sound import measured_sound, sound_from_band
+    from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
     from armdyn.watch.watch import Watch
     from pipeline.watch.log import Log
     from pipeline.watch.sources import recordings_in, runs_of, sample_sources
@@ -79,9 +79,9 @@ def watch(
         say("measuring a sound robot")
         with at(model):
             if sound_runs:
-                sound = measured_sound(given, sample_sources(given, sound_runs))
+                sound = statistics_of_recordings(given, sample_sources(given, sound_runs))
             else:
-                sound = sound_from_band(given, file.history)
+                sound = statistics_of_model_error(given, file.history)
         say("preparing")
         watching = Watch(given, sound, false_alarms_per_hour)
     with ExitStack() as stack:
@@ -100,7 +100,7 @@ def watch(
         for name, samples in _sources(watching, ros, arm, [*zip(files, sample_sources(given, watched), strict=True)]):
             out.source = name
             for sample in samples:
-                found = watching.take(*sample)
+                found = watching.process_sample(*sample)
                 if kept is not None:
                     kept.write(sample)
                 if shown is not None:
@@ -112,8 +112,8 @@ def watch(
 
 
 def _sources(
-    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[Sample]]]]"
-) -> "Iterator[tuple[Path | None, Iterator[Sample]]]":
+    watching: "Watch", ros: str | None, arm: str, recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]"
+) -> "Iterator[tuple[Path | None, Iterator[JointSample]]]":
     """The sources in order: file of the recording, or None if live; its samples."""
     from pipeline.watch.sources import RosStates, lines_of
 
@@ -133,7 +133,7 @@ class _Out:
     """Prints each event as a sentence, or as a line of JSON."""
 
     def __init__(
-        self, model: Path, effects: Path | None, json_file: Path | None, sound: "Sound", stack: ExitStack
+        self, model: Path, effects: Path | None, json_file: Path | None, sound: "FaultFreeStatistics", stack: ExitStack
     ) -> None:
         self._model, self._effects, self._sound = model, effects, sound
         self._quiet = json_file == STANDARD
@@ -151,9 +151,9 @@ class _Out:
             typer.echo(sentence)
             sys.stdout.flush()
 
-    def report(self, event: "Event", kept: "Log | None") -> None:
+    def report(self, event: "WatchEvent", kept: "Log | None") -> None:
         """Report an event; after a change, start a new log file and print the command for a repair."""
-        from armdyn.watch.event import Kind
+        from armdyn.watch.event import EventKind
 
         self._events += 1
         if self._stream is not None:
@@ -162,7 +162,7 @@ class _Out:
             self._stream.flush()
         where = "" if self.source is None else f"{self.source}: "
         self.note(f"{where}{event.time:.2f} s: {event.sentence}")
-        if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED):
+        if event.kind in (EventKind.LOAD_CHANGED, EventKind.ROBOT_CHANGED):
             self._changed = self.source
             if kept is not None:
                 kept.next_file()

@@ -11,7 +11,7 @@ import typer
 from armdyn.errors import InputError, at
 
 if TYPE_CHECKING:
-    from armdyn.recording.units import Known
+    from armdyn.recording.units import KnownQuantity
     from urdf import Robot
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="The answer as JSON; '-' is standard output.")]
@@ -123,7 +123,7 @@ class RobotChoice:
 ONE_ROBOT = "a robot is known by its name or by its URDF: give one of --robot and --urdf"
 
 
-def quantity(text: str, unit: str, option: str) -> "Known":
+def quantity(text: str, unit: str, option: str) -> "KnownQuantity":
     """Value of an option with a unit, such as ``"80 g +/- 0.4 g"``, converted to `unit`.
 
     Raises:

@@ -125,14 +125,21 @@ def _of_arm(model: ArmModel) -> tuple[list[Function], list[str]]:
 
 def _observer_of(model: ArmModel) -> Function:
     """The observer of `armdyn watch` for one sample; see `armdyn.watch.observer`."""
-    from armdyn.watch.observer import GAP, PARTS, USUAL, observer_function, without_memory
+    from armdyn.watch.observer import (
+        MAX_SAMPLE_GAP,
+        STATES_PER_JOINT,
+        USUAL_BANDWIDTH,
+        observer_function,
+        without_memory,
+    )
 
     n = len(model.arm.joints)
     inputs = {
-        "state": f"the last call's state_next; {PARTS} n + 1 zeros at first, n = {n} joints",
-        "step": f"since the last sample [s]; 0, less, or more than {GAP:g} begins anew",
+        "state": f"the last call's state_next; {STATES_PER_JOINT} n + 1 zeros at first, n = {n} joints",
+        "step": f"since the last sample [s]; 0, less, or more than {MAX_SAMPLE_GAP:g} begins anew",
         "hold": "1 while something acts that the running mean must not take for usual, else 0",
-        "bandwidth": f"of the low-pass, the same in every call [1/s]; {USUAL:g} is usual, 0.8 / step the most",
+        "bandwidth": f"of the low-pass, the same in every call [1/s]; {USUAL_BANDWIDTH:g} is usual, "
+        "0.8 / step the most",
         "q": "positions [rad or m]; leave a sample out where something is missing",
         "tau": "torques that the drives read [N m or N]",
         "shift": "what of these is known and no model's matter, usually zeros",

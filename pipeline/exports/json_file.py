@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from armdyn.arm.rigid import about_centre
+from armdyn.arm.rigid import inertia_about_centre
 from armdyn.model_file import ModelFile
 from pipeline.answers import background_answer
 from pipeline.exports.format import Exported, Format
@@ -43,7 +43,7 @@ def parameters_answer(file: ModelFile) -> dict[str, Any]:
 
 def link_answer(link: np.ndarray) -> dict[str, Any]:
     """Mass, centre and inertia about it of (10,) inertial parameters, in the frame of the joint that moves the link."""
-    mass, centre, inertia = about_centre(link)
+    mass, centre, inertia = inertia_about_centre(link)
     return {
         "mass": {"value": number(mass), "unit": "kg"},
         "centre": {"value": dict(zip("xyz", map(number, centre), strict=True)), "unit": "m"},

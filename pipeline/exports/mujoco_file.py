@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from armdyn.arm.drives import Servo
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import about_centre, joint_axes
+from armdyn.arm.rigid import inertia_about_centre, joint_axes
 from armdyn.arm.symbolic import drive_readings
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
@@ -112,7 +112,7 @@ def _add_bodies(world: ET.Element, model: ArmModel, parts: Sequence[JointParts])
         parent, placement = int(arm.parents[i + 1]) - 1, arm.jointPlacements[i + 1]
         outer = bodies[parent] if parent >= 0 else world
         body = ET.SubElement(outer, "body", {"name": names[i], **_pose(placement, placement.translation)})
-        mass, centre, inertia = about_centre(joint.link)
+        mass, centre, inertia = inertia_about_centre(joint.link)
         inertia = _for_mujoco(names[i], inertia)
         moments = numbers_text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         mass_text = repr(max(mass, MIN_INERTIA))

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rigid import about_centre, about_origin, is_physical
+from armdyn.arm.rigid import inertia_about_centre, is_physical, parameters_about_origin
 from armdyn.errors import InputError
 from armdyn.model_file import ModelFile
 from pipeline.exports.format import Exported, Format, arm_of
@@ -39,7 +39,7 @@ def urdf_text(model: ArmModel, folder: Path) -> tuple[str, list[str]]:
     moved = {frame.name for frame in model.arm.model.frames if frame.parentJoint}
     for link in root.findall("link"):
         if link.get("name") in moved:
-            need_body(str(link.get("name")), about_centre(_inertial(link))[2])
+            need_body(str(link.get("name")), inertia_about_centre(_inertial(link))[2])
     if bare is not model:
         _add_payload(root, model)
     if any(effect.reach == "base" for effect in model.effects):
@@ -109,7 +109,7 @@ def _inertial(link: ET.Element) -> np.ndarray:
     for name, (row, column) in MOMENTS.items():
         own[row, column] = own[column, row] = float(inertia.get(f"i{name}", "0")) if inertia is not None else 0.0
     R = pin.rpy.rpyToMatrix(*rpy)
-    return about_origin(m, xyz, R @ own @ R.T)
+    return parameters_about_origin(m, xyz, R @ own @ R.T)
 
 
 def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
@@ -120,7 +120,7 @@ def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
 def _write_inertial(link: ET.Element, parameters: np.ndarray) -> None:
     for old in link.findall("inertial"):
         link.remove(old)
-    link.insert(0, inertial_element(*about_centre(parameters)))
+    link.insert(0, inertial_element(*inertia_about_centre(parameters)))
 
 
 def _add_payload(root: ET.Element, model: ArmModel) -> None:
@@ -128,7 +128,7 @@ def _add_payload(root: ET.Element, model: ArmModel) -> None:
     (joint,) = model.joints_with("payload")
     mass, *place = (model.parameters[f"payload.{short}[{joint}]"].value for short in ("mass", "x", "y", "z"))
     link = ET.SubElement(root, "link", name=PAYLOAD)
-    _write_inertial(link, about_origin(mass, np.zeros(3), np.zeros((3, 3))))
+    _write_inertial(link, parameters_about_origin(mass, np.zeros(3), np.zeros((3, 3))))
     add_joint(root, f"{PAYLOAD}_joint", "fixed", link_of(_joint(root, joint), "child"), PAYLOAD, place)
 
 

@@ -21,8 +21,8 @@ from armdyn.recording.channels import (
     Conversion,
     FloatArray,
     channel_kind,
-    channel_unit,
     check_joint_units,
+    unit_conversion,
 )
 from armdyn.recording.units import parse_quantity, si_factor
 from armdyn.run import Run
@@ -155,8 +155,8 @@ def _channel(
         present &= ~beyond
     late = parse_quantity(entry.late, "s").value if entry.late else 0.0
     turn = parse_quantity(entry.turn, to_si.unit).value if entry.turn else 0.0
-    reading = CorrectedReading(name, late=late, pace=entry.fast, turn=turn)
-    return Channel(reading.right(time[present]), reading.values(value[present]), to_si.unit)
+    reading = CorrectedReading(name, delay=late, clock_rate_error=entry.fast, wrap_period=turn)
+    return Channel(reading.true_times(time[present]), reading.values(value[present]), to_si.unit)
 
 
 def _conversion(entry: Entry, unit: str) -> Conversion:
@@ -176,7 +176,7 @@ def _conversion(entry: Entry, unit: str) -> Conversion:
     elif entry.quantity == "tau" and fits(unit, "A"):
         raise InputError('is a current: add torque_constant = "... N m/A" to its line')
     else:
-        si, factor, zero = channel_unit(entry.channel, unit)
+        si, factor, zero = unit_conversion(entry.channel, unit)
     if entry.gear_ratio != 1.0 and entry.quantity not in MOTOR_SIDE:
         raise InputError(f"{entry.channel} has no gear")
     factor *= entry.sign * entry.scale * entry.gear_ratio ** MOTOR_SIDE.get(entry.quantity, 0)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from armdyn.inspection.check import Check, Kind, Severity
+from armdyn.inspection.check import Check, CheckKind, Severity
 from armdyn.quoting import listed
 from armdyn.recording.channels import FloatArray, name_and_unit
 
@@ -70,7 +70,7 @@ class Account:
 
     def checks(self, run: str) -> list[Check]:
         """The finding on the run with this name; empty where every message is used as it was stamped."""
-        kind: Kind = "samples_dropped"
+        kind: CheckKind = "samples_dropped"
         severity, remedy = Severity.SUSPECT, "look for what set the clock, or for a driver that does not stamp"
         if any(why.startswith(SECOND) for why in self.left_out):
             kind = "second_publisher"

@@ -14,7 +14,7 @@ import numpy as np
 
 from armdyn.errors import InputError
 from armdyn.quoting import listed
-from armdyn.recording.channels import channel_kind, in_contract
+from armdyn.recording.channels import channel_kind, is_channel_name
 from armdyn.recording.units import si_factor
 from pipeline.imports.claims import Claim, best_claims
 from pipeline.imports.foreign import Foreign, ForeignColumn
@@ -78,7 +78,7 @@ def _declared(columns: Mapping[str, ForeignColumn], known: Joints) -> dict[str, 
     found = {}
     for name, column in columns.items():
         entry = Entry(column.channel or name, column.unit)
-        if in_contract(entry.channel) and not _is_repeated(name, columns):
+        if is_channel_name(entry.channel) and not _is_repeated(name, columns):
             sliding = column.channel and entry.joint in known.sliding
             found[name] = replace(entry, unit=channel_kind(entry.channel).units[-1]) if sliding else entry
     return found

@@ -239,9 +239,9 @@ def correction_text(run: Run, correction: Correction) -> str:
                 sign=-1.0 if reading.factor < 0 else 1.0,
                 scale=abs(reading.factor),
                 offset=f"{reading.offset:.12g} {recorded.unit}" if reading.offset else "",
-                late=f"{reading.late:.12g} s" if reading.late else "",
-                fast=reading.pace,
-                turn=f"{reading.turn:.12g} {run.channels[reading.source].unit}" if reading.turn else "",
+                late=f"{reading.delay:.12g} s" if reading.delay else "",
+                fast=reading.clock_rate_error,
+                turn=f"{reading.wrap_period:.12g} {run.channels[reading.source].unit}" if reading.wrap_period else "",
             )
     comment = f"Made by armdyn inspect: armdyn import {run.name} --output DIR --map THIS"
     return map_text(ColumnMap(entries, "time", "s"), comment)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from armdyn.errors import InputError
 from armdyn.read_files import reading
 from armdyn.recording.bytes_in import read_bytes
-from armdyn.recording.mcap_records import expanded, sound_records
+from armdyn.recording.mcap_records import decompressed, intact_records
 from armdyn.recording.mcap_run import SIDECAR_RECORD
 from urdf.bounds import LARGEST_BAG, LARGEST_CONTENT, MIB
 
@@ -178,7 +178,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
             raise ValueError("it is empty")
     if file.name.endswith(ZSTD):
         database = sqlite3.connect(":memory:")
-        database.deserialize(expanded(read_bytes(file, LARGEST_BAG)))
+        database.deserialize(decompressed(read_bytes(file, LARGEST_BAG)))
     else:
         reading(file)
         database = sqlite3.connect(f"{file.absolute().as_uri()}?immutable=1", uri=True)
@@ -203,7 +203,7 @@ def _sqlite(file: Path) -> Iterator[Packet]:
 
 
 def _message(data: bytes) -> bytes:
-    return expanded(data) if data.startswith(_ZSTD_MAGIC) else data
+    return decompressed(data) if data.startswith(_ZSTD_MAGIC) else data
 
 
 def _mcap(file: Path) -> Iterator[Packet]:
@@ -211,11 +211,11 @@ def _mcap(file: Path) -> Iterator[Packet]:
 
     data = read_bytes(file, LARGEST_BAG)
     if file.name.endswith(ZSTD):
-        data = expanded(data)
+        data = decompressed(data)
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
     problems: list[str] = []
-    for record in sound_records(data, problems):
+    for record in intact_records(data, problems):
         if isinstance(record, Metadata) and record.name == SIDECAR_RECORD:
             raise InputError(f"{file}: is a recording of armdyn, which is a run already: give it to armdyn compare")
         if isinstance(record, Schema):

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from armdyn.errors import InputError
 from armdyn.recording.channels import JOINT_CHANNELS, MIN_SAMPLES, FloatArray
-from armdyn.recording.tracks import second_track
+from armdyn.recording.tracks import samples_of_second_series
 from pipeline.imports.foreign import SECOND, Account, ForeignColumn
 from pipeline.imports.stamps import DELAY, dated, on_arrival_clock
 from urdf.bounds import MOST_COLUMNS, MOST_ROWS, shown
@@ -69,11 +69,11 @@ class _Series:
         return found
 
     def split(self) -> "list[_Series]":
-        """The separate series where two publishers look like one; see `second_track`."""
+        """The separate series where two publishers look like one; see `samples_of_second_series`."""
         n = len(self.messages)
         positions = [v for channel, _, v in self.columns.values() if channel.startswith("q.") and len(v) == n]
         values = np.column_stack(positions) if positions else np.empty((n, 0))
-        second = second_track(np.where(np.isfinite(values), values, 0.0))
+        second = samples_of_second_series(np.where(np.isfinite(values), values, 0.0))
         if not second.any():
             return [self]
         return [_Series([m for m, s in zip(self.messages, second, strict=True) if s == which]) for which in (0, 1)]

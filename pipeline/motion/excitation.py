@@ -8,11 +8,19 @@ import numpy as np
 import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.experiments.arm import ArmProblem
-from armdyn.experiments.criteria import covariance
-from armdyn.experiments.goal import Goal
+from armdyn.experiments.criteria import posterior_covariance
+from armdyn.experiments.goal import MotionGoal
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import COMPARED_EXCESS, Say, improve, random_motions, scale, search, shrink
-from armdyn.experiments.series import AxisMotion, Series
+from armdyn.experiments.search import (
+    COMPARED_EXCESS,
+    ReportProgress,
+    best_motion,
+    optimise_motion,
+    random_motions,
+    scale_about_centre,
+    shrink_within_limits,
+)
+from armdyn.experiments.series import AxisMotion, FourierSeries
 from armdyn.run import Channel, Run
 from armdyn.threads import one_thread
 from pipeline.motion.feasibility import CheckSettings, FeasibilityReport, check_joints
@@ -88,8 +96,8 @@ class Excitation:
         torque: (n, nj) of the motors along the trajectory [N m or N].
     """
 
-    goal: Goal
-    series: Series
+    goal: MotionGoal
+    series: FourierSeries
     trajectory: JointTrajectory
     check: FeasibilityReport
     expected: Expectation
@@ -125,13 +133,13 @@ SINGLE_JOINT_CHECK = CheckSettings(singular_value=0.0)
 
 @one_thread
 def excitation(
-    goal: Goal,
+    goal: MotionGoal,
     seconds: float,
     *,
     random: int = 100,
     compare: bool = True,
     seed: int = 0,
-    say: Say = lambda _: None,
+    say: ReportProgress = lambda _: None,
 ) -> Excitation:
     """Design a motion of some seconds that determines or distinguishes the effects of a goal as well as possible.
 
@@ -143,7 +151,7 @@ def excitation(
     """
     robot = goal.columns.arm.robot
     postures = FreePostures(robot, MIN_CLEARANCE)
-    problem = ArmProblem(goal.columns, goal.criterion, Series(seconds), MotionLimits.of(robot), postures)
+    problem = ArmProblem(goal.columns, goal.criterion, FourierSeries(seconds), MotionLimits.of_robot(robot), postures)
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError(
@@ -153,13 +161,15 @@ def excitation(
     informations = [problem.information(x) for x in starts]
     costs = [goal.criterion(information)[0] for information in informations]
     best = starts[int(np.argmin(costs))]
-    x, trajectory, check = _feasible(problem, search(problem, starts, costs, say), best, say)
+    x, trajectory, check = _feasible(problem, best_motion(problem, starts, costs, say), best, say)
     conditioned = None
     if compare:
         say("designing the motion with the least condition number")
-        rival = replace(problem, criterion=goal.conditioned)
-        other = search(rival, starts, [goal.conditioned(information)[0] for information in informations], say)
-        inside = shrink(rival, other, COMPARED_EXCESS)
+        rival = replace(problem, criterion=goal.condition_number_criterion)
+        other = best_motion(
+            rival, starts, [goal.condition_number_criterion(information)[0] for information in informations], say
+        )
+        inside = shrink_within_limits(rival, other, COMPARED_EXCESS)
         conditioned = expectation(problem, goal, other if inside is None else inside)
     return Excitation(
         goal=goal,
@@ -170,16 +180,16 @@ def excitation(
         random=expectation(problem, goal, best),
         conditioned=conditioned,
         tried=len(starts),
-        torque=problem.columns.torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
+        torque=problem.columns.described_torque(AxisMotion(trajectory.q, trajectory.v, trajectory.a)),
     )
 
 
-def expectation(problem: ArmProblem, goal: Goal, x: Array) -> Expectation:
+def expectation(problem: ArmProblem, goal: MotionGoal, x: Array) -> Expectation:
     """Expected results from a recording of the motion with (nj, size) coefficients."""
     information, prior = problem.information(x), goal.columns.prior
-    K = covariance(information, prior)
+    K = posterior_covariance(information, prior)
     std = np.sqrt(np.diag(K))[goal.wanted] * goal.columns.typical[goal.wanted]
-    separations = tuple(case.separation(information, prior) for case in goal.hidden)
+    separations = tuple(case.separation(information, prior) for case in goal.separations)
     return Expectation(x, std, separations)
 
 
@@ -187,11 +197,13 @@ def sampled(problem: ArmProblem, x: Array) -> JointTrajectory:
     """The motion with (nj, size) coefficients, sampled at the rate of the recording."""
     seconds = problem.series.seconds
     time = np.linspace(0.0, seconds, round(seconds * problem.columns.rate) + 1)
-    motion = problem.series.at(time).motion(x)
+    motion = problem.series.basis_at(time).motion(x)
     return JointTrajectory(time, motion.q, motion.v, motion.a, problem.columns.arm.joints)
 
 
-def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Array, JointTrajectory, FeasibilityReport]:
+def _feasible(
+    problem: ArmProblem, x: Array, best: Array, say: ReportProgress
+) -> tuple[Array, JointTrajectory, FeasibilityReport]:
     """The motion if the check passes, otherwise one designed again for narrower limits.
 
     Where that motion breaks a limit too, it or the `best` random motion is scaled down, whichever determines more.
@@ -212,14 +224,14 @@ def _feasible(problem: ArmProblem, x: Array, best: Array, say: Say) -> tuple[Arr
             break
         problem = _with_less_room(problem, check)
         say(f"{k + 1} of {MAX_REPAIRS} repairs, as the {check.violations[0].broken}")
-        x = improve(problem, x, first=len(problem.steps) - 2)
+        x = optimise_motion(problem, x, first=len(problem.steps_per_round) - 2)
         say("checking the motion on the whole arm")
         trajectory, check = checked(x)
     if check.feasible:
         return x, trajectory, check
     smaller: list[tuple[float, tuple[Array, JointTrajectory, FeasibilityReport]]] = []
     for motion in (x, best):
-        for small in (scale(motion, size) for size in REDUCED_SIZES):
+        for small in (scale_about_centre(motion, size) for size in REDUCED_SIZES):
             trajectory, check = checked(small)
             if check.feasible:
                 smaller.append((problem.cost(small), (small, trajectory, check)))
@@ -237,7 +249,7 @@ def _with_less_room(problem: ArmProblem, check: FeasibilityReport) -> ArmProblem
         if margin.margin >= 0.0:
             continue
         if margin.limit in ("position", "velocity", "acceleration", "torque"):
-            limits = problem.limits.narrower(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
+            limits = problem.limits.reduced(margin.limit, joints.index(margin.joint), REPAIR_SHARE / margin.used)
             problem = replace(problem, limits=limits)
         elif margin.limit == "self_collision":
             postures = FreePostures(postures.robot, postures.clearance - 2.0 * margin.margin)

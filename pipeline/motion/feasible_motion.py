@@ -8,8 +8,8 @@ import numpy as np
 
 import urdf
 from armdyn.atomic import write_text
-from armdyn.experiments.hypothesis import CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, with_motion
+from armdyn.experiments.hypothesis import EXPERIMENT_CHANNELS, Hypothesis, PlannedExperiment, PredictedExperiment
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, along_other_motion
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
@@ -55,8 +55,8 @@ def fit_to_arm(
     box, limits = Box(), LineLimits.from_table(table)
     settings = CheckSettings(load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table(table.line, box))
     for factor in AMPLITUDE_FACTORS:
-        scaled = GripperPath(0.0, motion.dt, *factor * motion.along)
-        s, v, a = scaled.along
+        scaled = GripperPath(0.0, motion.dt, *factor * motion.motion_along_line)
+        s, v, a = scaled.motion_along_line
         if np.abs(np.diff(a)).max() > limits.jerk * scaled.dt or not limits.respected_by(s, v, a):
             continue
         swings = [_swing(h, scaled, load_radius) for h in hypotheses]
@@ -68,13 +68,13 @@ def fit_to_arm(
     return None
 
 
-def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, FeasibleMotion | None]:
+def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[ExperimentPlan, FeasibleMotion | None]:
     """The plan with a motion that Baxter can make, or without one; expected results are computed again after a change.
 
     The radius of the load is in m.
     """
     moving = plan.motion
-    if moving is None or moving.experiment.motion is None or moving.outlook.probability <= MIN_RIGHT_PROBABILITY:
+    if moving is None or moving.experiment.motion is None or moving.expected.probability <= MIN_RIGHT_PROBABILITY:
         return plan, None
     arm = urdf.load("baxter")
     found = fit_to_arm(moving.experiment.motion, plan.rivals.hypotheses, arm, default_table(arm), load_radius)
@@ -82,20 +82,20 @@ def with_feasible_motion(plan: Plan, load_radius: float) -> tuple[Plan, Feasible
     if found is None:
         return replace(plan, proposals=rest), None
     if found.factor != 1.0:
-        moving = with_motion(moving, plan.rivals.hypotheses, found.motion, moving.experiment.what)
+        moving = along_other_motion(moving, plan.rivals.hypotheses, found.motion, moving.experiment.what)
     return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
 
 
 def write_motion(motion: GripperPath, file: Path) -> None:
     """Write a motion along the line to a file for `armdyn check` and `armdyn trial --motion`."""
-    columns = zip(("s", "v", "a"), motion.along, ("m", "m/s", "m/s^2"), strict=True)
+    columns = zip(("s", "v", "a"), motion.motion_along_line, ("m", "m/s", "m/s^2"), strict=True)
     write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
 
 
 def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> PlannedSwing:
     predicted = PredictedExperiment(hypothesis, PlannedExperiment("motion", "", motion))
     outputs = predicted.rollout(predicted.start).outputs
-    angle, tension = (outputs[:, CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
+    angle, tension = (outputs[:, EXPERIMENT_CHANNELS.index(name)] for name in ("swing_angle", "load_force"))
     return PlannedSwing(motion.time, angle, tension, hypothesis.model.value("length"), radius)
 
 

@@ -17,7 +17,7 @@ from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.dynamics import PLANAR_STATE_SIZE
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import fixed_path, run_path
+from armdyn.pendulum.path import fixed_pivot_path, gripper_path
 from armdyn.physics.simulate import Rollout
 from armdyn.recording.spikes import without_spikes
 from armdyn.run import Run
@@ -150,7 +150,7 @@ class SacNode:
     def warm_up(self) -> None:
         """Do the computation of `step` once, for a gripper at rest: the first time takes longer than a cycle."""
         model = self._estimator.model
-        rollout = model.rollout(fixed_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
+        rollout = model.rollout(fixed_pivot_path(0.0, 1.0, self.settings.dt), model.theta(), channels=("load_force",))
         self._control.act(SacState(1.0, 0.0, 0.0, *self._load(rollout)), model)
 
     def _load(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -185,7 +185,7 @@ class SacNode:
         begun = perf_counter()
         model = self._estimator.model
         self._measurement.update_path()
-        rollout = model.rollout(run_path(self._measurement.run()), model.theta(), channels=("load_force",))
+        rollout = model.rollout(gripper_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
         action = self._control.act(SacState(now - start, here.s, here.v, *self._load(rollout)), model)
         if not np.isfinite(action.schedule).all():

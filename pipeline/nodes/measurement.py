@@ -9,7 +9,7 @@ import numpy as np
 
 import urdf
 from armdyn.errors import InputError
-from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun
+from armdyn.pendulum.path import GripperPath, OnlinePathSmoother, RunInProgress
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import Channel
 from pipeline.loadcell.faults import FaultDetector
@@ -77,7 +77,7 @@ class _SmoothedPath:
     def __init__(self, along: _Series, height: _Series, start: float, period: float) -> None:
         self.start, self._first, self.count = start, along.first(start), 0
         self._series = along, height
-        self._growing = GrowingPath(period), GrowingPath(period)
+        self._growing = OnlinePathSmoother(period), OnlinePathSmoother(period)
         self.along = self.height = np.empty((3, 0))
 
     @property
@@ -267,7 +267,7 @@ class MeasurementNode:
             # The end of a path affects its accelerations most: no extrapolated sample may be there.
             self._path.update(self._gripper.count - self._guessed)
 
-    def run(self) -> GrowingRun:
+    def run(self) -> RunInProgress:
         """The run measured from `begin` to the last `update_path`; its time starts at 0.
 
         Raises:
@@ -280,4 +280,4 @@ class MeasurementNode:
         path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height)
         end = self._force.first(start + float(raw.time[-1]) + self.period / 2) if self._guessed else None
         channels = {"gripper_x": raw, "load_force": self._force.since(start, "N", end)}
-        return GrowingRun("trial", channels, noise=self._noise, path=path)
+        return RunInProgress("trial", channels, noise=self._noise, path=path)

@@ -40,7 +40,7 @@ def excitation_document(found: Excitation, most: int, notes: Sequence[str] = ())
         f"A Fourier series of {series.harmonics} harmonics over {series.period:.4g} s{again}; it starts and ends "
         "at rest, with a continuous acceleration."
     )
-    left_out = [f"taken as known: {name}, {why}" for name, why in goal.left_out.items()]
+    left_out = [f"taken as known: {name}, {why}" for name, why in goal.effects_taken_as_known.items()]
     hopeless = [f"no motion can tell: {what}" for what in goal.inseparable]
     return Document(
         f"A motion of {goal.columns.arm.robot.name} to record",
@@ -88,7 +88,7 @@ def _expectation_table(found: Excitation, most: int) -> Table:
     """Table of expected results of this motion and others, by unknown, or by effect for more than `most` unknowns."""
     goal = found.goal
     if goal.rivals:
-        hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.hidden]
+        hidden = [f"{case.effect} on {case.joint}" if case.joint else case.effect for case in goal.separations]
         names = ("standard deviations from the rival", *OTHER_MOTIONS)
         return Table([Column("if there is", hidden), *_columns(names, separations(found).T)])
     rows, unknowns = determined(found), [goal.columns.unknowns[i] for i in goal.wanted]
@@ -134,7 +134,7 @@ def _expectation_chart(found: Excitation) -> Chart:
     goal = found.goal
     figure = go.Figure(layout={"height": 460, "xaxis": {"tickangle": -45}, "barmode": "group"})
     if goal.rivals:
-        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.hidden], separations(found)
+        labels, values = [f"{case.effect} {case.joint}".strip() for case in goal.separations], separations(found)
     else:
         rows = determined(found)
         unknowns = [goal.columns.unknowns[goal.wanted[k]] for k in rows]

@@ -19,7 +19,7 @@ CHANNEL_HEIGHT = 230
 
 def inspection_document(found: Inspection) -> Document:
     """Document of an inspection: its findings, the worst first."""
-    level = Level.BAD if not found.usable else Level.CAUTION if found.of(Severity.SUSPECT) else Level.GOOD
+    level = Level.BAD if not found.usable else Level.CAUTION if found.with_severity(Severity.SUSPECT) else Level.GOOD
     return Document("Inspection", found.sentence, [checks_section(found.checks)] if found.checks else [], level)
 
 

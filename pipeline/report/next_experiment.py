@@ -9,8 +9,8 @@ import plotly.graph_objects as go
 
 from armdyn.document import Chart, Column, Document, KeyFigure, Level, NextStep, Section, Table
 from armdyn.experiments.hypothesis import PredictedExperiment
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Plan, Proposal
-from armdyn.experiments.separation import Rival
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ExperimentPlan, ProposedExperiment
+from armdyn.experiments.separation import RefittedRival
 from armdyn.pendulum.path import GripperPath
 from pipeline.report.theme import ACTUAL, GREY, ORANGE, TIME_AXIS, stacked
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from pipeline.trial.investigation import Investigation, InvestigationStage
 
 
-def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath) -> Section:
+def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, motion: GripperPath) -> Section:
     """Section on a designed motion: gripper, angle, and the differences that remain after the rivals are refitted."""
     sentence = ""
-    if proposal.random is not None:
-        rise, random = proposal.outlook.separation**2, proposal.random
+    if proposal.random_motion_rise is not None:
+        rise, random = proposal.expected.separation**2, proposal.random_motion_rise
         sentence = (
             f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
             f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
@@ -34,9 +34,9 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
     figure.add_scatter(x=motion.time, y=first.swing(first.start), name="swing", yaxis="y2", showlegend=False, **grey)
     predicted = first.predict(first.start)[0]
     for rival, colour in zip(others[:2], (ORANGE, GREY), strict=False):
-        _, best = Rival(rival, predicted).refitted()
+        _, best = RefittedRival(rival, predicted).best_refit()
         left = (predicted - rival.predict(best)[0])[: len(motion.time)]
-        time = np.linspace(0.0, motion.seconds, len(left))
+        time = np.linspace(0.0, motion.duration, len(left))
         line = {"mode": "lines", "line": {"color": colour}}
         figure.add_scatter(x=time, y=left, yaxis="y3", name=f"less {rival.hypothesis.name}", **line)
     caption = (
@@ -46,7 +46,7 @@ def designed_motion_section(plan: Plan, proposal: Proposal, motion: GripperPath)
     return Section("The designed motion", sentence, [Chart(figure, caption)])
 
 
-def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Document:
+def next_document(plan: ExperimentPlan | None, sentence: str, output: Path | None) -> Document:
     """Document of `armdyn next`: the planned experiments and what each is expected to distinguish.
 
     Args:
@@ -54,7 +54,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
         sentence: summary for a person.
         output: the file with a motion that Baxter can make; None where there is none.
     """
-    hopeful = plan is None or any(p.outlook.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
+    hopeful = plan is None or any(p.expected.probability > MIN_RIGHT_PROBABILITY for p in plan.proposals)
     steps = [NextStep("check it", f"armdyn check {output}"), NextStep("make it", f"armdyn trial --motion {output}")]
     return replace(
         Document("", "") if plan is None else plan.document(),
@@ -65,7 +65,7 @@ def next_document(plan: Plan | None, sentence: str, output: Path | None) -> Docu
     )
 
 
-def next_report(document: Document, plan: Plan | None) -> Document:
+def next_report(document: Document, plan: ExperimentPlan | None) -> Document:
     """Report of `armdyn next`: the planned experiments, with figures of the designed motion."""
     figures: list[KeyFigure] = []
     sections = [*document.sections]
@@ -73,13 +73,13 @@ def next_report(document: Document, plan: Plan | None) -> Document:
         if plan.proposals:
             best = plan.proposals[0]
             figures.append(KeyFigure("Best experiment", best.experiment.kind, best.experiment.what))
-            figures.append(KeyFigure("Right verdict", f"{best.outlook.probability:.0%}", "expected after it"))
+            figures.append(KeyFigure("Right verdict", f"{best.expected.probability:.0%}", "expected after it"))
         moving = plan.motion
         if moving is not None and moving.experiment.motion is not None:
             motion = moving.experiment.motion
             sections.append(designed_motion_section(plan, moving, motion))
             x, v, a = motion.peaks
-            figures.append(KeyFigure("Motion", f"{motion.seconds:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
+            figures.append(KeyFigure("Motion", f"{motion.duration:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
             figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m²/s³", "integral of the squared acceleration"))
     return replace(document, sections=sections, key_figures=figures)
 
@@ -122,6 +122,6 @@ def investigation_section(found: "Investigation") -> Section:
 def _expected(stage: "InvestigationStage") -> str:
     if stage.proposal is None:
         return "the length"
-    outlook, motion = stage.proposal.outlook, stage.proposal.experiment.motion
+    outlook, motion = stage.proposal.expected, stage.proposal.experiment.motion
     effort = "" if motion is None else f", effort {motion.effort:.1f} m²/s³"
     return f"{outlook.separation:.1f} std, {outlook.probability:.0%}{effort}"

@@ -15,7 +15,7 @@ from armdyn.identify.problem import Block
 from armdyn.identify.residual.localise import Place
 from armdyn.identify.study import Study
 from armdyn.recording.channels import Channel, FloatArray
-from armdyn.recording.preparation import of_all_runs, sentence
+from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.run import Run
 from pipeline.report.page import pills
 from pipeline.report.theme import MAX_PLOTTED_POINTS, quantity_of, short_name, thinned
@@ -176,7 +176,7 @@ class Overlays:
         bands: Bands | None = None,
     ) -> "Overlays":
         """All runs of a study, with bands around the last step's predictions."""
-        done = sentence(of_all_runs(run.preparations for run in fits[-1].problem.runs))
+        done = preparation_sentence(combined_preparations(run.preparations for run in fits[-1].problem.runs))
         return cls(overlays(study, fits, places, bands), steps, done)
 
     def section(self) -> Section:

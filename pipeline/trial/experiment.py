@@ -18,7 +18,7 @@ from armdyn.errors import ArmdynError, sentence_of
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.least_squares import Outcome
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import GripperPath, run_path
+from armdyn.pendulum.path import GripperPath, gripper_path
 from armdyn.run import Channel
 from ik.torque import JointTorque
 from pipeline.interrupts import noted_signals
@@ -304,9 +304,9 @@ class Experiment:
         """
         model, here, begun = self.estimator.model, self.drive.state, self.estimator.start or 0.0
         self.measurement.update_path()
-        path = run_path(self.measurement.run())
+        path = gripper_path(self.measurement.run())
         path = _waiting(path, at - begun) if self._real else path
-        speed, angle, rate = model.swing_at_the_end(path)
+        speed, angle, rate = model.final_swing_state(path)
         # With a gripper lag the string's upper end follows the gripper late, and has another speed.
         lag = model.gripper_lag(model.physics_theta())
         hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
@@ -338,7 +338,7 @@ def _waiting(path: GripperPath, end: float) -> GripperPath:
     """The path, extended by a gripper at rest until `end` [s]."""
     steps = max(0, round((end - path.start) / path.dt) - (len(path.x) - 1))
     still = np.zeros(steps)
-    height = np.hstack([path.height, np.vstack([np.full(steps, path.height[0, -1]), still, still])])
+    height = np.hstack([path.height_motion, np.vstack([np.full(steps, path.height_motion[0, -1]), still, still])])
     x = np.append(path.x, np.full(steps, path.x[-1]))
     v, a = (np.append(part, still) for part in (path.v, path.a))
     return GripperPath(path.start, path.dt, x, v, a, height, float(path.nodes[0, 0]))

@@ -15,9 +15,9 @@ import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, Proposal, designed_motion
-from armdyn.experiments.rivals import Rivals, contested, of_diagnosis, refitted
-from armdyn.experiments.separation import TIE_CHI2, beliefs
+from armdyn.experiments.plan import MIN_RIGHT_PROBABILITY, ProposedExperiment, designed_motion
+from armdyn.experiments.rivals import Rivals, rivals_of_diagnosis, rivals_of_first_effect, rivals_refitted_to
+from armdyn.experiments.separation import TIE_CHI2, hypothesis_probabilities
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.repair import fitted_model
 from armdyn.identify.sentence import Verdict
@@ -89,7 +89,7 @@ class InvestigationStage:
     """
 
     run: Run
-    proposal: Proposal | None
+    proposal: ProposedExperiment | None
     diagnosis: Diagnosis
     belief: dict[str, float] = field(default_factory=dict)
     gap: float | None = None
@@ -165,7 +165,7 @@ def investigate(
     stages: list[InvestigationStage] = []
     questions: dict[tuple[str, ...], None] = {}
     motion: LineTrajectory | None = None
-    proposal: Proposal | None = None
+    proposal: ProposedExperiment | None = None
     place = 0.0
     while True:
         number = len(stages) + 1
@@ -179,10 +179,10 @@ def investigate(
         asked = {name for names in questions for name in names}
         study = Study.of(model, [*(stage.run for stage in stages), run], [], tuple(CATALOGUE.values()), asked=asked)
         found = diagnose(study)
-        rivals = of_diagnosis(study, found)
+        rivals = rivals_of_diagnosis(study, found)
         close: tuple[str, ...] = ()
         if rivals is None and found.verdict is Verdict.EFFECT_MISSING:
-            rivals = contested(study, found, designed=proposal is not None)
+            rivals = rivals_of_first_effect(study, found, designed=proposal is not None)
             close = () if rivals is None else tuple(name for names in _names(rivals, study) for name in names)
         if rivals is not None:
             questions.update(dict.fromkeys(_names(rivals, study)))
@@ -250,10 +250,10 @@ def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> Stop | 
     return Stop.UNKNOWN if nothing and not won else Stop.NAMED
 
 
-def _promising(proposal: Proposal) -> bool:
+def _promising(proposal: ProposedExperiment) -> bool:
     """Whether a motion may distinguish at least one pair of rivals."""
-    return proposal.outlook.probability > MIN_RIGHT_PROBABILITY or bool(
-        np.any(proposal.outlook.chi2_increase > MIN_EXPECTED_GAP)
+    return proposal.expected.probability > MIN_RIGHT_PROBABILITY or bool(
+        np.any(proposal.expected.chi2_increase > MIN_EXPECTED_GAP)
     )
 
 
@@ -271,6 +271,6 @@ def _believed(study: Study, questions: Sequence[tuple[str, ...]]) -> tuple[dict[
     """Probability of each rival after all experiments so far, and the chi2 gap from the best to the second best."""
     if len(questions) < 2:
         return {}, None
-    rivals = refitted(study, questions)
-    shares = beliefs(rivals.hypotheses)
+    rivals = rivals_refitted_to(study, questions)
+    shares = hypothesis_probabilities(rivals.hypotheses)
     return {h.name: float(b) for h, b in zip(rivals.hypotheses, shares, strict=True)}, rivals.hypotheses[1].misfit

@@ -12,9 +12,9 @@ from armdyn.control.task import SwingPlan
 from armdyn.errors import ArmdynError, InputError
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.pendulum.model import PendulumModel
-from armdyn.pendulum.path import run_path
+from armdyn.pendulum.path import gripper_path
 from armdyn.quoting import command_text
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from pipeline.answers_motion import investigation_answer
 from pipeline.fields import fields
 from pipeline.nodes.learning import LengthEstimate
@@ -170,7 +170,7 @@ def _largest_angle(experiment: Experiment, span: PhaseSpan) -> float | None:
         run = experiment.measurement.run()
     except InputError:  # the trial ended before anything was measured
         return None
-    path, model = run_path(run), experiment.estimator.model
+    path, model = gripper_path(run), experiment.estimator.model
     try:
         angles = model.rollout(path, model.theta(), channels=("load_force",)).states[:, 0]
     except ArithmeticError:  # the model cannot be computed, which also ended the trial
@@ -194,7 +194,7 @@ def open_recording(rig: Rig, folder: Path, settings: ProtocolSettings, name: str
         recorded_channels(rig.arm.joint_names),
         description=rig.description,
         noise={"load_force": settings.force_noise},
-        known={"mass": Known(settings.mass, settings.mass_std, "kg")},
+        known={"mass": KnownQuantity(settings.mass, settings.mass_std, "kg")},
     )
     try:
         yield recorder

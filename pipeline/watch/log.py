@@ -7,7 +7,7 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
-from armdyn.watch.sound import Sample
+from armdyn.watch.fault_free import JointSample
 
 
 class Log:
@@ -45,7 +45,7 @@ class Log:
         stream.write(self._heads + "\n")
         return stream
 
-    def write(self, sample: Sample) -> None:
+    def write(self, sample: JointSample) -> None:
         """Write a sample; missing values are empty cells."""
         stamp, q, tau = sample
         cells = ("" if np.isnan(value) else repr(float(value)) for value in (stamp, *q, *tau[self._asked]))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from armdyn.watch.event import Event
+from armdyn.watch.event import WatchEvent
 from armdyn.watch.watch import Watch
 from pipeline.processes import Closing
 
@@ -45,7 +45,7 @@ class LivePage(Closing):
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="watch page")
         self._thread.start()
 
-    def take(self, events: Sequence[Event]) -> None:
+    def take(self, events: Sequence[WatchEvent]) -> None:
         """Add the watch's latest sample, and these events."""
         step = self._watch.latest
         if step is None:
@@ -53,7 +53,7 @@ class LivePage(Closing):
         with self._lock:
             self._events.extend(event.answer for event in events)
             if step.settled and (not self._points or not 0.0 <= step.time - self._points[-1][0] < POINT_SECONDS):
-                limit = self._watch.touches.limit(step)
+                limit = self._watch.touches.thresholds(step)
                 mean = step.residual - step.contrast
                 self._points.append([step.time, *(np.round(each, 4).tolist() for each in (step.residual, mean, limit))])
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from armdyn.arm.model import ArmModel
 from armdyn.errors import InputError
-from armdyn.recording.channels import FloatArray, channel_unit, name_and_unit
+from armdyn.recording.channels import FloatArray, name_and_unit, unit_conversion
 from armdyn.run import Run, read_run
-from armdyn.watch.sound import Sample, samples_of
+from armdyn.watch.fault_free import JointSample, samples_of
 from pipeline.interrupts import noted_signals
 from pipeline.ros.bridge import Bridge, Message
 from pipeline.ros.states import FIRST_STATE, JointStates
@@ -50,12 +50,12 @@ def runs_of(model: ArmModel, paths: Sequence[Path]) -> list[Run]:
     return [model.reading(read_run(path)) for path in paths]
 
 
-def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[Sample]]]:
+def sample_sources(model: ArmModel, runs: Sequence[Run]) -> list[Callable[[], Iterator[JointSample]]]:
     """One function per run; each call returns all samples of the run."""
     return [partial(samples_of, run, model) for run in runs]
 
 
-def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[Sample]:
+def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> Iterator[JointSample]:
     """Samples from lines of CSV; the first line is a recording's header: ``time [s],q.elbow [rad],...``.
 
     A line that is malformed or lacks a value is skipped.
@@ -73,7 +73,7 @@ def lines_of(stream: TextIO, model: ArmModel, name: str = "standard input") -> I
             f"{name}: its first line has no {', '.join(missing)}: write the heads of a recording, time [s], q.<joint> "
             "[rad] and tau.<joint> [N m] of every joint"
         )
-    units = {head: channel_unit(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
+    units = {head: unit_conversion(head, heads[index[head]][1]) for head in wanted if heads[index[head]][1]}
     for line in stream:
         cells = line.strip().split(",")
         try:
@@ -99,10 +99,10 @@ class RosStates:
 
     def __init__(self, uri: str, topic: str, names: Sequence[str]) -> None:
         self._uri, self._topic, self._names = uri, topic, tuple(names)
-        self._waiting: queue.Queue[Sample] = queue.Queue(QUEUE_SIZE)
+        self._waiting: queue.Queue[JointSample] = queue.Queue(QUEUE_SIZE)
         self._ended = False
 
-    def samples(self) -> Iterator[Sample]:
+    def samples(self) -> Iterator[JointSample]:
         """Samples until a signal (SIGINT, SIGTERM); times on this computer's clock, s since the first.
 
         Raises:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armdyn.recording.noise import white_noise_std
-from armdyn.recording.spikes import at_the_end, spikes, without_saturation, without_spikes
+from armdyn.recording.spikes import saturated_samples, spikes, without_saturation, without_spikes
 from armdyn.run import Channel, Run
 
 TIME = np.arange(1500) / 100
@@ -91,12 +91,12 @@ def test_two_spikes_side_by_side_are_found():
 
 def test_readings_at_the_end_of_the_range_are_found():
     value = np.minimum(noisy(0), 0.85)
-    assert np.array_equal(at_the_end(value), value == 0.85)
+    assert np.array_equal(saturated_samples(value), value == 0.85)
 
 
 @pytest.mark.parametrize("quantum", [0.02, 0.01, 1e-3])
 def test_a_coarsely_rounded_swing_is_not_at_the_end_of_its_range(quantum):
-    assert not at_the_end(quantum * np.round(noisy(0) / quantum)).any()
+    assert not saturated_samples(quantum * np.round(noisy(0) / quantum)).any()
 
 
 def test_left_out_samples_are_counted_in_the_warnings():

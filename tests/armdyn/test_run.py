@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from armdyn.errors import InputError, UnknownNameError
-from armdyn.run import Channel, Known, Run, read_run, write_run_csv
+from armdyn.run import Channel, KnownQuantity, Run, read_run, write_run_csv
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 # Logs of servos have columns of their own, such as counts of current: they are for `armdyn import`.
@@ -175,7 +175,7 @@ length = "0.368 m (from the paper)"
     run = read_run(recording(GOOD, sidecar))
     assert run.description == "swing 3"
     assert run.noise == {"load_force": 0.003, "tau.elbow": 0.001}
-    assert run.known == {"mass": Known(0.08, 0.0004, "kg"), "pivot.radius": Known(0.002, None, "m")}
+    assert run.known == {"mass": KnownQuantity(0.08, 0.0004, "kg"), "pivot.radius": KnownQuantity(0.002, None, "m")}
 
 
 def test_constant_or_short_signal_is_not_informative(complains):
@@ -192,7 +192,9 @@ def test_constant_or_short_signal_is_not_informative(complains):
 
 def test_a_run_cannot_be_changed_nor_its_copy_or_pickle():
     time = TIME.copy()
-    run = Run("a", {"load_force": Channel(time, FORCE, "N")}, {"mass": Known(0.08, None, "kg")}, {"load_force": 0.003})
+    run = Run(
+        "a", {"load_force": Channel(time, FORCE, "N")}, {"mass": KnownQuantity(0.08, None, "kg")}, {"load_force": 0.003}
+    )
     time[0] = -1.0
     assert run.channel("load_force").time[0] == 0.0
     for same in (run, copy.deepcopy(run), pickle.loads(pickle.dumps(run))):
@@ -225,7 +227,7 @@ def runs(draw):
     return Run(
         "swing.csv",
         {name: channel(units[name]) for name in sorted(names)},
-        draw(st.dictionaries(st.sampled_from(["mass"]), st.builds(Known, std, st.none() | std, st.just("kg")))),
+        draw(st.dictionaries(st.sampled_from(["mass"]), st.builds(KnownQuantity, std, st.none() | std, st.just("kg")))),
         draw(st.dictionaries(st.sampled_from(sorted(names)), std)),
         draw(st.text(st.characters(blacklist_categories=["Cs"]), max_size=20)),
     )

@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from armdyn.errors import InputError
-from armdyn.smoothing.choice import SPLINE_ORDERS, Rates, best_smoothing, derivative_noise, smoothed
+from armdyn.smoothing.choice import SPLINE_ORDERS, MeasuredDerivative, best_smoothing, derivative_noise, smooth_curve
 from armdyn.smoothing.spline import MAX_UNDISTORTED_CUTOFF, WHITE_RATE_SHARE, LowPass, SplineCurve, SplineSamples
 
 
@@ -54,7 +54,7 @@ def test_noise_and_its_share_in_derivatives_are_found_at_uneven_stamps(noise):
     t = uneven()
     y = swing(t) + noise * np.random.default_rng(1).standard_normal(len(t))
     choice = best_smoothing(t, y, SPLINE_ORDERS)
-    curve = smoothed(t, y, choice)
+    curve = smooth_curve(t, y, choice)
     assert choice.noise == pytest.approx(noise, rel=0.2)
     inside = slice(100, -100)
     for k in (1, 2):
@@ -73,7 +73,7 @@ def test_an_encoder_that_moves_a_few_steps_is_not_taken_for_jerky():
 
 def test_a_file_with_few_digits_is_smoothed_below_its_last_digit():
     t = np.arange(1500) / 100
-    curve = smoothed(t, np.round(swing(t), 3), best_smoothing(t, np.round(swing(t), 3), SPLINE_ORDERS))
+    curve = smooth_curve(t, np.round(swing(t), 3), best_smoothing(t, np.round(swing(t), 3), SPLINE_ORDERS))
     assert np.std(curve(t)[:, 0] - swing(t)) < 0.5e-3 / np.sqrt(12)
 
 
@@ -82,7 +82,7 @@ def test_measured_velocities_that_agree_improve_the_acceleration():
     y = swing(t) + 1e-2 * rng.standard_normal(len(t))
     v = swing(t, 1) + 1e-2 * rng.standard_normal(len(t))
     choice = best_smoothing(t, y, SPLINE_ORDERS)
-    alone, with_v = (smoothed(t, y, choice, rates) for rates in ((), (Rates(t, v, 1),)))
+    alone, with_v = (smooth_curve(t, y, choice, rates) for rates in ((), (MeasuredDerivative(t, v, 1),)))
     inside = slice(100, -100)
     errors = [np.std((c(t, 2)[:, 0] - swing(t, 2))[inside]) for c in (alone, with_v)]
     assert errors[1] < 0.6 * errors[0]
@@ -92,7 +92,7 @@ def test_velocities_that_arrive_late_do_little_harm():
     t, rng = uneven(), np.random.default_rng(4)
     y = swing(t) + 4e-4 * rng.standard_normal(len(t))
     choice = best_smoothing(t, y, SPLINE_ORDERS)
-    late = smoothed(t, y, choice, (Rates(t, swing(t - 0.05, 1), 1),))
+    late = smooth_curve(t, y, choice, (MeasuredDerivative(t, swing(t - 0.05, 1), 1),))
     inside = slice(100, -100)
     assert np.std((late(t, 1)[:, 0] - swing(t, 1))[inside]) < 0.1 * np.std(swing(t, 1) - swing(t - 0.05, 1))
 
@@ -101,7 +101,7 @@ def test_a_gap_is_bridged():
     t = uneven()
     t = t[(t < 6.0) | (t > 6.3)]
     y = swing(t) + 1e-4 * np.random.default_rng(5).standard_normal(len(t))
-    curve = smoothed(t, y, best_smoothing(t, y, SPLINE_ORDERS))
+    curve = smooth_curve(t, y, best_smoothing(t, y, SPLINE_ORDERS))
     middle = np.linspace(6.0, 6.3, 20)
     assert np.abs(curve(middle)[:, 0] - swing(middle)).max() < 0.02
 
@@ -119,7 +119,7 @@ def test_white_noise_is_white_again_after_low_pass_and_thinning():
 def test_a_signal_that_does_not_move_has_no_noise_and_no_rate():
     t = uneven(200)
     choice = best_smoothing(t, np.full(200, 0.7), SPLINE_ORDERS)
-    curve = smoothed(t, np.full(200, 0.7), choice)
+    curve = smooth_curve(t, np.full(200, 0.7), choice)
     assert choice.noise == 0.0
     assert np.all(curve(t)[:, 0] == pytest.approx(0.7, abs=1e-15))
     assert np.abs(curve(t, 2)).max() < 1e-9
@@ -135,5 +135,5 @@ def test_a_gap_of_hundreds_of_samples_is_smoothed_at_every_order(order):
     time = np.arange(0.0, 40.0, 0.02)
     time = time[(time < 10.0) | (time > 20.0)]
     samples = np.sin(0.3 * time) + np.random.default_rng(4).normal(0.0, 1e-3, len(time))
-    curve = smoothed(time, samples, best_smoothing(time, samples, (order,)))
+    curve = smooth_curve(time, samples, best_smoothing(time, samples, (order,)))
     assert np.std(curve(time)[:, 0] - np.sin(0.3 * time)) < 5e-4

@@ -7,7 +7,7 @@ import pytest
 from threadpoolctl import get_cached_controller, threadpool_info, threadpool_limits
 
 import armdyn
-from armdyn.experiments.goal import determining
+from armdyn.experiments.goal import goal_to_determine
 from armdyn.identify.estimator import Estimator
 from armdyn.identify.problem import Problem
 from armdyn.identify.study import Study
@@ -90,7 +90,7 @@ def test_a_question_is_answered_by_one_thread_and_gives_the_others_back(question
 
 def test_a_motion_is_designed_by_one_thread():
     seen = set()
-    goal = determining(armdyn.arm.arm_model(robot="ur5"), [armdyn.CATALOGUE["joint_viscous_friction"]], 50.0)
+    goal = goal_to_determine(armdyn.arm.arm_model(robot="ur5"), [armdyn.CATALOGUE["joint_viscous_friction"]], 50.0)
     excitation(goal, 2.0, random=1, compare=False, say=lambda _: seen.update(threads()))
     assert seen == {1}
     assert threads() == {OUTSIDE}

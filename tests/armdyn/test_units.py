@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armdyn.errors import InputError
-from armdyn.recording.units import Known, parse_quantity, si_factor, si_unit
+from armdyn.recording.units import KnownQuantity, parse_quantity, si_factor, si_unit
 
 
 @pytest.mark.parametrize(
@@ -37,8 +37,8 @@ def test_quantity_is_read_with_its_spread(text, expected, value, std):
 
 
 def test_coherent_unit_keeps_its_name_and_others_become_base_units():
-    assert parse_quantity("3 N s^2/m^2") == Known(3.0, None, "N s^2/m^2")
-    assert parse_quantity("2 mm/s") == Known(0.002, None, "m/s")
+    assert parse_quantity("3 N s^2/m^2") == KnownQuantity(3.0, None, "N s^2/m^2")
+    assert parse_quantity("2 mm/s") == KnownQuantity(0.002, None, "m/s")
     assert si_unit("g m^2") == "kg m^2"
     assert si_unit("deg") == "rad"
 
@@ -72,4 +72,4 @@ sizes = st.floats(1e-15, 1e15)
     st.sampled_from(["kg", "m", "N s^2/m^2", "rad"]),
 )
 def test_a_known_value_written_as_text_reads_back_to_the_last_digit(value, std, unit):
-    assert parse_quantity(str(Known(value, std, unit)), unit) == Known(value, std, unit)
+    assert parse_quantity(str(KnownQuantity(value, std, unit)), unit) == KnownQuantity(value, std, unit)

@@ -12,7 +12,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from pipeline.console.screen import COUNTED, about
 
 
@@ -28,7 +28,11 @@ def test_a_repair_says_how_many_candidates_of_how_many_are_tried():
     told = []
     catalogue = [CATALOGUE[name] for name in ("linear_drag", "quadratic_drag", "sensor_bias")]
     setup = Setup(hidden={"quadratic_drag": 0.02})
-    run = weighed(record("a.csv", setup, np.random.default_rng(7)), Known(0.08, 4e-4, "kg"), Known(0.368, 1e-3, "m"))
+    run = weighed(
+        record("a.csv", setup, np.random.default_rng(7)),
+        KnownQuantity(0.08, 4e-4, "kg"),
+        KnownQuantity(0.368, 1e-3, "m"),
+    )
     repair(Study.of(pendulum_model(0.368, 0.08), [run], [], catalogue), told.append)
     counts = [tuple(map(int, found.groups())) for text in told if (found := COUNTED.match(text))]
     assert any(re.fullmatch(r"\d+ of \d+ candidates \w+", text) for text in told)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 from . import dry_swing
@@ -108,14 +108,14 @@ def correlated(n: int, correlation: float, rng: np.random.Generator) -> np.ndarr
     return noise
 
 
-def weighed(run: Run, mass: Known, length: Known) -> Run:
+def weighed(run: Run, mass: KnownQuantity, length: KnownQuantity) -> Run:
     """The run with what was measured by hand."""
     return Run(run.name, run.channels, {"mass": mass, "length": length}, run.noise)
 
 
 def recordings(seed: int = 7, **settings: Any) -> list[Run]:
     """Two runs of the usual load, which was weighed and measured; `settings` are those of `Setup`."""
-    rng, known = np.random.default_rng(seed), (Known(0.0802, 4e-4, "kg"), Known(0.3685, 1e-3, "m"))
+    rng, known = np.random.default_rng(seed), (KnownQuantity(0.0802, 4e-4, "kg"), KnownQuantity(0.3685, 1e-3, "m"))
     return [weighed(record(f"r{k}.csv", Setup(**settings), rng), *known) for k in range(2)]
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 from .dry_swing import G, Motion, Pendulum, Push, reading, swing
@@ -292,5 +292,5 @@ def run_of(rng: np.random.Generator, record: Record, plan: Plan, sensor: Sensor,
             stated["gripper_x"] = noise
     known = {}
     if sensor.channel == "load_force":
-        known["mass"] = Known(mass, 0.005 * mass, "kg")
+        known["mass"] = KnownQuantity(mass, 0.005 * mass, "kg")
     return Run(record.name, channels, known, stated)

@@ -18,7 +18,7 @@ from armdyn.arm.bodies import MotionSamples
 from armdyn.arm.model import ArmModel, arm_model
 from armdyn.arm.motion import Motion
 from armdyn.arm.rigid import inverse_dynamics
-from armdyn.arm.simulator import Drives, simulate
+from armdyn.arm.simulator import DriveInputs, simulate_arm
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
 from armdyn.run import Run
@@ -194,13 +194,13 @@ def _recorded(
         most = np.tile(limit, (each, 1))
         if law == "torque":
             given = share * np.clip(gain * command, -most, most)
-            drives = Drives(given, zeros, zeros, np.full((each, JOINTS), np.inf), zeros + 1.0, 0 * gain, 0 * gain)
+            drives = DriveInputs(given, zeros, zeros, np.full((each, JOINTS), np.inf), zeros + 1.0, 0 * gain, 0 * gain)
         elif law == "velocity":
-            drives = Drives(zeros, zeros, command, most, share, 0 * gain, gain)
+            drives = DriveInputs(zeros, zeros, command, most, share, 0 * gain, gain)
         else:
-            drives = Drives(zeros, command, zeros, most, share, gain, 0 * gain)
+            drives = DriveInputs(zeros, command, zeros, most, share, gain, 0 * gain)
         states.append((q, v))
-        found_q, found_v = simulate(truth, theta, (q, v), drives, h)
+        found_q, found_v = simulate_arm(truth, theta, (q, v), drives, h)
         q, v = found_q[-1], found_v[-1]
     q_all, v_all = np.array(states).transpose(1, 0, 2)
     asked = gain * {"position": told - q_all, "velocity": told - v_all, "torque": told}[law]

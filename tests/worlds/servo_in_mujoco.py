@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import Window, closed, windows
+from armdyn.arm.rollout import SimulationWindow, has_all_position_commands, simulation_windows
 from armdyn.run import Run
 
 LENGTH = 0.5  # s of the windows of drives that are told no position
 
 
-def stretches(model: ArmModel, run: Run) -> Sequence[Window]:
+def stretches(model: ArmModel, run: Run) -> Sequence[SimulationWindow]:
     """The whole recording in closed loop, else windows."""
-    return windows(run, model.arm.joints, np.inf if closed(model, run) else LENGTH)
+    return simulation_windows(run, model.arm.joints, np.inf if has_all_position_commands(model, run) else LENGTH)
 
 
 def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = None) -> np.ndarray:
@@ -37,12 +37,12 @@ def errors_in_mujoco(text: str, model: ArmModel, run: Run, step: float | None = 
             count = int(arm.actuator_history[i, 0])
             if count:
                 times = window.begin - arm.opt.timestep * np.arange(count, 0, -1)
-                mujoco.mj_initCtrlHistory(arm, data, i, times, channel.held(times))
+                mujoco.mj_initCtrlHistory(arm, data, i, times, channel.held_values(times))
         count = int(np.ceil((window.end - window.begin) / arm.opt.timestep)) + 1
         time = window.begin + arm.opt.timestep * np.arange(count)
         # A step's force stands for half a step before and after it (leapfrog): so does what it is told.
         edges = np.append(time, time[-1] + arm.opt.timestep) - 0.5 * arm.opt.timestep
-        commands = np.column_stack([channel.mean_held(edges) for channel in told])
+        commands = np.column_stack([channel.mean_held_values(edges) for channel in told])
         shares = np.column_stack([s.gate(run, j, time)[0] for s, j in zip(servos, model.arm.joints, strict=True)])
         positions = np.empty((count, len(told)))
         for k in range(count):

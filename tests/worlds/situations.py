@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 from . import pendulum
@@ -86,14 +86,14 @@ class Recorded:
 def recorded(situation: Situation, hidden: Mapping[str, float], rng: np.random.Generator) -> Recorded:
     """Runs in a situation, with effects hidden in them."""
     length, mass = rng.uniform(*situation.length), rng.uniform(*situation.mass)
-    measured = Known(length + 1e-3 * rng.normal(), 1e-3, "m")
+    measured = KnownQuantity(length + 1e-3 * rng.normal(), 1e-3, "m")
     runs, masses, starts, noise = [], [], [], {}
     for k, factor in enumerate(situation.masses):
         own = factor * mass
         if situation.weighed and len(set(situation.masses)) == 1 and k > 0:
             known = runs[0].known
         elif situation.weighed:
-            known = {"mass": Known(own * (1 + 0.005 * rng.normal()), 0.005 * own, "kg"), "length": measured}
+            known = {"mass": KnownQuantity(own * (1 + 0.005 * rng.normal()), 0.005 * own, "kg"), "length": measured}
         else:
             known = {}
         run, start, noise = _run(f"r{k}.csv", situation, hidden, length, own, known, rng)
@@ -121,7 +121,7 @@ def _run(
     hidden: Mapping[str, float],
     length: float,
     mass: float,
-    known: Mapping[str, Known],
+    known: Mapping[str, KnownQuantity],
     rng: np.random.Generator,
 ) -> tuple[Run, tuple[float, float], dict[str, float]]:
     motion, start = _motion(situation, rng), _start(situation, length, rng)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 from .drive import Hidden, Imperfections, Lump, on_link
@@ -118,6 +118,6 @@ def pendulum(real: str, seed: int, *, driven: bool, channels: Sequence[str], dur
     }
     if driven:
         found["gripper_x"] = Channel(time, gripper(time)[0] + 5e-5 * rng.standard_normal(len(time)), "m")
-    known = {"length": Known(length, 0.01 * length, "m"), "mass": Known(mass, 0.01 * mass, "kg")}
+    known = {"length": KnownQuantity(length, 0.01 * length, "m"), "mass": KnownQuantity(mass, 0.01 * mass, "kg")}
     name = f"pendulum {'driven' if driven else 'free'} {'+'.join(channels)} {real} {seed}"
     return Sound(name, "pendulum", Run(name, found, known), dict.fromkeys(found, 1.0))

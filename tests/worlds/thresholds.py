@@ -15,7 +15,7 @@ import numpy as np
 
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import load_effects
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 from worlds import baxter as arm
 from worlds import pendulum
@@ -144,8 +144,8 @@ def _of_pendulum(hidden: str, seed: int, again: int, seconds: float, *, acts: bo
     def reading(force: np.ndarray) -> np.ndarray:
         return np.asarray(force - size["lost"] * np.maximum(force - size["knee"], 0.0))
 
-    weighed = Known(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
-    measured = Known(length + 1e-3 * rng.normal(), 1e-3, "m")
+    weighed = KnownQuantity(mass * (1 + 0.005 * rng.normal()), 0.005 * mass, "kg")
+    measured = KnownQuantity(length + 1e-3 * rng.normal(), 1e-3, "m")
     runs = []
     for k in range(3):
         setup = pendulum.Setup(

@@ -9,8 +9,8 @@ from scipy.special import chdtrc
 from armdyn.identify.fit import Fit
 from armdyn.identify.noise import Whitening, whitening
 from armdyn.identify.problem import by_channel
-from armdyn.physics.pieces import Pieces, pseudo_inverse
-from armdyn.physics.simulated import with_motion
+from armdyn.physics.pieces import MotionPieces, pseudo_inverse
+from armdyn.physics.simulated import as_model_with_motion
 from armdyn.recording.channels import is_auxiliary
 
 MAX_TERMS = 3
@@ -110,18 +110,18 @@ def process_error_share(fit: Fit) -> float | None:
     the residual is zero.
     """
     problem = fit.problem
-    model = with_motion(problem.model)
+    model = as_model_with_motion(problem.model)
     if model is None or fit.chi2_per_sample < MIN_EXCESS_RATIO:
         return None
     left = samples = 0.0
     for i, run in enumerate(problem.runs):
-        theta, pieces = problem.theta(i, fit.values), Pieces(model, run, SEGMENT_SECONDS)
-        states, none = pieces.rolled(theta), np.zeros(0, dtype=int)
+        theta, pieces = problem.theta(i, fit.values), MotionPieces(model, run, SEGMENT_SECONDS)
+        states, none = pieces.rolled_out_states(theta), np.zeros(0, dtype=int)
         J, n = states.shape
         best, count = np.full(J, np.inf), np.zeros(J)
         for _ in range(START_STATE_STEPS):
             square, count, gram, slope = np.zeros(J), np.zeros(J), np.zeros((J, n, n)), np.zeros((J, n))
-            for channel, s in pieces.linearised(theta, states, none).samples.items():
+            for channel, s in pieces.linearise(theta, states, none).samples.items():
                 noise = problem.noise[run.name, channel]
                 r, X = (s.measured - s.predicted) / noise, s.by_state / noise
                 square += np.bincount(s.piece, r**2, J)

@@ -16,7 +16,7 @@ from armdyn.identify.state_space.grey_box import GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.noise_evidence import at_every_kick
 from armdyn.identify.state_space.output_error import AroundMotion
 from armdyn.physics.pieces import pseudo_inverse
-from armdyn.physics.simulated import simulated, with_motion
+from armdyn.physics.simulated import as_model_with_motion, as_simulated_model
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.run import Run
 
@@ -116,15 +116,15 @@ def accelerations(fit: Fit) -> list[Unexplained]:
     The values are those optimised with process noise: a simulation without it would follow the recording by a wrong
     length as far as it can.
     """
-    if with_motion(fit.problem.model) is None:
+    if as_model_with_motion(fit.problem.model) is None:
         return []
     acting = fit.free | (fit.values != fit.problem.null)
     needed = {c.parameter.effect for c, acts in zip(fit.problem.columns, acting, strict=True) if acts}
     problem = Problem(fit.problem.model.with_only(needed), fit.problem.runs, fit.problem.noise)
-    model = simulated(problem.model)
+    model = as_simulated_model(problem.model)
     values = transferred(fit.values, fit.problem, problem)
     free = transferred_mask(fit.free, fit.problem, problem)
-    swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+    swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
     if fit.settled is None:
         motion = AroundMotion(problem, len(problem.runs), problem.is_effect, [values])
         free, values = motion.base, motion.point.values
@@ -145,12 +145,12 @@ def _kicked(box: GreyBox, point: NoiseAndMotion, index: int) -> list[Unexplained
     model, theta = run.pieces.model, point.values[run.places]
     around = run.around(point.values, states, point.weights[index], np.zeros(len(point.values), dtype=bool))
     _, kicks = around.smoothed(point.noises[index], np.zeros(len(point.values)))
-    motion, by_start = run.pieces.motion(theta, states)
+    motion, by_start = run.pieces.start_values(theta, states)
     lasting = np.diff(run.pieces.starts)
     pushed = (pseudo_inverse(by_start) @ kicks[:, :, None])[:, :, 0]
     time, motion = run.pieces.starts[1:], motion[1:]
     found = []
-    for k, joint in model.forced.items():
+    for k, joint in model.speed_states.items():
         unit = f"{model.parameters[model.start_names[k]].unit}/s".replace("/s/s", "/s^2")
         against = model.force_covariates(run.pieces.run, time, motion, k, theta) | _recorded(run.pieces.run, time)
         found.append(Unexplained(run.run.name, joint, unit, time, pushed[1:, k] / lasting, against))

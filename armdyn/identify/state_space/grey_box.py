@@ -97,7 +97,9 @@ class GreyBox:
         each = zip(self.runs, point.edges, point.states, point.weights, strict=True)
         with np.errstate(all="ignore"):  # divergence is detected by `LinearisedRun.finite`
             return [
-                run.around(point.values, run.pieces.cut(point.values[run.places], edges, states), weights, wanted)
+                run.around(
+                    point.values, run.pieces.states_after_cut(point.values[run.places], edges, states), weights, wanted
+                )
                 for run, edges, states, weights in each
             ]
 
@@ -228,7 +230,7 @@ class GreyBox:
             model, theta = run.pieces.model, values[run.places].copy()
             starts = [model.names.index(name) for name in model.start_names]
             for _ in range(3):
-                state, by_start, _ = run.pieces.beginning(theta)
+                state, by_start, _ = run.pieces.start_state(theta)
                 theta[starts] += pseudo_inverse(by_start) @ (states[0] - state)
             columns = run.places[starts]
             values[columns] = np.clip(theta[starts], self.problem.lower[columns], self.problem.upper[columns])

@@ -20,10 +20,10 @@ from armdyn.identify.state_space.innovations import (
     filtered,
     smoothed,
 )
-from armdyn.physics.pieces import Linearised, Pieces, pseudo_inverse
-from armdyn.physics.simulated import simulated
-from armdyn.recording.gaps import until
-from armdyn.recording.noise import quiet_noise
+from armdyn.physics.pieces import Linearised, MotionPieces, Pieces, pseudo_inverse
+from armdyn.physics.simulated import as_simulated_model
+from armdyn.recording.gaps import run_until
+from armdyn.recording.noise import smallest_noise_std
 
 PIECE_PERIODS = 0.5
 """Length of a piece, between two kicks, in periods of the swing. Within a piece the motion is the model's own, so
@@ -75,13 +75,13 @@ class GreyRun:
     """
 
     def __init__(self, problem: Problem, index: int, swing: float, share: float = PIECE_PERIODS) -> None:
-        model = simulated(problem.model)
+        model = as_simulated_model(problem.model)
         self.problem, self.index, self.swing = problem, index, swing
-        self.run = until(problem.runs[index], model.comes_to_rest(problem.runs[index], swing))
-        self.pieces = Pieces(model, self.run, share * swing)
+        self.run = run_until(problem.runs[index], model.time_of_rest(problem.runs[index], swing))
+        self.pieces = MotionPieces(model, self.run, share * swing)
         self.places = problem.places(index)
         self.channels = self.pieces.channels
-        self.quiet = [quiet_noise(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
+        self.quiet = [smallest_noise_std(self.run.channels[c], problem.noise[self.run.name, c]) for c in self.channels]
         self._typical = np.array([model.parameters[name].typical for name in model.start_names])
 
     def initial_states(self, values: np.ndarray) -> np.ndarray:
@@ -95,11 +95,11 @@ class GreyRun:
         theta = values[self.places]
         while True:
             states = self._from_measured(values)
-            found = self.pieces.linearised(theta, states, np.zeros(0, dtype=int))
-            _, by_start = self.pieces.motion(theta, states)
+            found = self.pieces.linearise(theta, states, np.zeros(0, dtype=int))
+            _, by_start = self.pieces.start_values(theta, states)
             size = by_start * self._typical
             grown = np.abs(pseudo_inverse(size) @ found.transition @ size).max(axis=(1, 2), initial=0.0)
-            if not self.pieces.halve(~(grown < MAX_ERROR_GROWTH)):
+            if not self.pieces.cut_in_two(~(grown < MAX_ERROR_GROWTH)):
                 return states
 
     def _from_measured(self, values: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ class GreyRun:
         simulation; kicks keep the difference small while the stretch grows.
         """
         theta, even = values[self.places], [np.ones(len(self.run.channels[c].time)) for c in self.channels]
-        states, known = self.pieces.rolled(theta), FIRST_PIECES
+        states, known = self.pieces.rolled_out_states(theta), FIRST_PIECES
         none = np.zeros(len(values), dtype=bool)
         around = self.around(values, states, even, none)
         while known < len(states) and not around.left(FIRST_PIECES, len(states)) < GROSS_ERROR_RATIO:
@@ -123,7 +123,7 @@ class GreyRun:
                 if not around.finite or around.left(begin, known) < CHI2_NEAR_NOISE:
                     break
                 states = around.smoothed_until(known)
-                states[known:] = self.pieces.rolled(theta, known - 1, states[known - 1])[1:]
+                states[known:] = self.pieces.rolled_out_states(theta, known - 1, states[known - 1])[1:]
                 around = self.around(values, states, even, none)
         return states
 
@@ -142,18 +142,18 @@ class GreyRun:
         theta, unknowns = values[places], np.flatnonzero(wanted)
         parameters = np.flatnonzero(wanted[places])
         columns = np.searchsorted(unknowns, places[parameters])
-        found = pieces.linearised(theta, states, parameters)
+        found = pieces.linearise(theta, states, parameters)
         for column, unknown in enumerate(places[parameters]):
             if unknown in self.problem.jumps and values[unknown] == self.problem.null[unknown]:
                 self._add_secant(found, pieces, theta, states, parameters, column, self.problem.jumps[unknown])
         # States are momenta; rates are what a parameter change keeps constant and what a kick changes.
-        gap = found.ends - np.append(states[1:], found.ends[-1:], axis=0)
+        gap = found.end_states - np.append(states[1:], found.end_states[-1:], axis=0)
         by_unknown, definition = np.zeros((2, *states.shape, len(unknowns)))
-        here, there = found.definition
+        here, there = found.fixed_motion_derivatives
         by_unknown[:, :, columns], definition[:, :, columns] = found.by_theta + found.transition @ here - there, here
-        begin, by_start, by_theta = pieces.beginning(theta)
+        begin, by_start, by_theta = pieces.start_state(theta)
         model = pieces.model
-        forced = list(model.forced)
+        forced = list(model.speed_states)
         kicked = by_start[:, forced] * self._typical[forced]
         free = np.abs(by_start).sum(axis=1) > 0.0
         start = np.zeros((states.shape[1], len(unknowns) + 1))
@@ -187,14 +187,14 @@ class GreyRun:
         for name, samples in found.samples.items():
             samples.by_theta[:, column] = (there.samples[name].predicted - samples.predicted) / way
 
-    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[Pieces, np.ndarray]:
+    def _holding(self, values: np.ndarray, wanted: np.ndarray) -> tuple[MotionPieces, np.ndarray]:
         """The pieces of a model without effects that have no influence here, and the unknowns of its parameters.
 
         Effects that add states are kept, so that all sets of effects have the same states.
         """
         model = self.pieces.model
-        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.remembering)
-        return self.pieces.of(simulated(lean)), self.places[places]
+        lean, places = self.problem.holding(self.problem.needed(values, wanted) | model.effects_with_states)
+        return self.pieces.for_model(as_simulated_model(lean)), self.places[places]
 
 
 class LinearisedRun:

@@ -77,7 +77,7 @@ class Rows:
         noise: standard deviation of one sample.
         weight: (N,) variance of each sample over that of the noise; larger for suspected glitches.
         definition: (J, n, q) derivatives of the states at the beginning of the pieces with respect to the parameters,
-            for a fixed motion; see `Linearised.definition`.
+            for a fixed motion; see `LinearisedRun.fixed_motion_derivatives`.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ from armdyn.identify.problem import Problem
 from armdyn.identify.state_space.grey_box import NEARBY_LOOKS, GreyBox, NoiseAndMotion
 from armdyn.identify.state_space.places import places
 from armdyn.identify.state_space.starts import alike, likeliest_starts
-from armdyn.physics.simulated import simulated
+from armdyn.physics.simulated import as_simulated_model
 
 DIFFERENT_VALUE_SHARE = 0.1
 """Relative difference from which a value that a recording shows directly is tried as well as the model's own."""
@@ -42,7 +42,7 @@ tried in recordings of up to 37,000 samples, five minutes of a swing; fewer in l
 
 def shows_motion(problem: Problem) -> bool:
     """Whether every run contains the motion itself, and not only a force that depends on it."""
-    model = simulated(problem.model)
+    model = as_simulated_model(problem.model)
     values = problem.start()
     return all(
         model.measured_motion(run, np.array([run.channels[model.predicted_channels(run)[0]].time[0]]), theta, 1.0)
@@ -72,10 +72,10 @@ class AroundMotion:
     """
 
     def __init__(self, problem: Problem, training: int, present: np.ndarray, options: Sequence[np.ndarray]) -> None:
-        model = simulated(problem.model)
+        model = as_simulated_model(problem.model)
         values = options[0]
         self.problem, self.measured, self._given = problem, shows_motion(problem), values
-        swings = [model.swing(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
+        swings = [model.oscillation_period(run, problem.theta(i, values)) for i, run in enumerate(problem.runs)]
         self.of_starts = problem.of(model.start_names)
         self.box = GreyBox(problem, swings, training, problem.is_effect & ~present)
         wanted = problem.fitted & ~self.of_starts & (~problem.is_effect | present)
@@ -101,7 +101,7 @@ class AroundMotion:
         A value of the model file may be far off, and the period of a large swing suggests a length that is too large.
         """
         problem, values = self.problem, options[0]
-        model = simulated(problem.model)
+        model = as_simulated_model(problem.model)
         shown: dict[str, list[float]] = {}
         for i, run in enumerate(problem.runs[: self.box.training]):
             for name, value in model.direct_estimates(run, problem.theta(i, values)).items():
@@ -272,8 +272,8 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
     """Fit a single run: its start and the unknowns (P,) `free`, from its measured motion; the others are fixed."""
-    model = simulated(single.model)
-    swing = model.swing(single.runs[0], single.theta(0, values))
+    model = as_simulated_model(single.model)
+    swing = model.oscillation_period(single.runs[0], single.theta(0, values))
     box = GreyBox(single, [swing], 1, np.zeros(len(values), dtype=bool))
     own = free & ~single.of(model.start_names)
     point = box.settled(own, box.begin(values))

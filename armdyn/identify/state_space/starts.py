@@ -12,7 +12,7 @@ from armdyn.identify.fit import first_part
 from armdyn.identify.problem import Problem, transferred, transferred_mask
 from armdyn.identify.state_space.grey_box import GreyBox
 from armdyn.identify.state_space.noise_evidence import at_every_kick
-from armdyn.physics.simulated import simulated
+from armdyn.physics.simulated import as_simulated_model
 
 TRIED_STARTS, KEPT_STARTS = 24, 3
 """Values that are tried in short pieces, and the number of results: the likeliest that are unlike each other."""
@@ -40,14 +40,14 @@ def likeliest_starts(problem: Problem, training: int, wanted: np.ndarray, values
         wanted: (P,) bool, unknowns that are fitted.
         values: (P,) values of the model.
     """
-    model = simulated(problem.model)
+    model = as_simulated_model(problem.model)
     guessed = wanted & problem.of(model.first_guesses) & ~problem.per_run
     if not guessed.any():
         return []
     acting = wanted | (values != problem.null)
     needed = {c.parameter.effect for c, acts in zip(problem.columns, acting, strict=True) if acts}
     runs = [
-        first_part(run, START_SEARCH_PERIODS * model.swing(run, problem.theta(i, values)))
+        first_part(run, START_SEARCH_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
     cut = Problem(model.with_only(needed), runs, problem.noise)
@@ -74,8 +74,8 @@ def alike(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> bool:
 
 def _settled(cut: Problem, free: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
     """Evidence and (P,) values, with the starts of the runs, after optimising in short pieces from (P,) values."""
-    model = simulated(cut.model)
-    swings = [model.swing(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
+    model = as_simulated_model(cut.model)
+    swings = [model.oscillation_period(run, cut.theta(i, values)) for i, run in enumerate(cut.runs)]
     box = GreyBox(cut, swings, len(swings), np.zeros(len(values), dtype=bool), SHORT_PIECE_PERIODS)
     with np.errstate(all="ignore"):  # diverging values have no finite evidence
         point = box.settled(free, box.begin(values), (at_every_kick,) * START_ROUNDS)

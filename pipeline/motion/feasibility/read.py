@@ -10,7 +10,7 @@ import urdf
 from armdyn.errors import InputError, UnknownNameError, at
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
-from armdyn.recording.noise import quiet_std
+from armdyn.recording.noise import noise_std_from_differences
 from armdyn.run import read_run
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 from urdf.robot import Array
@@ -32,7 +32,7 @@ def differentiate(time: Array, position: Array) -> tuple[Array, Array, Array]:
         if time.size < NOISE_DIFFERENCE_ORDER:
             v = np.gradient(x, time)
             return x, v, np.gradient(v, time)
-        std = quiet_std(time, x, NOISE_DIFFERENCE_ORDER)
+        std = noise_std_from_differences(time, x, NOISE_DIFFERENCE_ORDER)
         # Below this the differences show only the rounding of floats, which a smoothing spline cannot follow.
         if std < 1e-10 * np.max(np.abs(x)):
             spline = make_interp_spline(time, x, k=5)

@@ -6,7 +6,7 @@ import pytest
 
 import armdyn
 from armdyn.arm.model import arm_model
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from armdyn.run import Run
 
 from ...robots import joint, link, robot
@@ -45,7 +45,7 @@ def test_torques_are_explained_with_any_joint_left_out_that_moves_or_stands_else
     found = armdyn.compare(model, [run])
     assert set(found.channels) == {f"tau.{name}" for name in others}
     assert all(channel.chi2_per_sample < 2.0 for channel in found.channels.values())
-    (check,) = [check for check in inspected([run], model).checks if check.kind == "joint_left_out"]
+    (check,) = [check for check in inspect_runs([run], model).checks if check.kind == "joint_left_out"]
     assert check.channels == (f"q.{left_out}",)
     assert check.severity.key == "note"
 
@@ -54,7 +54,7 @@ def test_a_joint_that_not_all_recordings_have_is_told_and_not_moved(tmp_path):
     run = recorded(tmp_path)
     lacks = Run("b.csv", {name: channel for name, channel in run.channels.items() if name != "q.j3"})
     model = arm_model(tmp_path / "a.urdf", joints=NAMES[:2])
-    (check,) = [check for check in inspected([run, lacks], model).checks if check.kind == "joint_left_out"]
+    (check,) = [check for check in inspect_runs([run, lacks], model).checks if check.kind == "joint_left_out"]
     assert (check.run, check.severity.key) == ("a.csv", "suspect")
     assert "holds it at its zero" in check.sentence
 
@@ -62,7 +62,7 @@ def test_a_joint_that_not_all_recordings_have_is_told_and_not_moved(tmp_path):
 def test_a_joint_that_the_description_lacks_is_told(tmp_path):
     run = recorded(tmp_path)
     lift = Run("a.csv", {**run.channels, "q.lift": run.channels["q.j2"]})
-    (check,) = [c for c in inspected([lift], arm_model(tmp_path / "a.urdf")).checks if c.kind == "joint_left_out"]
+    (check,) = [c for c in inspect_runs([lift], arm_model(tmp_path / "a.urdf")).checks if c.kind == "joint_left_out"]
     assert "no joint of the model nor of its description" in check.sentence
 
 
@@ -72,4 +72,4 @@ def test_effects_of_a_joint_that_is_carried_are_not_asked_for(tmp_path):
     assert model.arm.joints == NAMES
     assert model.joints == NAMES[:2]
     for reach in ("every", "turning", "coupled", "last"):
-        assert "j3" not in model.arm.within(reach)
+        assert "j3" not in model.arm.reachable_joints(reach)

@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import butter, filtfilt
 from worlds.generated_arm import generate
 
-from armdyn.arm.drive import smoothing_drives
+from armdyn.arm.drive import drive_low_passes
 from armdyn.arm.model import arm_model
-from armdyn.arm.prepared import FREQUENCIES, recorded
+from armdyn.arm.prepared import NOISE_FREQUENCIES, recorded_torques
 from armdyn.readout import LowPassed
 
 robot_of = cache(generate)
@@ -20,7 +20,9 @@ def drives_of(seed, cut=None):
     runs = robot.runs()[:1] if cut is None else robot.cut(robot.rate, *cut).runs()
     model = arm_model(robot.name) if "/" in robot.name else arm_model(robot=robot.name)
     arm = model.arm
-    found = smoothing_drives([recorded(run, arm.model, arm.joints) for run in runs], arm.model, FREQUENCIES)
+    found = drive_low_passes(
+        [recorded_torques(run, arm.model, arm.joints) for run in runs], arm.model, NOISE_FREQUENCIES
+    )
     return robot, model, runs, found
 
 
@@ -35,7 +37,7 @@ def test_the_cut_off_and_the_noise_below_it_are_found():
 def test_short_recordings_show_together_what_none_shows_alone():
     robot, model, runs, found = drives_of(16, (12.0, 6))
     assert [one.cutoff for one in found.values()] == pytest.approx([robot.worlds[0].drive.smoothing] * 7, rel=0.1)
-    cutoffs = [done.cutoff for run in runs for done in model.prepared(run, runs).done.values()]
+    cutoffs = [done.cutoff for run in runs for done in model.prepared(run, runs).processing.values()]
     assert max(cutoffs) <= 0.55 * robot.worlds[0].drive.smoothing
 
 

@@ -9,7 +9,7 @@ from worlds.servo_arm import generate
 
 from armdyn.arm.drive_scale import identified_drives
 from armdyn.arm.model import ArmModel
-from armdyn.arm.rollout import encoder_step, rolled, windows
+from armdyn.arm.rollout import encoder_step, simulated_positions, simulation_windows
 from armdyn.checked_study import CheckedStudy, absent_in_motion
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
@@ -100,8 +100,8 @@ def test_the_exported_servo_moves_in_mujoco_as_in_the_model(arm):
         {f"{n}[{j}]": 0.3 for j in JOINTS for n in ("back_emf.coefficient", "torque_offset.torque")}
     )
     run = simulated(mujoco_text(model)[0], 7, 0.0)
-    (window,) = windows(run, model.arm.joints, np.inf)
-    assert np.sqrt(np.mean((rolled(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
+    (window,) = simulation_windows(run, model.arm.joints, np.inf)
+    assert np.sqrt(np.mean((simulated_positions(model, model.theta(), window) - window.q) ** 2)) < 1.2e-3
 
 
 def test_the_exported_python_function_holds_the_servos_law(arm):
@@ -169,8 +169,8 @@ def test_gains_of_generated_arms_are_within_what_is_told_of_them_also_where_some
 
 def test_a_command_holds_until_the_next_stamp():
     told = Channel(np.array([0.0, 1.0, 2.0]), np.array([1.0, 5.0, 2.0]), "rad")
-    assert told.held(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
-    assert told.mean_held(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
+    assert told.held_values(np.array([-1.0, 0.0, 0.99, 1.0, 1.99, 9.0])).tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 2.0]
+    assert told.mean_held_values(np.array([-1.0, 0.5, 1.5, 3.0])).tolist() == pytest.approx([1.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize(

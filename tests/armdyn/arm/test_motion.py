@@ -11,15 +11,15 @@ from worlds.plant import perfect
 
 from armdyn.arm.model import arm_model
 from armdyn.arm.motion import measured_motion
-from armdyn.arm.prepared import direction_known, interior
+from armdyn.arm.prepared import samples_inside_motion, samples_with_known_direction
 from armdyn.effects.catalogue import CATALOGUE
 
 
 def test_a_turning_joint_leaves_out_the_samples_of_which_nobody_knows_the_sign():
     run = generate(None, 1.0, 0)
     motion, torque = measured_motion(run, JOINTS), run.channels["tau.right_e0"]
-    time = torque.time[interior(torque, motion)]
-    left_out = ~direction_known(motion, JOINTS.index("right_e0"), time, 10.0)
+    time = torque.time[samples_inside_motion(torque, motion)]
+    left_out = ~samples_with_known_direction(motion, JOINTS.index("right_e0"), time, 10.0)
     speed = np.abs(motion.joints[JOINTS.index("right_e0")].curve(time, 1)[:, 0])
     assert 0 < left_out.mean() < 0.02
     assert speed[left_out].max() < 0.01  # rad/s
@@ -52,10 +52,10 @@ def test_rests_are_left_out_of_a_joint_that_moves_but_not_of_one_that_hardly_doe
     share = np.linspace(0.0, 1.0, len(time))
     moves, stands = (measured_motion(_held(run, "right_e0", 0.3, end), JOINTS) for end in (0.6, 0.99))
     inside = (share > 0.35) & (share < 0.55)
-    assert not moves.joints[joint].stands
-    assert np.mean(direction_known(moves, joint, time, 10.0)[inside]) < 0.1
-    assert stands.joints[joint].stands
-    assert np.mean(direction_known(stands, joint, time, 10.0)[inside]) > 0.9
+    assert not moves.joints[joint].mostly_rests
+    assert np.mean(samples_with_known_direction(moves, joint, time, 10.0)[inside]) < 0.1
+    assert stands.joints[joint].mostly_rests
+    assert np.mean(samples_with_known_direction(stands, joint, time, 10.0)[inside]) > 0.9
     assert np.mean(stands.direction(joint, time[inside]) == 0.0) > 0.9
 
 
@@ -63,7 +63,7 @@ def test_before_a_rest_at_the_end_a_smoothed_torque_is_left_out_as_at_the_end_of
     resting, channel = _held(generate(None, 1.0, 0), "right_e0", 0.8, 1.0), "tau.right_e0"
     ready, recorded = baxter.prepared(resting), resting.channels[channel].time
     cutoff = ready.preparations[channel].cutoff
-    known = direction_known(measured_motion(resting, JOINTS), JOINTS.index("right_e0"), recorded, cutoff)
+    known = samples_with_known_direction(measured_motion(resting, JOINTS), JOINTS.index("right_e0"), recorded, cutoff)
     assert 0.5 / cutoff <= recorded[known][-1] - ready.channels[channel].time[-1] < 1.5 / cutoff
 
 

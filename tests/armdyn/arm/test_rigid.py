@@ -11,7 +11,7 @@ from armdyn.arm.rigid import (
     inverse_dynamics,
     is_physical,
     pseudo_inertia,
-    shape,
+    pseudo_inertia_factor,
     torque_regressor,
 )
 from armdyn.effects.catalogue import find
@@ -87,14 +87,14 @@ def test_pseudo_inertia_gives_back_the_inertial_parameters():
     J = pseudo_inertia(parameters)
     assert np.asarray(inertial_parameters(ca.DM(J))).ravel() == pytest.approx(parameters)
     assert is_physical(parameters)
-    U = shape(parameters, float(inertia.mass))
+    U = pseudo_inertia_factor(parameters, float(inertia.mass))
     assert np.allclose(np.triu(U), U)
     assert pytest.approx(J, abs=1e-4 * np.abs(J).max()) == U @ U.T
 
 
 @pytest.mark.parametrize("parameters", [np.zeros(10), np.array([2.0, 0.2, 0, 0, 0, 0, 0, 0, 0, 0])])
 def test_a_link_without_extent_or_mass_can_be_deformed(parameters):
-    U = shape(parameters, 5.0)
+    U = pseudo_inertia_factor(parameters, 5.0)
     assert np.linalg.eigvalsh(U @ U.T)[0] > 0
 
 

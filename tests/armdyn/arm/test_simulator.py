@@ -5,14 +5,14 @@ import pinocchio as pin
 import pytest
 
 from armdyn.arm.model import ArmModel, arm_model
-from armdyn.arm.simulator import Drives, simulate
+from armdyn.arm.simulator import DriveInputs, simulate_arm
 
 from . import urdfs
 from .conftest import with_effects
 
 
-def drives(count: int, joints: int, **given: np.ndarray | float) -> Drives:
-    off = Drives.off(count, joints)
+def drives(count: int, joints: int, **given: np.ndarray | float) -> DriveInputs:
+    off = DriveInputs.off(count, joints)
     return replace(off, **{k: np.broadcast_to(v, getattr(off, k).shape) for k, v in given.items()})
 
 
@@ -47,7 +47,7 @@ def test_a_free_motion_is_that_of_pinocchios_articulated_bodies_to_second_order_
     true, _ = by_runge_kutta(ur5.arm.model, begin, 1e-3, 500)
     for step in (4e-3, 2e-3, 1e-3):
         count = round(0.5 / step)
-        q, _ = simulate(ur5, ur5.theta(), (np.zeros(6), begin), drives(count, 6), step)
+        q, _ = simulate_arm(ur5, ur5.theta(), (np.zeros(6), begin), drives(count, 6), step)
         errors.append(np.abs(q[-1] - true).max())
     assert errors[-1] < 2e-4
     assert errors[0] / errors[1] > 3.5
@@ -56,37 +56,37 @@ def test_a_free_motion_is_that_of_pinocchios_articulated_bodies_to_second_order_
 
 def test_a_free_arm_keeps_its_energy(ur5):
     model, data = ur5.arm.model, ur5.arm.model.createData()
-    q, v = simulate(ur5, ur5.theta(), (np.zeros(6), np.linspace(-1.0, 1.0, 6)), drives(2000, 6), 1e-3)
+    q, v = simulate_arm(ur5, ur5.theta(), (np.zeros(6), np.linspace(-1.0, 1.0, 6)), drives(2000, 6), 1e-3)
     kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)])
     total = kinetic + [pin.computePotentialEnergy(model, data, at) for at in q]
     assert np.ptp(total) < 1e-3 * np.ptp(kinetic)
 
 
 def test_what_slides_stops_where_its_friction_has_used_up_its_energy_and_rests_exactly(sled):
-    q, v = simulate(sled, sled.theta(), (np.zeros(1), np.array([1.5])), drives(1000, 1), 2e-3)
+    q, v = simulate_arm(sled, sled.theta(), (np.zeros(1), np.array([1.5])), drives(1000, 1), 2e-3)
     assert q[-1, 0] == pytest.approx(0.5 * 2.0 * 1.5**2 / 3.0, abs=1e-5)
     stopped = np.arange(len(v)) * 2e-3 > 2.0 * 1.5 / 3.0 + 2e-3
     assert not v[stopped].any()
 
 
 def test_a_force_below_the_friction_moves_nothing_and_one_above_moves_by_what_is_left(sled):
-    still, _ = simulate(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=2.99), 2e-3)
-    moved, _ = simulate(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=5.0), 2e-3)
+    still, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=2.99), 2e-3)
+    moved, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(500, 1, given=5.0), 2e-3)
     assert not still.any()
     assert moved[-1, 0] == pytest.approx(0.5 * (5.0 - 3.0) / 2.0, rel=1e-9)
 
 
 def test_a_servo_that_swings_rests_where_its_gain_no_longer_overcomes_the_friction(sled):
     servo = drives(5000, 1, q_cmd=0.5, on=1.0, gain=40.0, damping=4.0)
-    q, v = simulate(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
+    q, v = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
     assert not v[-1].any()
     assert 0.0 < abs(0.5 - q[-1, 0]) <= 3.0 / 40.0 + 1e-9
 
 
 def test_a_saturated_servo_accelerates_by_its_limit_and_one_that_is_off_by_nothing(sled):
     servo = drives(250, 1, q_cmd=5.0, on=1.0, gain=1000.0, limit=7.0)
-    q, _ = simulate(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
-    off, _ = simulate(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(250, 1, q_cmd=5.0, gain=1000.0), 2e-3)
+    q, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), servo, 2e-3)
+    off, _ = simulate_arm(sled, sled.theta(), (np.zeros(1), np.zeros(1)), drives(250, 1, q_cmd=5.0, gain=1000.0), 2e-3)
     assert q[-1, 0] == pytest.approx(0.5 * (7.0 - 3.0) / 2.0 * 0.5**2, rel=1e-9)
     assert not off.any()
 
@@ -102,7 +102,7 @@ def test_joints_that_stick_and_slide_together_keep_every_friction_within_its_siz
     time_ = (np.arange(count) + 0.5)[:, None] * step
     servo = drives(count, 6, q_cmd=0.3 * np.sin(time_ * np.arange(1.0, 7.0)), on=1.0, gain=600.0, damping=20.0)
     start = np.zeros(6), np.zeros(6)
-    q, v = simulate(model, model.theta(), start, servo, step)
+    q, v = simulate_arm(model, model.theta(), start, servo, step)
     middle, mean, rate = q[:-1] + step / 2 * v[:-1], (v[:-1] + v[1:]) / 2, (v[1:] - v[:-1]) / step
     arm, data = model.arm.model.copy(), model.arm.model.createData()
     arm.armature = np.full(6, 0.3)

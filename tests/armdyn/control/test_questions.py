@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from derivatives import assert_jacobian
 
-from armdyn.control.questions import LENGTH_QUESTION, Criterion, information, separation
-from armdyn.control.sac import SacSettings, SacState, SequentialActionControl, needle
+from armdyn.control.questions import LENGTH_OBJECTIVE, Criterion, information_objective, separation_objective
+from armdyn.control.sac import SacSettings, SacState, SequentialActionControl, acceleration_pulse
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.pendulum.model import pendulum_model
@@ -20,12 +20,12 @@ PIVOT = pendulum_model(0.368, 0.08, [CATALOGUE["pivot_viscous_friction"], BIAS])
 SWING = np.array([0.2, 0.004])
 UNKNOWNS = ("length", "mass", "pivot_viscous_friction.coefficient", "sensor_bias.force")
 QUESTIONS = [
-    LENGTH_QUESTION,
-    information(("length", "linear_drag.coefficient", "mass")),
-    information(("length",), ("mass", "sensor_bias.force")),
-    information(("length", "linear_drag.coefficient"), ("mass",), Criterion.INVERSE),
-    information(("length", "mass"), (), Criterion.DIRECTION, (1.0, 0.5)),
-    separation(UNKNOWNS),
+    LENGTH_OBJECTIVE,
+    information_objective(("length", "linear_drag.coefficient", "mass")),
+    information_objective(("length",), ("mass", "sensor_bias.force")),
+    information_objective(("length", "linear_drag.coefficient"), ("mass",), Criterion.INVERSE),
+    information_objective(("length", "mass"), (), Criterion.DIRECTION, (1.0, 0.5)),
+    separation_objective(UNKNOWNS),
 ]
 
 
@@ -41,7 +41,7 @@ def situation(question, seed=0):
     return SacState(1.0, 0.02, 0.1, SWING, psi, gram=gram)
 
 
-@pytest.fixture(scope="module", params=QUESTIONS, ids=lambda q: f"{q.criterion.value}-{q.size}-{q.rivals}")
+@pytest.fixture(scope="module", params=QUESTIONS, ids=lambda q: f"{q.criterion.value}-{q.signal_count}-{q.rivals}")
 def control(request):
     rival = PIVOT if request.param.rivals else None
     return SequentialActionControl(DRAG, question=request.param, rival=rival), rival
@@ -86,10 +86,10 @@ def test_criteria_are_those_of_the_inverse_information():
         (Criterion.INVERSE, (), np.log(np.trace(covariance))),
         (Criterion.DIRECTION, tuple(d), np.log(d @ covariance @ d)),
     ):
-        cost, slope = information(("a", "b"), ("c", "d"), criterion, direction).criterion_function()(G)
+        cost, slope = information_objective(("a", "b"), ("c", "d"), criterion, direction).criterion_function()(G)
         assert float(cost) == pytest.approx(expected, rel=1e-10)
         steps = 1e-6 * np.eye(16).reshape(16, 4, 4)
-        function = information(("a", "b"), ("c", "d"), criterion, direction).criterion_function()
+        function = information_objective(("a", "b"), ("c", "d"), criterion, direction).criterion_function()
         numeric = [(float(function(G + s)[0]) - float(function(G - s)[0])) / 2e-6 for s in steps]
         np.testing.assert_allclose(numeric, np.asarray(slope).ravel(), rtol=1e-5, atol=1e-7)
 
@@ -141,7 +141,7 @@ def held(x, v, a, dt):
 
 
 def test_a_motion_tells_what_it_was_asked_for():
-    asked = ((None, None), (LENGTH_QUESTION, None), (separation(UNKNOWNS), PIVOT))
+    asked = ((None, None), (LENGTH_OBJECTIVE, None), (separation_objective(UNKNOWNS), PIVOT))
     separated, informed = zip(*(driven(*question) for question in asked), strict=True)
     # A horizon of 1.4 s sees little of slow friction: 20 against 8; a motion designed as a whole reaches 60.
     assert separated[2] > 2.0 * separated[1]
@@ -150,13 +150,13 @@ def test_a_motion_tells_what_it_was_asked_for():
 
 def test_questions_that_cannot_be_asked_are_refused(complains):
     with complains(InputError):
-        information(())
+        information_objective(())
     with complains(InputError):
-        information(("length",), criterion=Criterion.DIRECTION)
+        information_objective(("length",), criterion=Criterion.DIRECTION)
     with complains(InputError):
-        SequentialActionControl(DRAG, question=separation(UNKNOWNS))
+        SequentialActionControl(DRAG, question=separation_objective(UNKNOWNS))
     with complains(UnknownNameError):
-        SequentialActionControl(DRAG, question=information(("pivot_viscous_friction.coefficient",)))
+        SequentialActionControl(DRAG, question=information_objective(("pivot_viscous_friction.coefficient",)))
 
 
 MODEL = pendulum_model(0.368, 0.08, [CATALOGUE["linear_drag"]]).with_values({"linear_drag.coefficient": 0.005})
@@ -186,7 +186,7 @@ def test_the_barrier_turns_the_gripper_round(on_length):
 
 
 def test_a_needle_keeps_its_impulse_whatever_the_grid():
-    schedule = needle(1.5, 0.0234, 0.1178, 80, 0.01)
+    schedule = acceleration_pulse(1.5, 0.0234, 0.1178, 80, 0.01)
     assert schedule.sum() * 0.01 == pytest.approx(1.5 * (0.1178 - 0.0234))
     assert np.all(schedule[12:] == 0.0)
 

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from armdyn.experiments.arm import ArmProblem
-from armdyn.experiments.columns import random_states
-from armdyn.experiments.criteria import covariance
-from armdyn.experiments.goal import determining
+from armdyn.experiments.columns import random_joint_states
+from armdyn.experiments.criteria import posterior_covariance
+from armdyn.experiments.goal import goal_to_determine
 from armdyn.experiments.limits import MotionLimits
-from armdyn.experiments.search import Lagrangian, improve, random_motion
-from armdyn.experiments.series import Series
+from armdyn.experiments.search import AugmentedLagrangian, optimise_motion, random_motion
+from armdyn.experiments.series import FourierSeries
 
 
 class OnOneSide:
@@ -25,13 +25,13 @@ class OnOneSide:
 
 @pytest.fixture(scope="module")
 def goal(shoulder, effects):
-    return determining(shoulder, effects("joint_viscous_friction joint_coulomb_friction payload"), 100.0)
+    return goal_to_determine(shoulder, effects("joint_viscous_friction joint_coulomb_friction payload"), 100.0)
 
 
 @pytest.fixture(scope="module")
 def design(goal):
-    limits = MotionLimits.of(goal.columns.arm.robot)
-    return ArmProblem(goal.columns, goal.criterion, Series(6.0), limits, OnOneSide(0.5))
+    limits = MotionLimits.of_robot(goal.columns.arm.robot)
+    return ArmProblem(goal.columns, goal.criterion, FourierSeries(6.0), limits, OnOneSide(0.5))
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +43,14 @@ def start(design):
 
 def test_a_random_motion_is_as_large_as_the_limits_allow(design, start):
     assert -0.05 < design.excess(start) <= 0.0
-    assert all(design.postures.free(q) for q in design.grid.motion(start).q)
+    assert all(design.postures.free(q) for q in design.torque_basis.motion(start).q)
 
 
 def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, start):
-    near = design.about(start)
-    multipliers = [np.full(c.shape, 1e-3) for c in near.evaluate(start).beyond]
-    objective = Lagrangian(near, 5.0, multipliers)
-    point, rng, h = 1.3 * start / design.unit[:, None], np.random.default_rng(0), 1e-5
+    near = design.linearised_around(start)
+    multipliers = [np.full(c.shape, 1e-3) for c in near.evaluate(start).constraints]
+    objective = AugmentedLagrangian(near, 5.0, multipliers)
+    point, rng, h = 1.3 * start / design.coefficient_scale[:, None], np.random.default_rng(0), 1e-5
     _, gradient = objective(point)
     for _ in range(3):
         direction = rng.standard_normal(point.shape)
@@ -59,24 +59,24 @@ def test_the_gradient_of_the_objective_is_that_of_finite_differences(design, sta
 
 
 def test_a_designed_motion_tells_more_and_stays_inside(design, goal, start):
-    found = improve(design, start)
+    found = optimise_motion(design, start)
 
     def stds(x):
-        return np.sqrt(np.diag(covariance(design.information(x), goal.columns.prior)))[goal.wanted]
+        return np.sqrt(np.diag(posterior_covariance(design.information(x), goal.columns.prior)))[goal.wanted]
 
     assert design.cost(found) < design.cost(start) - 0.3
     assert np.exp(np.mean(np.log(stds(start) / stds(found)))) > 1.3
     assert design.excess(found) < 0.02
-    assert design.grid.motion(found).q[:, 0].max() < 0.5 + 0.02
+    assert design.torque_basis.motion(found).q[:, 0].max() < 0.5 + 0.02
 
 
 def test_twice_the_time_has_twice_the_information(goal):
-    limits, free = MotionLimits.of(goal.columns.arm.robot), OnOneSide(np.inf)
-    once, twice = (ArmProblem(goal.columns, goal.criterion, Series(t), limits, free) for t in (20.0, 40.0))
-    x = np.random.default_rng(0).standard_normal((3, once.series.size))
+    limits, free = MotionLimits.of_robot(goal.columns.arm.robot), OnOneSide(np.inf)
+    once, twice = (ArmProblem(goal.columns, goal.criterion, FourierSeries(t), limits, free) for t in (20.0, 40.0))
+    x = np.random.default_rng(0).standard_normal((3, once.series.coefficient_count))
     assert twice.information(x) == pytest.approx(2.0 * once.information(x))
 
 
 def test_states_all_over_the_limits_are_always_the_same(goal):
-    first, second = random_states(goal.columns.arm, 5), random_states(goal.columns.arm, 5)
+    first, second = random_joint_states(goal.columns.arm, 5), random_joint_states(goal.columns.arm, 5)
     assert np.array_equal(first.q, second.q)

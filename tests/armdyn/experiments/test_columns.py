@@ -6,27 +6,27 @@ from derivatives import assert_jacobian
 from worlds import baxter as hidden_arm
 
 from armdyn.errors import InputError
-from armdyn.experiments.columns import Columns, present, random_states
+from armdyn.experiments.columns import TorqueRegressor, at_active_values, random_joint_states
 from armdyn.experiments.criteria import RivalSeparation, d_optimality, log_condition, log_harmonic_separation
-from armdyn.experiments.series import JOINT_MAX_PERIOD, Series
+from armdyn.experiments.series import JOINT_MAX_PERIOD, FourierSeries
 
 
 def extended(model, effects):
     for effect in effects:
         model = model.with_effect(effect)
-    return Columns(present(model), 100.0)
+    return TorqueRegressor(at_active_values(model), 100.0)
 
 
 @pytest.fixture
 def states(baxter):
-    return random_states(baxter.arm, 20)
+    return random_joint_states(baxter.arm, 20)
 
 
 def test_a_payloads_column_is_the_torque_that_mujoco_finds_for_it(baxter, effects, states):
     columns = extended(baxter, effects("payload"))
     place = {f"payload.{axis}[right_w2]": p for axis, p in zip("xyz", hidden_arm.PAYLOAD_PLACE, strict=True)}
-    columns = Columns(columns.model.with_values(place), 100.0)
-    torque = columns.at(states)[:, :, columns.of("payload")[0]] * columns.noise
+    columns = TorqueRegressor(columns.model.with_values(place), 100.0)
+    torque = columns.values_along(states)[:, :, columns.column_indices("payload")[0]] * columns.noise
     motion = states.q, states.v, states.a
     expected = hidden_arm.rigid_torque(*motion, payload=1.3) - hidden_arm.rigid_torque(*motion, payload=0.3)
     assert torque == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
@@ -35,7 +35,7 @@ def test_a_payloads_column_is_the_torque_that_mujoco_finds_for_it(baxter, effect
 def test_a_links_mass_column_is_what_mujoco_finds_for_a_heavier_link(baxter, effects, states):
     columns = extended(baxter, effects("link_inertia"))
     index = columns.model.names.index("link_inertia.mass[right_e0]")
-    torque = columns.at(states)[:, :, index] * columns.noise / columns.typical[index]
+    torque = columns.values_along(states)[:, :, index] * columns.noise / columns.typical[index]
     motion, step = (states.q, states.v, states.a), 1e-4
     heavier = np.zeros(7)
     heavier[2] = step
@@ -45,7 +45,7 @@ def test_a_links_mass_column_is_what_mujoco_finds_for_a_heavier_link(baxter, eff
 
 
 def test_torques_are_mujocos_with_the_damping_of_the_urdf(baxter, states):
-    torque = Columns(baxter, 100.0).torque(states)
+    torque = TorqueRegressor(baxter, 100.0).described_torque(states)
     expected = hidden_arm.rigid_torque(states.q, states.v, states.a)
     expected = expected + np.asarray(baxter.arm.model.damping) * states.v
     assert torque == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
@@ -53,14 +53,16 @@ def test_torques_are_mujocos_with_the_damping_of_the_urdf(baxter, states):
 
 def test_slopes_are_those_of_finite_differences(shoulder, effects):
     columns = extended(shoulder, effects("joint_coulomb_friction link_inertia gravity_spring joint_load_friction"))
-    states, rng = random_states(shoulder.arm, 6), np.random.default_rng(1)
+    states, rng = random_joint_states(shoulder.arm, 6), np.random.default_rng(1)
     by_columns = rng.standard_normal((6, 3, len(columns.unknowns)))
     by_torque = rng.standard_normal((6, 3))
 
     def total(moved):
-        return float(np.sum(columns.at(moved) * by_columns) + np.sum(columns.torque(moved) * by_torque))
+        return float(
+            np.sum(columns.values_along(moved) * by_columns) + np.sum(columns.described_torque(moved) * by_torque)
+        )
 
-    for name, gradient in zip("qva", columns.with_slopes(states)[2](by_columns, by_torque), strict=True):
+    for name, gradient in zip("qva", columns.with_gradient(states)[2](by_columns, by_torque), strict=True):
         direction, h = rng.standard_normal(states.q.shape), 1e-5
         ends = [total(states._replace(**{name: getattr(states, name) + sign * h * direction})) for sign in (1, -1)]
         measured = (ends[0] - ends[1]) / (2 * h)
@@ -70,52 +72,52 @@ def test_slopes_are_those_of_finite_differences(shoulder, effects):
 def test_an_effect_that_acts_through_its_mass_has_one(baxter, effects):
     columns = extended(baxter, effects("payload"))
     assert columns.model.value("payload.mass[right_w2]") == 1.0
-    assert np.all(np.any(columns.at(random_states(baxter.arm, 20)) != 0.0, axis=(0, 1)))
+    assert np.all(np.any(columns.values_along(random_joint_states(baxter.arm, 20)) != 0.0, axis=(0, 1)))
 
 
 def test_a_delay_is_refused_in_one_line(shoulder, effects, complains):
     with complains(InputError):
-        extended(shoulder, effects("torque_delay")).at(random_states(shoulder.arm, 2))
+        extended(shoulder, effects("torque_delay")).values_along(random_joint_states(shoulder.arm, 2))
 
 
 def coefficients(series):
-    return np.random.default_rng(3).standard_normal((2, series.size))
+    return np.random.default_rng(3).standard_normal((2, series.coefficient_count))
 
 
 @pytest.mark.parametrize("seconds", [2.0, 7.3, 20.0, 50.0])
 def test_a_motion_starts_and_ends_at_rest_with_zero_acceleration(seconds):
-    series = Series(seconds)
-    ends = series.at(np.array([0.0, seconds])).motion(coefficients(series))
-    inside = series.at(np.linspace(0.0, seconds, 200)).motion(coefficients(series))
+    series = FourierSeries(seconds)
+    ends = series.basis_at(np.array([0.0, seconds])).motion(coefficients(series))
+    inside = series.basis_at(np.linspace(0.0, seconds, 200)).motion(coefficients(series))
     assert np.abs(ends.v).max() < 1e-9 * np.abs(inside.v).max()
     assert np.abs(ends.a).max() < 1e-9 * np.abs(inside.a).max()
     assert ends.q[0] == pytest.approx(ends.q[1])
 
 
 def test_velocity_and_acceleration_are_the_derivatives_of_position():
-    series = Series(20.0)
+    series = FourierSeries(20.0)
     time, h = np.linspace(0.5, 19.0, 60), 1e-4
     x = coefficients(series)
-    before, here, after = (series.at(time + k * h).motion(x) for k in (-1, 0, 1))
+    before, here, after = (series.basis_at(time + k * h).motion(x) for k in (-1, 0, 1))
     assert here.v == pytest.approx((after.q - before.q) / (2 * h), abs=1e-5)
     assert here.a == pytest.approx((after.v - before.v) / (2 * h), abs=1e-4)
 
 
 def test_a_long_motion_repeats_a_period():
-    series = Series(50.0)
+    series = FourierSeries(50.0)
     assert series.period <= JOINT_MAX_PERIOD
     time = np.linspace(0.0, 5.0, 20)
     x = coefficients(series)
-    assert series.at(time + series.period).motion(x).q == pytest.approx(series.at(time).motion(x).q)
+    assert series.basis_at(time + series.period).motion(x).q == pytest.approx(series.basis_at(time).motion(x).q)
 
 
 def test_few_harmonics_hold_no_higher_frequency():
-    series = Series(20.0)
-    x = coefficients(series) @ series.low(5)
-    samples = series.at(series.period * np.arange(256) / 256).motion(x).q
+    series = FourierSeries(20.0)
+    x = coefficients(series) @ series.low_harmonics_projection(5)
+    samples = series.basis_at(series.period * np.arange(256) / 256).motion(x).q
     power = np.abs(np.fft.rfft(samples, axis=0)) ** 2
     assert power[6:].max() < 1e-18 * power.max()
-    ends = series.at(np.zeros(1)).motion(x)
+    ends = series.basis_at(np.zeros(1)).motion(x)
     assert np.abs([ends.v, ends.a]).max() < 1e-9
 
 

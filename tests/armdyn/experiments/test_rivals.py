@@ -10,14 +10,21 @@ from worlds.pendulum import Setup, record, weighed
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.experiments.hypothesis import PlannedExperiment
-from armdyn.experiments.plan import other_kinds
-from armdyn.experiments.rivals import NO_EFFECT, named, of_diagnosis, refitted, require_gripper, weakest
-from armdyn.experiments.separation import outlook
+from armdyn.experiments.plan import other_experiments
+from armdyn.experiments.rivals import (
+    NO_EFFECT,
+    require_gripper,
+    rival_values_of_worst_parameter,
+    rivals_by_name,
+    rivals_of_diagnosis,
+    rivals_refitted_to,
+)
+from armdyn.experiments.separation import expected_outcome
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.channels import Channel
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Run
 
 FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wind", "path_tilt")]
@@ -25,7 +32,7 @@ FRICTIONS = [CATALOGUE[n] for n in ("pivot_viscous_friction", "linear_drag", "wi
 
 def study_of(hidden, effects=FRICTIONS, seed=5, noise=5e-3):
     run = record("a.csv", Setup(hidden=hidden, duration=6.0, force_noise=noise), np.random.default_rng(seed))
-    run = weighed(run, Known(0.08, 8e-4, "kg"), Known(0.368, 3e-3, "m"))
+    run = weighed(run, KnownQuantity(0.08, 8e-4, "kg"), KnownQuantity(0.368, 3e-3, "m"))
     return Study.of(pendulum_model(0.36, 0.08), [run], [], effects)
 
 
@@ -35,7 +42,7 @@ def windy():
 
 
 def test_ties_become_hypotheses_with_what_the_runs_say_of_their_values(windy):
-    found = of_diagnosis(windy, diagnose(windy))
+    found = rivals_of_diagnosis(windy, diagnose(windy))
     assert found is not None
     assert {h.name for h in found.hypotheses} == {"wind", "path_tilt"}
     assert found.hypotheses[0].misfit == 0.0
@@ -46,21 +53,21 @@ def test_ties_become_hypotheses_with_what_the_runs_say_of_their_values(windy):
         std = np.linalg.inv(h.information)[own, own] ** 0.5
         truth = {"wind": 0.02, "path_tilt": np.arctan(0.02 / (0.08 * 9.81))}[h.name]
         assert abs(h.model.value(h.free[own]) - truth) < 5.0 * std
-    again = refitted(windy, [("path_tilt",), ("wind",)])
+    again = rivals_refitted_to(windy, [("path_tilt",), ("wind",)])
     assert {h.name: round(h.misfit, 6) for h in again.hypotheses} == {
         h.name: round(h.misfit, 6) for h in found.hypotheses
     }
 
 
 def test_one_name_stands_against_no_effect(windy):
-    found = named(windy, ["wind"])
+    found = rivals_by_name(windy, ["wind"])
     assert {h.name for h in found.hypotheses} == {"wind", NO_EFFECT}
     assert found.hypotheses[0].name == "wind"  # there is wind
     assert found.hypotheses[1].misfit > 20.0
 
 
 def test_an_effect_that_the_runs_do_not_see_is_as_large_as_they_allow():
-    found = named(study_of({}), ["pivot_viscous_friction", "linear_drag"])
+    found = rivals_by_name(study_of({}), ["pivot_viscous_friction", "linear_drag"])
     for h in found.hypotheses:
         name = next(n for n in h.free if "." in n)
         size, p = h.model.value(name), h.model.parameters[name]
@@ -69,32 +76,32 @@ def test_an_effect_that_the_runs_do_not_see_is_as_large_as_they_allow():
 
 def test_what_is_determined_worst_is_asked_for_where_nothing_ties():
     study = study_of({"linear_drag": 0.03}, [CATALOGUE["linear_drag"]], noise=0.02)
-    found = weakest(study, diagnose(study))
+    found = rival_values_of_worst_parameter(study, diagnose(study))
     assert found is not None
     first, second = found.hypotheses
     assert "=" in first.name
     assert second.misfit == pytest.approx(4.0)  # two standard deviations away
     angle = PlannedExperiment(
-        "angle_sensor", "", other_kinds(found, 5.0)[0].motion, {**found.noise, "swing_angle": 1e-3}
+        "angle_sensor", "", other_experiments(found, 5.0)[0].motion, {**found.noise, "swing_angle": 1e-3}
     )
     alone = PlannedExperiment("motion", "", angle.motion, found.noise)
-    assert outlook(found.hypotheses, angle).separation > outlook(found.hypotheses, alone).separation
+    assert expected_outcome(found.hypotheses, angle).separation > expected_outcome(found.hypotheses, alone).separation
 
 
 def test_only_what_was_not_done_is_proposed(windy):
-    found = named(windy, ["wind", "path_tilt"])
-    kinds = [e.kind for e in other_kinds(found, 5.0)]
+    found = rivals_by_name(windy, ["wind", "path_tilt"])
+    kinds = [e.kind for e in other_experiments(found, 5.0)]
     assert {"mass", "length", "angle_sensor", "measure", "turn", "rest"} <= set(kinds)
     assert "weigh" not in kinds  # it was, to 1 %
     seen = replace(found, noise={**found.noise, "swing_angle": 5e-3})
-    assert "angle_sensor" not in [e.kind for e in other_kinds(seen, 5.0)]
+    assert "angle_sensor" not in [e.kind for e in other_experiments(seen, 5.0)]
     unweighed = replace(found, last=replace(found.last, known={}))
-    assert "weigh" in [e.kind for e in other_kinds(unweighed, 5.0)]
+    assert "weigh" in [e.kind for e in other_experiments(unweighed, 5.0)]
 
 
 def test_names_that_cannot_be_rivals_are_refused(windy, complains):
     with complains(UnknownNameError):
-        named(windy, ["nonsense"])
+        rivals_by_name(windy, ["nonsense"])
     arm = SimpleNamespace(base="arm", hangs_from_gripper=False, open_questions=())
     with complains(InputError):
         require_gripper(SimpleNamespace(model=arm, runs=()))

@@ -9,9 +9,15 @@ from armdyn.errors import InputError
 from armdyn.experiments.gripper import NODE_SECONDS, GripperProblem, design_motion, motion_series
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import inseparable
-from armdyn.experiments.search import Lagrangian, random_motion
-from armdyn.experiments.separation import TIE_CHI2, Rival, beliefs, linear_separation, outlook
+from armdyn.experiments.plan import inseparable_pairs
+from armdyn.experiments.search import AugmentedLagrangian, random_motion
+from armdyn.experiments.separation import (
+    TIE_CHI2,
+    RefittedRival,
+    expected_outcome,
+    hypothesis_probabilities,
+    linear_separation,
+)
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
 
@@ -32,7 +38,7 @@ def hypothesis(effect, value=None, **changes):
 
 def separation(truth, rival):
     """The rise of chi2 when the rival is refitted."""
-    return Rival(rival, truth.predict(truth.start)[0]).refitted()[0]
+    return RefittedRival(rival, truth.predict(truth.start)[0]).best_refit()[0]
 
 
 def gripper(effects, seconds=4.0, limits=None, step=NODE_SECONDS):
@@ -52,7 +58,7 @@ def test_a_random_motion_reaches_a_limit_and_passes_none():
     for seed in range(5):
         x = random_motion(problem, np.random.default_rng(seed))
         used = problem.motion(x).peaks / [0.15, 0.9, 2.0]
-        swings = max(np.abs(p.swing(p.start)).max() for p in problem.along(x))
+        swings = max(np.abs(p.swing(p.start)).max() for p in problem.predictions_along(x))
         assert max(used.max(), swings) == pytest.approx(1.0, abs=0.03)
         assert max(used.max(), swings) <= 1.0
 
@@ -61,10 +67,10 @@ def test_the_gradient_of_the_search_is_that_of_finite_differences():
     """Beyond the limits of gripper and swing, with the rivals refitted again at every motion."""
     problem = gripper(["linear_drag", "pivot_viscous_friction"], limits=GripperLimits(acceleration=1.0, swing=0.2))
     x = 1.5 * random_motion(problem, np.random.default_rng(1))
-    point, rng, h = x / problem.unit[:, None], np.random.default_rng(0), 1e-4
+    point, rng, h = x / problem.coefficient_scale[:, None], np.random.default_rng(0), 1e-4
 
     def cost(at):
-        lagrangian = Lagrangian(problem.about(at * problem.unit[:, None]), 5.0)
+        lagrangian = AugmentedLagrangian(problem.linearised_around(at * problem.coefficient_scale[:, None]), 5.0)
         for _ in range(4):  # each goes on with the refit
             found = lagrangian(at)
         return found
@@ -118,26 +124,26 @@ def test_friction_does_not_become_negative_to_imitate():
     experiment = random_experiment(4)
     bare = hypothesis("linear_drag", 0.0)
     driven = PredictedExperiment(hypothesis("string_creep", 2e-4), experiment)
-    rival = Rival(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
-    assert rival.refitted()[1][2] >= 0.0
+    rival = RefittedRival(PredictedExperiment(bare, experiment), driven.predict(driven.start)[0])
+    assert rival.best_refit()[1][2] >= 0.0
 
 
 def test_the_probability_is_that_of_simulated_outcomes():
     """Noise is drawn, both hypotheses are really fitted, and the margin decides."""
     experiment = random_experiment(2)
     pair = hypothesis("linear_drag", 0.01), hypothesis("pivot_viscous_friction", 2e-3)
-    foretold = outlook(pair, experiment)
+    foretold = expected_outcome(pair, experiment)
     rng = np.random.default_rng(0)
     both = [PredictedExperiment(h, experiment) for h in pair]
     truth = both[0]
     wins, count = 0, 60
     for _ in range(count):
-        at = truth.start + truth.spread @ rng.standard_normal(len(truth.start))
+        at = truth.start + truth.covariance_root @ rng.standard_normal(len(truth.start))
         at = np.clip(at, truth.lower, truth.upper)
         readings = truth.predict(at)[0] + rng.standard_normal(len(truth.predict(at)[0]))
-        own, other = (Rival(held, readings).refitted(at if held is truth else None)[0] for held in both)
+        own, other = (RefittedRival(held, readings).best_refit(at if held is truth else None)[0] for held in both)
         wins += other - own > TIE_CHI2
-    expected = foretold.right[0]
+    expected = foretold.right_probability[0]
     assert 0.05 < expected < 0.95  # else it would be no test
     assert abs(wins / count - expected) < 3.0 * np.sqrt(expected * (1.0 - expected) / count) + 0.05
     # The usual approximation N(lambda, 4 lambda) is not far off either.
@@ -149,7 +155,7 @@ def test_a_designed_motion_separates_far_better_than_random_ones_within_the_limi
     pair = hypothesis("pivot_viscous_friction"), hypothesis("linear_drag")
     limits = GripperLimits()
     motion, random = design_motion(pair, PlannedExperiment("motion", "", noise=LOAD_CELL), 5.0, limits)
-    apart = outlook(pair, PlannedExperiment("motion", "", motion, LOAD_CELL)).separation ** 2
+    apart = expected_outcome(pair, PlannedExperiment("motion", "", motion, LOAD_CELL)).separation ** 2
     assert apart > 10.0 * random
     assert np.all(motion.peaks <= [limits.travel, limits.speed, limits.acceleration])
     for h in pair:
@@ -162,16 +168,16 @@ def test_wind_and_tilt_are_inseparable_by_motion_and_the_reason_is_a_rotation():
     wind = hypothesis("wind", 0.02)
     tilt = hypothesis("path_tilt", -wind.rest_angle)
     experiment = random_experiment(8)
-    pairs = inseparable((wind, tilt), outlook((wind, tilt), experiment), experiment)
+    pairs = inseparable_pairs((wind, tilt), expected_outcome((wind, tilt), experiment), experiment)
     assert [p.effects for p in pairs] == [("wind", "path_tilt")]
     assert "rotation of the frame" in pairs[0].why
     # A run in which the wind blows from the other side, after one in which both were measured.
-    turned = PlannedExperiment("turn", "", experiment.motion, LOAD_CELL, turned=("wind.force",))
+    turned = PlannedExperiment("turn", "", experiment.motion, LOAD_CELL, sign_reversed=("wind.force",))
     seen = [
         Hypothesis(h.name, h.model, h.free, h.information + np.diag([0.0, 0.0, size**-2.0, 0.0]))
         for h, size in ((wind, 1e-3), (tilt, 1e-3))
     ]
-    assert outlook(seen, turned).chi2_increase[~np.eye(2, dtype=bool)].min() > 100.0
+    assert expected_outcome(seen, turned).chi2_increase[~np.eye(2, dtype=bool)].min() > 100.0
 
 
 def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():
@@ -181,14 +187,14 @@ def test_a_load_that_is_weighed_tells_gain_from_a_wrong_mass():
         np.zeros((2, 2)),
     )  # fmt: skip
     weighed = PlannedExperiment("weigh", "", measured={"mass": 4e-4})
-    assert outlook((gain, heavy), weighed).chi2_increase[1, 0] == pytest.approx(
+    assert expected_outcome((gain, heavy), weighed).chi2_increase[1, 0] == pytest.approx(
         (0.0024 / 4e-4) ** 2 / (1 + 4.0**0 * (8e-4 / 4e-4) ** 2), rel=0.01
     )
 
 
 def test_belief_follows_from_the_fit_of_earlier_runs():
     one, two = hypothesis("linear_drag"), hypothesis("pivot_viscous_friction", misfit=2.0 * np.log(4.0))
-    np.testing.assert_allclose(beliefs((one, two)), [0.8, 0.2])
+    np.testing.assert_allclose(hypothesis_probabilities((one, two)), [0.8, 0.2])
 
 
 def test_a_motion_that_is_too_short_is_refused(complains):

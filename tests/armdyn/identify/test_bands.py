@@ -9,13 +9,13 @@ from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
 from armdyn.identify.uncertainty import uncertainty
 from armdyn.pendulum.model import pendulum_model
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from pipeline.answers import comparison_answer
 
 
 def recordings(seed: int, count: int) -> list:
     rng = np.random.default_rng(seed)
-    known = Known(0.0802, 4e-4, "kg"), Known(0.3685, 1e-3, "m")
+    known = KnownQuantity(0.0802, 4e-4, "kg"), KnownQuantity(0.3685, 1e-3, "m")
     return [weighed(record(f"{seed}_{k}.csv", Setup(duration=8.0), rng), *known) for k in range(count)]
 
 

@@ -12,7 +12,7 @@ from armdyn.identify.diagnose import diagnose
 from armdyn.identify.problem import Problem, chi2_of
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 EFFECTS = tuple(effect for effect in CATALOGUE.values() if effect.acts_on not in ("joint", "drive"))
@@ -119,7 +119,7 @@ def test_what_was_left_out_is_said():
 
 def test_one_weighing_for_all_runs_is_one_unknown():
     runs = recorded("plain").runs
-    other = replace(runs[1], known={**runs[1].known, "mass": Known(0.2, 1e-3, "kg")})
+    other = replace(runs[1], known={**runs[1].known, "mass": KnownQuantity(0.2, 1e-3, "kg")})
     names = [c.name for c in Study.of(model_for("plain"), [runs[0], other], [], []).problem.columns]
     assert "mass[r1.csv]" in names
     assert "mass" in [c.name for c in Study.of(model_for("plain"), runs, [], []).problem.columns]

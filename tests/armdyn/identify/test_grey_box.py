@@ -13,8 +13,8 @@ from armdyn.identify.state_space.grey_run import Noise
 from armdyn.identify.state_space.innovations import Colour, combined, filtered, smoothed, square_root, updated
 from armdyn.identify.study import Study
 from armdyn.pendulum.model import pendulum_model
-from armdyn.physics.pieces import Pieces
-from armdyn.physics.simulated import REST_AMPLITUDE_SHARE, end_of_motion
+from armdyn.physics.pieces import MotionPieces
+from armdyn.physics.simulated import REST_AMPLITUDE_SHARE, rest_time
 from armdyn.run import Channel, Run
 
 LENGTH = 0.4
@@ -50,23 +50,25 @@ def box_of(run, effects=("quadratic_drag", "angle_skew"), length=LENGTH):
 def test_derivatives_of_a_motion_in_pieces_are_those_of_finite_differences():
     run = swing(0.8, 4.0)
     model = pendulum_model(LENGTH, 0.2, [CATALOGUE["quadratic_drag"], CATALOGUE["angle_skew"]])
-    pieces, theta = Pieces(model, run, 0.6), model.theta()
+    pieces, theta = MotionPieces(model, run, 0.6), model.theta()
     theta[list(model.names).index("quadratic_drag.coefficient")] = 0.01
     states = pieces.states(theta, model.measured_motion(run, pieces.starts, theta, 1.27))
-    found = pieces.linearised(theta, states)
+    found = pieces.linearise(theta, states)
     samples = found.samples["swing_angle"]
     for k in range(states.shape[1]):
         step = 1e-6 * np.eye(states.shape[1])[k]
-        there, before = (pieces.linearised(theta, states + sign * step) for sign in (1, -1))
-        assert np.allclose((there.ends - before.ends) / 2e-6, found.transition[:, :, k], rtol=1e-5, atol=1e-7)
+        there, before = (pieces.linearise(theta, states + sign * step) for sign in (1, -1))
+        assert np.allclose(
+            (there.end_states - before.end_states) / 2e-6, found.transition[:, :, k], rtol=1e-5, atol=1e-7
+        )
         moved = (there.samples["swing_angle"].predicted - before.samples["swing_angle"].predicted) / 2e-6
         assert np.allclose(moved, samples.by_state[:, k], rtol=1e-5, atol=1e-6)
     for j, name in enumerate(model.names):
         if name.startswith("initial"):
             continue
         step = 1e-5 * model.parameters[name].typical * np.eye(len(theta))[j]
-        there, before = (pieces.linearised(theta + sign * step, states) for sign in (1, -1))
-        by_theta = (there.ends - before.ends) / (2 * step[j])
+        there, before = (pieces.linearise(theta + sign * step, states) for sign in (1, -1))
+        by_theta = (there.end_states - before.end_states) / (2 * step[j])
         assert np.allclose(by_theta, found.by_theta[:, :, j], rtol=1e-4, atol=1e-5 * np.abs(by_theta).max() + 1e-12)
 
 
@@ -123,7 +125,7 @@ def test_a_motion_goes_on_where_a_piece_is_cut():
     box, problem = box_of(swing(0.6, 3.0))
     point = box.begin(problem.start())
     before = box.around(point)[0]
-    assert box.runs[0].pieces.halve(np.arange(len(point.states[0])) == 1)
+    assert box.runs[0].pieces.cut_in_two(np.arange(len(point.states[0])) == 1)
     after = box.around(point)[0]
     kept = np.arange(len(after.states)) != 2
     assert np.array_equal(after.states[kept], before.states)
@@ -243,7 +245,7 @@ def test_an_oscillation_ends_where_it_is_a_small_share_of_its_largest_amplitude(
     value = 0.2 + np.exp(-time / decay) * np.cos(2.0 * np.pi * time / period)
     value += noise * np.random.default_rng(0).normal(size=len(time))
     value[-500] += glitch
-    end = end_of_motion(Channel(time, value, "rad/s"), period)
+    end = rest_time(Channel(time, value, "rad/s"), period)
     assert 0.5 * decay * np.log(1.0 / REST_AMPLITUDE_SHARE) < end < decay * np.log(1.0 / REST_AMPLITUDE_SHARE) + period
     if noise <= 0.01:
         assert end > decay * np.log(1.0 / REST_AMPLITUDE_SHARE) - 1.5 * period
@@ -252,7 +254,7 @@ def test_an_oscillation_ends_where_it_is_a_small_share_of_its_largest_amplitude(
 def test_what_goes_on_has_no_end():
     time = np.arange(0.0, 20.0, 0.02)
     swinging = Channel(time, np.exp(-time / 60.0) * np.sin(5.0 * time), "rad")
-    assert end_of_motion(swinging, 2.0 * np.pi / 5.0) == time[-1]
+    assert rest_time(swinging, 2.0 * np.pi / 5.0) == time[-1]
 
 
 def test_a_friction_that_a_camera_s_small_errors_prefer_is_tied_with_the_true_one():

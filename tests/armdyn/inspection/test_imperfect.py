@@ -8,7 +8,7 @@ from worlds import imperfect_arm, imperfect_mistakes, imperfect_pendulum, mistak
 
 from armdyn.arm.model import arm_model
 from armdyn.inspection.check import Severity
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel
 
@@ -19,17 +19,17 @@ CLOCK, DRIFT = 0.03, 2e-3  # s, and share: to which a clock is fitted
 def test_mistakes_with_a_moving_gripper_are_named_and_its_clock_is_fitted(seed):
     world = imperfect_pendulum.world(seed, "names")
     run, model = world.runs[0], pendulum_model(*world.guess)
-    assert not inspected([run], model).checks
+    assert not inspect_runs([run], model).checks
     for mistake in imperfect_mistakes.of_pendulum(run, np.random.default_rng(seed)):
-        found = inspected([mistake.run], model)
+        found = inspect_runs([mistake.run], model)
         assert {check.kind for check in found.wrong} <= mistake.kinds, mistake.name
         assert found.wrong, mistake.name
         if mistake.name.startswith("gripper's clock"):
             (reading, *_) = found.corrected()[run.name].readings.values()
             wrong, right = mistake.run.channels["gripper_x"].time, run.channels["gripper_x"].time
             pace = (wrong[-1] - wrong[0]) / (right[-1] - right[0]) - 1.0
-            assert reading.late == pytest.approx(right[0] - wrong[0], abs=CLOCK)
-            assert reading.pace == pytest.approx(-pace, abs=DRIFT)
+            assert reading.delay == pytest.approx(right[0] - wrong[0], abs=CLOCK)
+            assert reading.clock_rate_error == pytest.approx(-pace, abs=DRIFT)
 
 
 @pytest.mark.parametrize("seed", [703])
@@ -37,9 +37,9 @@ def test_mistakes_with_an_arm_are_named(seed):
     robot, case = imperfect_arm.ROBOTS[seed % 3], list(imperfect_arm.CASES)[seed * 7 % len(imperfect_arm.CASES)]
     run, plant = imperfect_arm.generate(robot, case, seed, duration=12.0).train[0], mistakes.Plant(robot)
     model = arm_model(robot=robot, joints=plant.joints)
-    assert not [check for check in inspected([run], model).checks if check.severity is not Severity.NOTE]
+    assert not [check for check in inspect_runs([run], model).checks if check.severity is not Severity.NOTE]
     for mistake in imperfect_mistakes.of_arm(run, plant, np.random.default_rng(seed)):
-        found = inspected([mistake.run], model)
+        found = inspect_runs([mistake.run], model)
         assert any(check.kind in mistake.kinds for check in found.checks), mistake.name
         assert {check.kind for check in found.wrong} <= mistake.kinds, mistake.name
         assert mistake.undone or not found.corrected(), mistake.name
@@ -53,19 +53,19 @@ def test_a_joint_that_is_counted_anew_after_a_turn_is_unwound(turn):
     size = turn * (0.3 + 0.02 * angle.time)  # goes round while it swings
     wound = (size + angle.value + 0.5 * turn) % turn - 0.5 * turn
     run = replace(run, channels={**run.channels, "swing_angle": Channel(angle.time, wound, "rad")})
-    found = inspected([run])
+    found = inspect_runs([run])
     (check,) = found.wrong
     assert check.kind == "wrapped"
-    mended = found.corrected()[run.name].of(run).channels["swing_angle"].value
+    mended = found.corrected()[run.name].applied_to(run).channels["swing_angle"].value
     np.testing.assert_allclose(np.diff(mended), np.diff(size + angle.value), atol=1e-9)
 
 
 def test_values_that_runs_do_not_determine_are_not_called_implausible():
     from armdyn.effects.catalogue import CATALOGUE
-    from armdyn.inspection.plausible import implausible
+    from armdyn.inspection.plausible import implausible_values
 
     model = arm_model(robot="ur5").with_effect(CATALOGUE["torque_offset"])
     name = f"torque_offset.torque[{model.joints[0]}]"
     for std, told in ((None, True), (1.0, True), (300.0, False)):
-        said = implausible(model.with_parameters({name: model.parameters[name].with_value(500.0, std)}))
+        said = implausible_values(model.with_parameters({name: model.parameters[name].with_value(500.0, std)}))
         assert bool(said) is told

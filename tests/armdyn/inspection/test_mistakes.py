@@ -14,11 +14,11 @@ from armdyn.arm.model import arm_model
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.inspection.check import Inspection, Severity, WrongRecordingError
 from armdyn.inspection.correction import CorrectedReading, Correction
-from armdyn.inspection.holds import longest_hold
-from armdyn.inspection.inspect import inspected
-from armdyn.inspection.mistakes import rolled
-from armdyn.inspection.plausible import implausible, require_plausible
-from armdyn.inspection.signals import step_of
+from armdyn.inspection.holds import longest_constant_stretch
+from armdyn.inspection.inspect import inspect_runs
+from armdyn.inspection.mistakes import roll_and_pitch
+from armdyn.inspection.plausible import implausible_values, require_plausible
+from armdyn.inspection.signals import largest_step
 from armdyn.pendulum.model import pendulum_model
 from armdyn.run import Channel, Run, read_run
 
@@ -63,13 +63,13 @@ def _on(named: Sequence[str], wanted: Sequence[str]) -> bool:
 
 @pytest.mark.parametrize("name", [*OF_THE_SIGNAL, *OF_AN_ARM, *PLACES])
 def test_a_mistake_is_named_on_its_channel(panda, made, name):
-    assert_named(made[name], inspected([made[name].run], panda))
+    assert_named(made[name], inspect_runs([made[name].run], panda))
 
 
 @pytest.mark.parametrize("name", ["mN m", "torques exchanged", "a quarter turn", "torques late", "shifted joints"])
 def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
-    found = inspected([made[name].run], panda)
-    mended = found.corrected()[made[name].run.name].of(made[name].run)
+    found = inspect_runs([made[name].run], panda)
+    mended = found.corrected()[made[name].run.name].applied_to(made[name].run)
     for channel, right in sound.run.channels.items():
         np.testing.assert_allclose(mended.channels[channel].value, right.value, rtol=1e-9, atol=1e-9)
         # Torques are late in themselves.
@@ -80,17 +80,17 @@ def test_the_corrected_recording_is_the_sound_one(panda, made, sound, name):
 @pytest.mark.parametrize("robot", ["baxter", "ur5"])
 def test_what_is_real_in_an_arm_is_no_mistake(robot, real):
     run = sound_recordings.arm(robot, real, 1).run
-    found = inspected([run], arm_model(robot=robot, joints=mistakes.Plant(robot).joints))
+    found = inspect_runs([run], arm_model(robot=robot, joints=mistakes.Plant(robot).joints))
     assert not found.wrong, found.sentence
-    assert not found.of(Severity.SUSPECT), found.sentence
+    assert not found.with_severity(Severity.SUSPECT), found.sentence
 
 
 def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sound):
     exchanged = mistakes.renamed(sound.run, {"panda_joint2": "panda_joint4", "panda_joint4": "panda_joint2"}, ["tau"])
     both = mistakes.scaled(exchanged, [f"tau.{j}" for j in panda.joints], 1e3)
-    found = inspected([both], panda)
+    found = inspect_runs([both], panda)
     assert {c.kind for c in found.wrong} == {"torque_unit", "joints_swapped"}
-    mended = found.corrected()[both.name].of(both)
+    mended = found.corrected()[both.name].applied_to(both)
     for joint in panda.joints:
         name = f"tau.{joint}"
         np.testing.assert_allclose(mended.channels[name].value, sound.run.channels[name].value, rtol=1e-9)
@@ -103,32 +103,32 @@ def test_two_mistakes_in_one_recording_are_undone_one_after_the_other(panda, sou
 def test_a_mistake_with_a_pendulum_is_named(driven, channels):
     sound = sound_recordings.pendulum("pivot_coulomb_friction", 3, driven=driven, channels=channels)
     model = pendulum_model(0.35, 0.1)
-    assert inspected([sound.run], model).usable
+    assert inspect_runs([sound.run], model).usable
     for mistake in mistakes.of_pendulums(sound, 3):
-        assert_named(mistake, inspected([mistake.run], model))
+        assert_named(mistake, inspect_runs([mistake.run], model))
 
 
 @pytest.mark.parametrize("late", [0.03, 0.05, 0.08])
 @pytest.mark.parametrize("channels", [("swing_angle", "swing_rate"), ("swing_angle", "load_force")])
 def test_a_sensor_that_lags_is_no_late_clock(channels, late):
     run = sound_recordings.pendulum("pivot_coulomb_friction", 3, driven=True, channels=channels).run
-    assert inspected([mistakes.late(run, channels, late)], pendulum_model(0.35, 0.1)).usable
+    assert inspect_runs([mistakes.late(run, channels, late)], pendulum_model(0.35, 0.1)).usable
 
 
 @pytest.mark.parametrize("name", ["all in degrees", "mN m"])
 def test_without_a_model_units_are_held_against_ranges(made, sound, name):
-    assert_named(made[name], inspected([made[name].run]))
-    assert not inspected([sound.run]).of(Severity.SUSPECT)
+    assert_named(made[name], inspect_runs([made[name].run]))
+    assert not inspect_runs([sound.run]).with_severity(Severity.SUSPECT)
 
 
 def test_a_sample_beside_the_others_is_no_lost_count(sound):
     joint = sound.run.channels["q.panda_joint2"]
     value = joint.value.copy()
     value[700] -= 0.1
-    assert step_of(Channel(joint.time, value, joint.unit)) is None
+    assert largest_step(Channel(joint.time, value, joint.unit)) is None
     value[700:] -= 0.1
     value[700] += 0.1
-    assert step_of(Channel(joint.time, value, joint.unit)) is not None
+    assert largest_step(Channel(joint.time, value, joint.unit)) is not None
 
 
 def test_an_encoder_of_a_joint_that_rests_is_not_stuck(sound):
@@ -137,11 +137,11 @@ def test_an_encoder_of_a_joint_that_rests_is_not_stuck(sound):
     value[:40] = value[39]
     value[40:52] = value[39] + np.cumsum(np.full(12, 1e-6))
     value[52:] += value[51] - value[52]
-    assert longest_hold(Channel(joint.time, value, joint.unit)) is None
+    assert longest_constant_stretch(Channel(joint.time, value, joint.unit)) is None
 
 
 def test_without_a_model_rates_tell_their_units(made):
-    assert_named(made["rates in degrees"], inspected([made["rates in degrees"].run]))
+    assert_named(made["rates in degrees"], inspect_runs([made["rates in degrees"].run]))
 
 
 here = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of ../shared are not here")
@@ -157,13 +157,13 @@ def test_real_recordings_of_arms_are_never_called_wrong(folder, urdf, robot):
     for file in sorted((RECORDINGS / folder).glob("*.csv")):
         run = read_run(file)
         model = arm_model(RECORDINGS / folder / urdf if urdf else None, robot, list(run.joints))
-        assert inspected([run], model).usable, file
+        assert inspect_runs([run], model).usable, file
 
 
 @here
 def test_real_recordings_of_pendulums_are_never_called_wrong():
     for file in sorted(RECORDINGS.glob("pend*/*.csv")):
-        assert inspected([read_run(file)], pendulum_model(0.35, 0.1)).usable, file
+        assert inspect_runs([read_run(file)], pendulum_model(0.35, 0.1)).usable, file
 
 
 T = np.arange(0.0, 1.0, 0.01)
@@ -180,7 +180,7 @@ def recorded() -> Run:
 
 @given(CORRECTIONS, CORRECTIONS)
 def test_two_corrections_are_one(first, second):
-    apart, together = second.of(first.of(recorded())), first.then(second).of(recorded())
+    apart, together = second.applied_to(first.applied_to(recorded())), first.followed_by(second).applied_to(recorded())
     for name in ("q.a", "q.b"):
         np.testing.assert_allclose(together.channels[name].value, apart.channels[name].value, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(together.channels[name].time, apart.channels[name].time, atol=1e-12)
@@ -189,7 +189,7 @@ def test_two_corrections_are_one(first, second):
 @given(st.floats(-1.4, 1.4), st.floats(-3.0, 3.0))
 def test_roll_and_pitch_turn_gravity_to_where_it_was_found(pitch, roll):
     gravity = -9.81 * np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-    np.testing.assert_allclose(rolled(gravity), (roll, pitch), atol=1e-9)
+    np.testing.assert_allclose(roll_and_pitch(gravity), (roll, pitch), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -204,9 +204,9 @@ def test_roll_and_pitch_turn_gravity_to_where_it_was_found(pitch, roll):
 )
 def test_what_nothing_has_is_said(effect, values):
     model = arm_model(robot="panda", joints=mistakes.Plant("panda").joints, effects=[CATALOGUE[effect]])
-    assert implausible(model) == []
+    assert implausible_values(model) == []
     wide = {name: replace(model.parameters[name], value=value, upper=np.inf) for name, value in values.items()}
-    found = implausible(model.with_parameters(wide))
+    found = implausible_values(model.with_parameters(wide))
     assert [check.kind for check in found] == ["implausible_model"]
     assert "check your recording" in found[0].sentence
 
@@ -220,8 +220,8 @@ def test_what_a_user_told_the_model_is_no_verdict(complains):
 
 
 def test_a_length_at_the_end_of_its_range_is_said():
-    assert implausible(pendulum_model(0.35, 0.1)) == []
-    assert [check.channels for check in implausible(pendulum_model(5.0, 0.1))] == [("length",)]
+    assert implausible_values(pendulum_model(0.35, 0.1)) == []
+    assert [check.channels for check in implausible_values(pendulum_model(5.0, 0.1))] == [("length",)]
 
 
 def test_wrong_recordings_end_a_comparison_and_trusted_ones_do_not():

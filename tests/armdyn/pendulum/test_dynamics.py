@@ -7,7 +7,7 @@ from armdyn.effects.catalogue import CATALOGUE
 from armdyn.effects.effect import effect
 from armdyn.errors import InputError
 from armdyn.parameter import quantity
-from armdyn.pendulum.composition import Composition
+from armdyn.pendulum.composition import PendulumComposition
 from armdyn.pendulum.dynamics import derive_dynamics
 from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.path import GripperPath
@@ -33,7 +33,7 @@ def path(duration):
 
 @pytest.fixture(scope="module")
 def dynamics():
-    return derive_dynamics(Composition([]))
+    return derive_dynamics(PendulumComposition([]))
 
 
 def test_tension_is_the_textbook_formula(dynamics):
@@ -62,13 +62,13 @@ def test_rollout_agrees_with_an_eighth_order_integrator():
     start = moving(0.0)
     times = np.arange(0.0, 5.005, 0.01)
     reference = solve_ivp(slow, (0, 5.0), [0.0, start[2] / LENGTH], "DOP853", times[:501], rtol=1e-12, atol=1e-12)
-    run = Simulator(derive_dynamics(Composition([])), "test").rollout(path(5.0), THETA)
+    run = Simulator(derive_dynamics(PendulumComposition([])), "test").rollout(path(5.0), THETA)
     assert np.abs(run.states[:, 0] - reference.y[0]).max() < 1e-6  # it swings up to 1.2 rad at resonance
 
 
 @pytest.mark.parametrize("column", range(7))
 def test_sensitivities_match_finite_differences(column):
-    simulator = Simulator(derive_dynamics(Composition(DRAG)), "test_drag_gain")
+    simulator = Simulator(derive_dynamics(PendulumComposition(DRAG)), "test_drag_gain")
     point = np.array([LENGTH, MASS, G, 0.02, 0.01, 0.2, 0.3])
     run = simulator.rollout(path(4.0), point[:5], point[5], point[6])
 
@@ -125,7 +125,7 @@ def test_its_derivatives_are_exact():
 
 def test_control_leaves_the_state_as_it_is_at_the_start():
     model = pendulum_model(LENGTH, MASS, [bristle_friction]).with_values(SIZES)
-    assert model.dynamics().states == 2
+    assert model.dynamics().state_count == 2
     assert model.rest_angle() == pytest.approx(0.0, abs=1e-9)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from armdyn.pendulum.model import pendulum_model
-from armdyn.pendulum.start import free_swing
+from armdyn.pendulum.start import free_swing_part
 from armdyn.run import Channel, Run
 
 RATE, LENGTH, SWING = 60.0, 0.45, 1.35
@@ -38,7 +38,7 @@ def span(run):
 @pytest.mark.parametrize("rate", [False, True])
 def test_a_load_that_is_held_is_compared_from_where_it_is_let_go(rate):
     run = recorded(0.5, 20.0, coulomb=0.1, held=2.0, rate=rate)
-    found = free_swing(run, SWING)
+    found = free_swing_part(run, SWING)
     begin, end = span(found)
     assert 2.0 <= begin < 2.2 + rate * SWING / 2
     assert end == span(run)[1]
@@ -46,14 +46,14 @@ def test_a_load_that_is_held_is_compared_from_where_it_is_let_go(rate):
 
 
 def test_a_load_that_hangs_is_compared_from_where_nobody_pushes_it():
-    begin, _ = span(free_swing(recorded(0.5, 20.0, held=2.0, pushed=True), SWING))
+    begin, _ = span(free_swing_part(recorded(0.5, 20.0, held=2.0, pushed=True), SWING))
     assert 2.25 < begin < 2.25 + SWING
 
 
 @pytest.mark.parametrize("rate", [False, True])
 def test_a_load_that_is_caught_is_compared_until_then(rate):
     run = recorded(0.5, 8.0, coulomb=0.1, caught=2.0, rate=rate)
-    found = free_swing(run, SWING)
+    found = free_swing_part(run, SWING)
     begin, end = span(found)
     assert begin == 0.0
     assert 8.0 - SWING < end < 8.0
@@ -66,17 +66,17 @@ def test_a_load_that_is_caught_is_compared_until_then(rate):
 @pytest.mark.parametrize("amplitude", [0.1, 0.6, 2.0, 2.9])
 def test_a_free_swing_is_whole(friction, amplitude):
     run = recorded(amplitude, 40.0, **friction)
-    assert free_swing(run, SWING) is run
+    assert free_swing_part(run, SWING) is run
 
 
 def test_a_load_that_leaves_the_upright_slowly_is_not_held():
     run = recorded(3.1, 40.0, viscous=0.1)
-    assert free_swing(run, SWING) is run
+    assert free_swing_part(run, SWING) is run
 
 
 def test_a_recording_at_rest_is_left_alone():
     rest = recorded(0.0, 5.0)
-    assert free_swing(rest, SWING) is rest
+    assert free_swing_part(rest, SWING) is rest
 
 
 def test_a_load_below_a_gripper_may_rest_at_first():

@@ -8,7 +8,7 @@ from armdyn.identify.compare import compare
 from armdyn.identify.study import Study
 from armdyn.model_file import ModelFile, base_pendulum, read_model, write_model_file
 from armdyn.parameter import Prior
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 
 LENGTH, NOISE = 0.62, 1e-3
@@ -44,7 +44,7 @@ def test_a_length_is_known_better_where_gravity_is_given():
 
 def test_gravity_may_be_stated_beside_a_recording():
     run = swing(9.79)
-    stated = Run(run.name, run.channels, {"gravity": Known(9.79, 1e-3, "m/s^2")}, run.noise)
+    stated = Run(run.name, run.channels, {"gravity": KnownQuantity(9.79, 1e-3, "m/s^2")}, run.noise)
     found = length_of(base_pendulum(), stated)
     assert found.std == pytest.approx(found.value * 1e-3 / 9.79, rel=0.02)
     assert abs(found.value - LENGTH) < 2.0 * found.std

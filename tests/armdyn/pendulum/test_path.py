@@ -8,11 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from armdyn.errors import InputError
-from armdyn.pendulum.path import GripperPath, GrowingPath, GrowingRun, fixed_path, run_path
+from armdyn.pendulum.path import GripperPath, OnlinePathSmoother, RunInProgress, fixed_pivot_path, gripper_path
 from armdyn.readout import Interpolated, Sensor, lagged
 from armdyn.recording.spikes import thin_out
 from armdyn.run import Channel, Run
-from armdyn.smoothing.even import differentiated, smoothed_motion
+from armdyn.smoothing.even import first_and_second_derivatives, smoothed_motion
 
 DT = 0.01
 TIME = np.arange(0.0, 10.0, DT)
@@ -26,7 +26,7 @@ def rms(error):
 
 
 def test_derivatives_of_exact_samples_are_of_fourth_order():
-    coarse, fine = (differentiated(X[::k], k * DT)[1] - A[::k] for k in (4, 2))
+    coarse, fine = (first_and_second_derivatives(X[::k], k * DT)[1] - A[::k] for k in (4, 2))
     assert np.abs(coarse[3:-3]).max() / np.abs(fine[6:-6]).max() == pytest.approx(16, rel=0.2)
 
 
@@ -43,7 +43,7 @@ def test_positions_that_were_averaged_in_groups_are_those_of_the_gripper():
     time = np.arange(0.0, 20.0, 2e-3)
     path = Channel(time, np.sin(5.0 * time), "m")
     run = thin_out(Run("fast.csv", {"gripper_x": path}, {}, {"gripper_x": 0.0}))
-    found = run_path(replace(run, channels={**run.channels, "swing_angle": run.channels["gripper_x"]}))
+    found = gripper_path(replace(run, channels={**run.channels, "swing_angle": run.channels["gripper_x"]}))
     inner = slice(20, -20)
     for row, exact in enumerate((np.sin(5.0 * found.time), 5.0 * np.cos(5.0 * found.time))):
         assert np.abs(found.nodes[1 + row] - exact)[inner].max() < 2e-6 * 5.0**row
@@ -66,7 +66,7 @@ def test_slow_and_uneven_stamps_give_the_acceleration(noise):
 
 def test_a_growing_path_ends_like_the_whole_one():
     noisy = X + np.random.default_rng(2).normal(0, 2e-4, len(X))
-    growing = GrowingPath(DT)
+    growing = OnlinePathSmoother(DT)
     for first in range(0, len(noisy), 5):
         motion = growing.extend(noisy[first : first + 5])
     _, v, _ = smoothed_motion(TIME, noisy, DT)
@@ -80,16 +80,16 @@ def test_halfway_inputs_are_exact_for_a_quintic():
     path = GripperPath(0.0, 0.1, p(t), p.deriv()(t), p.deriv(2)(t))
     between = t[:-1] + 0.05
     assert np.allclose(path.nodes[1], p(t))
-    for row, derivative in zip(path.middle[1:4], (p, p.deriv(), p.deriv(2)), strict=True):
+    for row, derivative in zip(path.midpoints[1:4], (p, p.deriv(), p.deriv(2)), strict=True):
         assert np.allclose(row, derivative(between), atol=1e-3 if derivative is not p else 1e-12)
 
 
 def test_a_part_of_a_path_has_its_nodes_and_times():
     t = np.arange(0.0, 1.0, 0.1)
     path = GripperPath(0.0, 0.1, np.sin(t), np.cos(t), -np.sin(t))
-    part = path.part(3, 7)
+    part = path.segment(3, 7)
     assert np.array_equal(part.nodes, path.nodes[:, 3:8])
-    assert np.array_equal(part.middle, path.middle[:, 3:7])
+    assert np.array_equal(part.midpoints, path.midpoints[:, 3:7])
     assert part.time == pytest.approx(t[3:8])
 
 
@@ -99,11 +99,11 @@ def test_too_few_samples_are_refused_in_one_line(complains):
 
 
 def test_a_growing_run_goes_to_another_process_with_its_path():
-    path = fixed_path(0.0, 1.0, DT)
-    run = GrowingRun("trial", {"load_force": Channel(np.arange(5.0), np.zeros(5), "N")}, noise={}, path=path)
+    path = fixed_pivot_path(0.0, 1.0, DT)
+    run = RunInProgress("trial", {"load_force": Channel(np.arange(5.0), np.zeros(5), "N")}, noise={}, path=path)
     copy = pickle.loads(pickle.dumps(run))
-    assert isinstance(copy, GrowingRun)
-    np.testing.assert_array_equal(run_path(copy).x, path.x)
+    assert isinstance(copy, RunInProgress)
+    np.testing.assert_array_equal(gripper_path(copy).x, path.x)
 
 
 GRID = np.arange(0.0, 4.0, DT)

@@ -3,7 +3,7 @@ import pytest
 from derivatives import assert_jacobian
 
 from armdyn.effects.catalogue import CATALOGUE
-from armdyn.pendulum.composition import Composition
+from armdyn.pendulum.composition import PendulumComposition
 from armdyn.pendulum.variational import derive_variational
 
 LENGTH, MASS, G, DT = 0.368, 0.1, 9.81, 0.01
@@ -13,12 +13,12 @@ STATE, CONTROL = np.array([0.05, 0.2, 0.4, -0.9]), 0.7
 
 @pytest.fixture(scope="module")
 def bare():
-    return derive_variational(Composition([]))
+    return derive_variational(PendulumComposition([]))
 
 
 @pytest.fixture(scope="module")
 def dragged():
-    return derive_variational(Composition([CATALOGUE["linear_drag"]]))
+    return derive_variational(PendulumComposition([CATALOGUE["linear_drag"]]))
 
 
 def cartesian_step(state, control, dt):

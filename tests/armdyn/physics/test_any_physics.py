@@ -227,7 +227,7 @@ def test_steps_are_short_enough_for_friction_that_turns_round_abruptly():
     place = solve_ivp(rates, (0.0, 6.0), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
     run = Run("slide.csv", {"tau.push": Channel(time, push, "N"), "q.mass": Channel(time, place, "m")})
     model = physics_model(slide, own_effects=[rubbing])
-    assert len(model.path(run).time) <= len(time)
+    assert len(model.input_path(run).time) <= len(time)
     stiff = model.with_effect(rubbing).with_values({"rubbing.force": 1.2})
     assert stiff.predict(stiff.prepared(run), stiff.theta()).values == pytest.approx(place, abs=1e-4)
 
@@ -253,5 +253,5 @@ def test_steps_follow_a_value_that_a_fit_makes_many_times_its_typical_size():
     drag = found.parameters["oil.drag"]
     assert abs(drag.value - 600.0) < 3.0 * drag.std
     exact = found.with_values({"mass": 1.0, "spring": 20.0, "oil.drag": 600.0})
-    assert exact.path(run).dt == pytest.approx(0.01)
+    assert exact.input_path(run).dt == pytest.approx(0.01)
     assert exact.predict(exact.prepared(run), exact.theta()).values == pytest.approx(place, abs=1e-7)

@@ -7,7 +7,7 @@ from armdyn.errors import InputError
 from armdyn.front import fit
 from armdyn.physics import Equations, constant, physics, state
 from armdyn.physics.model import physics_model
-from armdyn.physics.recorded import moves_in_steps
+from armdyn.physics.recorded import is_piecewise_constant
 from armdyn.run import Channel, Run
 
 LAG, INTERVAL = 0.12, 0.02
@@ -63,7 +63,7 @@ def test_a_command_that_is_held_drives_the_motion_until_the_next_one(channel, ev
     ],
 )
 def test_jumps_of_unlike_sizes_between_which_a_signal_stands_still_are_commands(signal, steps):
-    assert moves_in_steps(Channel(INTERVAL * np.arange(len(signal)), signal, "m")) is steps
+    assert is_piecewise_constant(Channel(INTERVAL * np.arange(len(signal)), signal, "m")) is steps
 
 
 def test_what_is_no_input_cannot_be_held(complains):

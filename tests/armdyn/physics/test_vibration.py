@@ -28,7 +28,7 @@ def vibration():
 
 
 def passed(theta, signal=SIGNAL):
-    return vibration().passed(signal, np.zeros((len(signal), 4)), np.array(theta), DT)
+    return vibration().response(signal, np.zeros((len(signal), 4)), np.array(theta), DT)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.3, 0.8])
@@ -52,7 +52,7 @@ def test_derivatives_are_those_of_finite_differences(w):
     own = np.cos(3.0 * TIME)  # the signal's own derivative by the last parameter
     by_theta = np.zeros((len(signal), 4))
     by_theta[:, 3] = own
-    _, found = vibration().passed(signal, by_theta, theta, DT)
+    _, found = vibration().response(signal, by_theta, theta, DT)
     for i in range(3):
         step = 1e-6 * theta[i]
         low, high = (passed(theta + sign * step * np.eye(3)[i], signal)[0] for sign in (-1.0, 1.0))
@@ -111,8 +111,8 @@ def oil(string, k=quantity("N m s/(rad K)", typical=1e-5), warm=column("extra.te
 
 EFFECTS = {**CATALOGUE, "oil": oil}
 SERIES = motion_series(3.0)
-BASIS = SERIES.at(np.linspace(0.0, 3.0, 151))
-COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.size)
+BASIS = SERIES.basis_at(np.linspace(0.0, 3.0, 151))
+COEFFICIENTS = 0.02 * np.random.default_rng(0).standard_normal(SERIES.coefficient_count)
 
 
 def motion(coefficients):
@@ -150,7 +150,7 @@ def test_the_reverse_pass_gives_the_gradient_of_any_sum_of_readings(effects):
         other = predicted(effects, coefficients, noise)
         return readings @ other.predict(other.start)[0] + swing @ other.swing(other.start)
 
-    some = rng.choice(SERIES.size, 4, replace=False)
-    steps = 1e-4 * np.eye(SERIES.size)[some]
+    some = rng.choice(SERIES.coefficient_count, 4, replace=False)
+    steps = 1e-4 * np.eye(SERIES.coefficient_count)[some]
     numeric = [(total(COEFFICIENTS + s) - total(COEFFICIENTS - s)) / 2e-4 for s in steps]
     np.testing.assert_allclose(numeric, gradient[some], rtol=0, atol=1e-6 * np.abs(gradient).max())

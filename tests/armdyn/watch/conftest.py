@@ -3,7 +3,7 @@
 import pytest
 from watch_work import model, samples, work
 
-from armdyn.watch.sound import measured_sound
+from armdyn.watch.fault_free import statistics_of_recordings
 
 
 @pytest.fixture(scope="session")
@@ -15,4 +15,4 @@ def arm():
 def sound(arm):
     """What six minutes of sound work say."""
     runs = [work(arm, seed) for seed in range(100, 106)]
-    return measured_sound(arm, [lambda run=run: samples(run) for run in runs])
+    return statistics_of_recordings(arm, [lambda run=run: samples(run) for run in runs])

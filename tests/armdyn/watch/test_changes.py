@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armdyn.watch.changes import JOINT_CHANGES, Baseline, Sums
+from armdyn.watch.changes import JOINT_CHANGES, BlockSums, FaultFreeBaseline
 
 FRICTION, OFFSET = JOINT_CHANGES.index("joint_coulomb_friction"), JOINT_CHANGES.index("torque_offset")
 MORE = 0.3
@@ -19,28 +19,28 @@ def windows(rng, count, more=0.0):
         r = X @ [more, 0.0, rng.standard_normal(), 0.0] + 0.1 * rng.standard_normal(50)
         L = np.zeros((50, 4))
         W = 1.0 / 0.1**2
-        parts.append(Sums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
-    return Sums.stacked(parts)
+        parts.append(BlockSums(*((W * part)[None] for part in (L.T @ L, L.T @ r, L.T @ X, X.T @ X, X.T @ r))))
+    return BlockSums.stacked(parts)
 
 
 def test_friction_is_found_beside_an_offset_that_scatters():
     rng = np.random.default_rng(0)
-    baseline = Baseline.of(windows(rng, 200), 3)
+    baseline = FaultFreeBaseline.of(windows(rng, 200), 3)
     _, quiet = baseline.scores(windows(rng, 200))
     assert np.sqrt(np.mean(quiet**2, axis=(0, 1))) == pytest.approx(np.ones(4), abs=0.4)
     changed = windows(rng, 200, MORE)
     _, scores = baseline.scores(changed)
     assert np.median(scores[:, 0, FRICTION]) > 4.0
     assert np.median(scores[:, 0, OFFSET]) < 1.5
-    found = [baseline.own_change(changed.select(k), 0, FRICTION) for k in range(200)]
+    found = [baseline.joint_change(changed.select(k), 0, FRICTION) for k in range(200)]
     sizes, stds = np.array(found).T
     assert np.median(sizes) == pytest.approx(MORE, abs=0.02)
     assert np.median(np.abs(sizes - MORE) / stds) < 1.5
 
 
 def test_a_joint_that_never_moves_tells_nothing_and_breaks_nothing():
-    still = Sums.stacked([Sums.zeros(2)] * 30)
-    load, own = Baseline.of(still, 3).scores(still)
+    still = BlockSums.stacked([BlockSums.zeros(2)] * 30)
+    load, own = FaultFreeBaseline.of(still, 3).scores(still)
     assert np.isfinite(own).all()
     assert own.max() < 1e-3
     assert load.max() < 1e-3

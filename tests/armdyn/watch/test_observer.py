@@ -5,12 +5,12 @@ import pytest
 from watch_work import FRICTION, RATE, samples, work
 
 from armdyn.watch import observer as observing
-from armdyn.watch.observer import Observer, arrived_share
+from armdyn.watch.observer import Observer, visible_share_of_step
 
 
 def steps(arm, recording, bandwidth=40.0):
     observer = Observer(arm, bandwidth)
-    found = [observer.take(*sample) for sample in samples(recording)]
+    found = [observer.process_sample(*sample) for sample in samples(recording)]
     return [step for step in found if step is not None and step.settled]
 
 
@@ -32,7 +32,7 @@ def test_a_torque_from_outside_arrives_as_fast_as_the_filter_is(arm):
     time = np.array([step.time for step in found])
     contrast = np.array([step.contrast for step in found])
     after = contrast[np.argmin(np.abs(time - 8.0 - observing.DETECTION_SECONDS))]
-    assert after[2] == pytest.approx(5.0 * arrived_share(40.0), abs=0.3)
+    assert after[2] == pytest.approx(5.0 * visible_share_of_step(40.0), abs=0.3)
     assert np.abs(np.delete(after, 2)).max() < 0.4
 
 
@@ -48,33 +48,33 @@ def test_filtered_motion_is_that_of_the_delay_before(arm):
 def test_samples_that_come_rarely_make_the_filter_slower(arm):
     observer = Observer(arm, 75.0)
     for i in range(60):
-        observer.take(0.04 * i, np.zeros(6), np.zeros(6))
+        observer.process_sample(0.04 * i, np.zeros(6), np.zeros(6))
     assert observer.bandwidth == pytest.approx(observing.MAX_BANDWIDTH_STEP / 0.04)
 
 
 def test_a_sample_that_lacks_something_or_comes_again_is_no_sample(arm):
     observer, q = Observer(arm), np.zeros(6)
-    assert observer.take(0.0, q, q) is not None
-    assert observer.take(0.01, np.full(6, np.nan), q) is None
-    assert observer.take(0.01, q, np.full(6, np.nan)) is None
-    assert observer.take(np.nan, q, q) is None
-    assert observer.take(0.0, q, q) is None
-    assert observer.take(-0.01, q, q) is None
+    assert observer.process_sample(0.0, q, q) is not None
+    assert observer.process_sample(0.01, np.full(6, np.nan), q) is None
+    assert observer.process_sample(0.01, q, np.full(6, np.nan)) is None
+    assert observer.process_sample(np.nan, q, q) is None
+    assert observer.process_sample(0.0, q, q) is None
+    assert observer.process_sample(-0.01, q, q) is None
 
 
 @pytest.mark.parametrize("jump", [1.0, -1.0, 1e9])
 def test_after_a_gap_or_a_jump_of_the_clock_the_filters_begin_anew(arm, jump):
     observer = Observer(arm, 40.0)
     for i in range(500):
-        step = observer.take(0.004 * i, np.zeros(6), np.zeros(6))
+        step = observer.process_sample(0.004 * i, np.zeros(6), np.zeros(6))
     assert step.settled
-    assert not observer.take(0.004 * 500 + jump, np.zeros(6), np.zeros(6)).settled
+    assert not observer.process_sample(0.004 * 500 + jump, np.zeros(6), np.zeros(6)).settled
 
 
 @pytest.mark.usefixtures("quiet")
 def test_the_mean_waits_while_something_acts(arm):
     observer = Observer(arm, 40.0)
     for time, q, tau in samples(work(arm, 0, 10.0, begin=5.0, outside=np.array([0, 0, 5.0, 0, 0, 0]))):
-        observer.hold = time >= 5.0
-        step = observer.take(time, q, tau)
+        observer.mean_is_held = time >= 5.0
+        step = observer.process_sample(time, q, tau)
     assert step.contrast[2] == pytest.approx(5.0, abs=0.4)

@@ -5,8 +5,8 @@ import pytest
 from watch_work import samples, work
 
 from armdyn.errors import InputError
-from armdyn.watch.event import Kind
-from armdyn.watch.sound import measured_sound, sound_from_band
+from armdyn.watch.event import EventKind
+from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
 from armdyn.watch.watch import Watch
 
 CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
@@ -14,7 +14,7 @@ CONTACT = np.array([2.0, 5.0, 1.0, 0.3, -0.8, 0.0])
 
 def events(arm, sound, *recordings, per_hour=0.01):
     watch = Watch(arm, sound, per_hour)
-    return [event for recording in recordings for event in watch.all(samples(recording))]
+    return [event for recording in recordings for event in watch.events_of(samples(recording))]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -23,17 +23,19 @@ def test_a_contact_is_one_from_outside_and_found_within_50_ms_and_so_is_its_end(
     first, *_, last = found
     assert 10.0 <= first.time <= 10.05
     assert 9.8 <= first.since <= 10.05
-    assert last.kind is Kind.RECOVERED
+    assert last.kind is EventKind.RECOVERED
     assert 11.0 <= last.time <= 12.0
     kinds = [event.kind for event in found]
-    assert set(kinds) <= {Kind.NOT_TOLD, Kind.OUTSIDE_TORQUE, Kind.RECOVERED}
-    assert kinds.count(Kind.OUTSIDE_TORQUE) == 1
+    assert set(kinds) <= {EventKind.UNIDENTIFIED, EventKind.OUTSIDE_TORQUE, EventKind.RECOVERED}
+    assert kinds.count(EventKind.OUTSIDE_TORQUE) == 1
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_load_is_weighed(arm, sound, seed):
-    found = [e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not Kind.NOT_TOLD]
-    assert [event.kind for event in found] == [Kind.LOAD_CHANGED]
+    found = [
+        e for e in events(arm, sound, work(arm, seed, load=0.3, begin=20.0)) if e.kind is not EventKind.UNIDENTIFIED
+    ]
+    assert [event.kind for event in found] == [EventKind.LOAD_CHANGED]
     (event,) = found
     assert event.time < 50.0
     assert event.since == pytest.approx(20.0, abs=8.0)
@@ -44,7 +46,7 @@ def test_a_load_is_weighed(arm, sound, seed):
 @pytest.mark.parametrize("seed", range(2))
 def test_more_friction_is_a_changed_robot(arm, sound, seed):
     found = events(arm, sound, work(arm, seed, friction=1.4, begin=20.0))
-    (event,) = [event for event in found if event.kind is Kind.ROBOT_CHANGED]
+    (event,) = [event for event in found if event.kind is EventKind.ROBOT_CHANGED]
     assert event.joint == "shoulder_lift_joint"
     assert "joint_coulomb_friction" in event.what
     assert event.time < 50.0
@@ -52,10 +54,14 @@ def test_more_friction_is_a_changed_robot(arm, sound, seed):
 
 def test_a_load_that_is_put_down_again_is_over(arm, sound):
     found = events(arm, sound, work(arm, 7, 150.0, load=0.5, begin=20.0, until=80.0))
-    told = [event.kind for event in found if event.kind in (Kind.LOAD_CHANGED, Kind.ROBOT_CHANGED, Kind.RECOVERED)]
-    assert told[0] is Kind.LOAD_CHANGED
-    assert told[-1] is Kind.RECOVERED
-    assert Kind.ROBOT_CHANGED not in told
+    told = [
+        event.kind
+        for event in found
+        if event.kind in (EventKind.LOAD_CHANGED, EventKind.ROBOT_CHANGED, EventKind.RECOVERED)
+    ]
+    assert told[0] is EventKind.LOAD_CHANGED
+    assert told[-1] is EventKind.RECOVERED
+    assert EventKind.ROBOT_CHANGED not in told
 
 
 def test_sound_work_is_silent(arm, sound):
@@ -84,24 +90,26 @@ def test_what_is_kept_does_not_grow(arm, sound):
     watch = Watch(arm, sound, 0.01)
     sizes = []
     for minute in range(2):
-        list(watch.all(samples(work(arm, 40 + minute), 61.0 * minute)))
-        sizes.append((len(watch._blocks.sums), len(watch._blocks.begins), watch.observer._state.size))
+        list(watch.events_of(samples(work(arm, 40 + minute), 61.0 * minute)))
+        sizes.append((len(watch._blocks.sums), len(watch._blocks.start_times), watch.observer._state.size))
     assert sizes[0] == sizes[1]
 
 
 def test_a_model_that_says_its_error_needs_no_calibration(arm):
     history = [{"rmse": {f"tau.{joint}": 0.2 for joint in arm.joints}}]
-    band = sound_from_band(arm, history)
+    band = statistics_of_model_error(arm, history)
     assert "--calibrate" in band.sentence
     assert events(arm, band, work(arm, 50)) == []
-    assert Kind.OUTSIDE_TORQUE in {e.kind for e in events(arm, band, work(arm, 0, 16.0, begin=10.0, outside=CONTACT))}
+    assert EventKind.OUTSIDE_TORQUE in {
+        e.kind for e in events(arm, band, work(arm, 0, 16.0, begin=10.0, outside=CONTACT))
+    }
 
 
 def test_a_model_that_says_nothing_of_its_error_needs_recordings(arm, complains):
     with complains(InputError):
-        sound_from_band(arm, [])
+        statistics_of_model_error(arm, [])
 
 
 def test_sound_recordings_that_are_too_short_are_refused(arm, complains):
     with complains(InputError):
-        measured_sound(arm, [lambda: samples(work(arm, 0, 5.0))])
+        statistics_of_recordings(arm, [lambda: samples(work(arm, 0, 5.0))])

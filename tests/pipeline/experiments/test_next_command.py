@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from worlds.pendulum import Setup, record, weighed
 
-from armdyn.recording.units import Known
+from armdyn.recording.units import KnownQuantity
 from armdyn.run import write_run_csv
 
 
@@ -22,7 +22,7 @@ def files(tmp_path_factory):
     for name, size in (("wind", 0.01), ("pivot_viscous_friction", 1e-3), ("cross_axis_sensitivity", 0.05)):
         setup = Setup(hidden={name: size}, duration=8.0, force_noise=5e-3)
         run = record("a.csv", setup, np.random.default_rng(5))
-        run = weighed(run, Known(0.08, 0.0008, "kg"), Known(0.368, 0.003, "m"))
+        run = weighed(run, KnownQuantity(0.08, 0.0008, "kg"), KnownQuantity(0.368, 0.003, "m"))
         write_run_csv(replace(run, noise={"load_force": 5e-3}), folder / f"{name}.csv")
     return folder
 

@@ -24,7 +24,7 @@ from armdyn.errors import InputError
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
 from armdyn.parameter import quantity
 from armdyn.pendulum.model import pendulum_model
-from armdyn.watch.observer import PARTS, SOURCES, Observer
+from armdyn.watch.observer import STATES_PER_JOINT, VARIANCE_SOURCES, Observer
 from pipeline.exports.functions import functions_of, python_text
 from pipeline.exports.json_file import parameters_answer
 from pipeline.exports.mujoco_file import mujoco_text
@@ -160,16 +160,16 @@ def test_c_code_computes_what_the_model_says(in_c):
 def test_the_observer_in_c_says_what_the_watch_says(in_c):
     model, library = in_c
     n = len(model.joints)
-    observer, state = Observer(model, 40.0), numbers([0.0] * (PARTS * n + 1))
+    observer, state = Observer(model, 40.0), numbers([0.0] * (STATES_PER_JOINT * n + 1))
     rng = np.random.default_rng(0)
     for i in range(400):
         time = 0.004 * i + (1.0 if i > 300 else 0.0)
         q, tau = np.sin(0.2 * time * np.arange(1, n + 1)), rng.standard_normal(n)
-        step = observer.take(time, q, tau)
+        step = observer.process_sample(time, q, tau)
         since = 0.0 if i == 0 else 1.004 if i == 301 else 0.004
         given = ([since], [0.0], [40.0], q, tau, [0.0] * n)
         following, predicted, residual, contrast, *others = (
-            numbers([0.0] * size) for size in (PARTS * n + 1, n, n, n, SOURCES * n, 3 * n)
+            numbers([0.0] * size) for size in (STATES_PER_JOINT * n + 1, n, n, n, VARIANCE_SOURCES * n, 3 * n)
         )
         done = library.armdyn_watch(state, *map(numbers, given), following, predicted, residual, contrast, *others)
         assert done == 0

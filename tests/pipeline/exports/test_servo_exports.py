@@ -6,7 +6,7 @@ import pytest
 from worlds.servo_arm import EFFECTS, generate
 from worlds.servo_in_mujoco import errors_in_mujoco, stretches
 
-from armdyn.arm.rollout import rolled
+from armdyn.arm.rollout import simulated_positions
 from pipeline.exports.mujoco_file import mujoco_text
 from pipeline.exports.parts import HELD
 
@@ -16,7 +16,9 @@ def test_an_exported_arm_is_as_far_from_its_recording_in_mujoco_as_the_model_is(
     made = generate(seed, tuple(effect for effect in EFFECTS if effect in HELD["mujoco"]))
     text, notes = mujoco_text(made.truth)
     run = made.runs[-1]
-    own = [rolled(made.truth, made.truth.theta(), window) - window.q for window in stretches(made.truth, run)]
+    own = [
+        simulated_positions(made.truth, made.truth.theta(), window) - window.q for window in stretches(made.truth, run)
+    ]
     there = errors_in_mujoco(text, made.truth, run, 2.5e-4)
     assert np.sqrt(np.mean(there**2)) < 1.05 * np.sqrt(np.mean(np.vstack(own) ** 2))
     arm = mujoco.MjModel.from_xml_string(text)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armdyn.errors import InputError
-from armdyn.inspection.inspect import inspected
+from armdyn.inspection.inspect import inspect_runs
 from pipeline.imports import read_foreign
 from pipeline.imports.conversion import imported
 from pipeline.imports.guess import guess_map, known_columns
@@ -121,7 +121,7 @@ def test_a_bad_stamp_costs_one_sample_and_a_gap_that_was_made_is_found(kind, tmp
     by_stamps = account.stamped and not account.steps and messages[100].stamp
     check_against_truth(found.run, 1e-4 if by_stamps else 2e-3)
     assert bool(found.checks) == (lost > 0 or not account.stamped)
-    assert bool(account.steps) == any(check.kind == "gap" for check in inspected([found.run]).checks)
+    assert bool(account.steps) == any(check.kind == "gap" for check in inspect_runs([found.run]).checks)
 
 
 @pytest.mark.parametrize("kind", PUBLISHERS)

@@ -113,7 +113,7 @@ def test_a_topic_of_commands_is_what_the_joints_were_told_with_its_own_stamps(to
         np.testing.assert_allclose(channel.time, TIME[::4] + LATE, atol=1e-5)
         np.testing.assert_allclose(channel.value, told[::4, i], atol=1e-9)
         # It holds until the next stamp: between two of them it is the first one's.
-        assert channel.held(np.array([TIME[4] + LATE + 0.03]))[0] == pytest.approx(told[4, i])
+        assert channel.held_values(np.array([TIME[4] + LATE + 0.03]))[0] == pytest.approx(told[4, i])
         np.testing.assert_allclose(run.channels[f"q.{joint}"].value, motion()[0][:, i], atol=1e-9)
 
 

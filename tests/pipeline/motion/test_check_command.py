@@ -8,7 +8,7 @@ from command import called
 
 import ik
 import urdf
-from armdyn.recording.noise import quiet_std
+from armdyn.recording.noise import noise_std_from_differences
 from pipeline.motion.feasibility.read import NOISE_DIFFERENCE_ORDER, differentiate
 
 TIME = 0.01 * np.arange(200)
@@ -107,7 +107,9 @@ def test_files_that_are_no_trajectory_are_named(refused, tmp_path, name, complai
 def test_the_noise_of_positions_is_found_under_their_motion():
     rng = np.random.default_rng(0)
     for std in (1e-5, 1e-3):
-        assert quiet_std(TIME, S + rng.normal(0.0, std, S.size), NOISE_DIFFERENCE_ORDER) == pytest.approx(std, rel=0.25)
+        assert noise_std_from_differences(
+            TIME, S + rng.normal(0.0, std, S.size), NOISE_DIFFERENCE_ORDER
+        ) == pytest.approx(std, rel=0.25)
 
 
 @pytest.mark.parametrize(

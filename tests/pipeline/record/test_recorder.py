@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.recording.mcap_run import read_mcap
-from armdyn.run import Known, read_run
+from armdyn.run import KnownQuantity, read_run
 from pipeline.record import Recorder
 
 CHANNELS = {"gripper_x": "m", "gripper_v": "m/s", "load_force": "N", "q.right_s1": "rad", "estimate.length": "m"}
@@ -39,7 +39,7 @@ def test_mcap_and_csv_give_the_recorded_numbers_to_the_last_digit(tmp_path):
     options = {
         "description": "swing 3",
         "noise": {"load_force": 0.003},
-        "known": {"mass": Known(0.08, 0.0004, "kg"), "length": Known(0.368, None, "m")},
+        "known": {"mass": KnownQuantity(0.08, 0.0004, "kg"), "length": KnownQuantity(0.368, None, "m")},
     }
     recorder = record(path, **options)
     expected = recorder.run()

@@ -13,7 +13,7 @@ from armdyn.identify.compare import compare
 from armdyn.identify.diagnose import diagnose
 from armdyn.identify.repair import repair
 from armdyn.identify.study import Study
-from armdyn.recording.preparation import Preparation, of_all_runs, sentence
+from armdyn.recording.preparation import Preparation, combined_preparations, preparation_sentence
 from pipeline.answers import preparation_answer
 from pipeline.report.overlay import EXAM, FITTED, HELD_OUT, Overlay, Overlays, changed, of_fits, quality, quantised
 from pipeline.report.page import page_html
@@ -155,7 +155,7 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
         done = answer[block.channel]
         assert (done["cutoff_hz"], done["rate_hz"]) == (pytest.approx(10.0), pytest.approx(17.92))
         assert (done["samples"], done["recorded"]) == (len(block.residual), 3750)
-    done = sentence(of_all_runs(run.preparations for run in fit.problem.runs))
+    done = preparation_sentence(combined_preparations(run.preparations for run in fit.problem.runs))
     said = Overlays(of_fits([fit]), preparation=done).section().sentence
     assert "compared below 10 Hz" in said
     assert "17.9 samples per second of 250" in said
@@ -164,12 +164,12 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
 def test_of_several_runs_the_narrowest_band_counts_and_a_joint_that_hardly_moves_is_told():
     wide = Preparation(10.0, 3.0, 18.0, 180, 100.0, 1000, 0.0, 1.0)
     narrow = Preparation(4.0, 2.0, 7.0, 70, 100.0, 1000, 0.02, 0.5)
-    (both,) = of_all_runs([{"tau.a": wide}, {"tau.a": narrow}]).values()
+    (both,) = combined_preparations([{"tau.a": wide}, {"tau.a": narrow}]).values()
     assert both == Preparation(4.0, 2.0, 7.0, 250, 100.0, 2000, 0.01, 0.75)
-    said = sentence({"tau.a": wide, "tau.b": narrow})
+    said = preparation_sentence({"tau.a": wide, "tau.b": narrow})
     assert "below 4 to 10 Hz (positions are motion below 2 to 3 Hz, noise above): 7 to 18 samples per second" in said
     assert "1 % are left out" in said
-    assert sentence({}) == ""
+    assert preparation_sentence({}) == ""
     rests = Preparation(10.0, 3.0, 18.0, 180, 100.0, 1000, 0.0, 0.004)
-    assert " b hardly moves" in sentence({"tau.a": wide, "tau.b": rests})
-    assert "hardly" not in sentence({"tau.a": wide})
+    assert " b hardly moves" in preparation_sentence({"tau.a": wide, "tau.b": rests})
+    assert "hardly" not in preparation_sentence({"tau.a": wide})

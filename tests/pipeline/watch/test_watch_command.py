@@ -15,7 +15,7 @@ from armdyn.arm.model import arm_model
 from armdyn.model_file import ModelFile, write_model_file
 from armdyn.recording.channels import Channel
 from armdyn.run import Run, write_run_csv
-from armdyn.watch.sound import measured_sound
+from armdyn.watch.fault_free import statistics_of_recordings
 from armdyn.watch.watch import Watch
 from pipeline.watch.log import Log
 from pipeline.watch.page import LivePage
@@ -93,10 +93,10 @@ def test_lines_of_standard_input_are_samples(folder, calibrated, armdyn, monkeyp
 def test_the_page_shows_residuals_with_their_limits_and_events(complains):
     arm = model()
     runs = [work(arm, seed) for seed in (100, 101)]
-    watch = Watch(arm, measured_sound(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
+    watch = Watch(arm, statistics_of_recordings(arm, [lambda run=run: samples(run) for run in runs]), 0.01)
     with LivePage(watch, None) as page:
         for sample in samples(work(arm, 0, 16.0, begin=10.0, outside=CONTACT)):
-            page.take(watch.take(*sample))
+            page.take(watch.process_sample(*sample))
         assert b"armdyn watch" in urllib.request.urlopen(page.address).read()
         state = json.loads(urllib.request.urlopen(page.address + "state").read())
         strange = urllib.request.Request(page.address + "state", headers={"Host": "elsewhere.example"})

@@ -14,41 +14,56 @@ from armdyn.run import Run
 from armdyn.watch.changes import (
     BLOCK_SECONDS,
     JOINT_CHANGES,
+    LOAD_PRIOR_STD,
     SAMPLE_SECONDS,
-    TYPICAL_LOAD,
     WINDOW_SIZES,
-    Baseline,
-    Blocks,
-    Sums,
+    BlockSums,
+    FaultFreeBaseline,
+    MotionBlocks,
 )
-from armdyn.watch.observer import BANDWIDTHS, GAP, ORDER, USUAL, Observer, Step, arrived_share, compiled
-from armdyn.watch.onset import Onset
-from armdyn.watch.tail import MIN_STRETCHES, Gaussian, Law, Tail, largest_of
-from armdyn.watch.variances import MIN_VARIANCE, Level, variances
+from armdyn.watch.observer import (
+    CANDIDATE_BANDWIDTHS,
+    FILTER_ORDER,
+    MAX_SAMPLE_GAP,
+    USUAL_BANDWIDTH,
+    Observer,
+    ObserverOutput,
+    compiled_functions,
+    visible_share_of_step,
+)
+from armdyn.watch.onset import OnsetEstimator
+from armdyn.watch.tail import (
+    MIN_STRETCHES,
+    ExponentialTail,
+    GaussianDistribution,
+    StatisticDistribution,
+    largest_of_stretches,
+)
+from armdyn.watch.variances import MIN_VARIANCE, ErrorLevel, fitted_variance_factors
 
-Sample = tuple[float, FloatArray, FloatArray]
+JointSample = tuple[float, FloatArray, FloatArray]
 """Time, s; (nj,) positions, rad or m; (nj,) measured torques, N m or N."""
 STRETCH_SECONDS = 2.0
 """Time after which a model's errors are independent, s; only the largest of each stretch counts."""
-MIN_SECONDS = 15.0
+MIN_FAULT_FREE_SECONDS = 15.0
 """Least length of the sound recordings, s: seven stretches."""
-FOLDS = 4
+CROSS_VALIDATION_FOLDS = 4
 """Number of parts of the sound recordings, for cross-validation: each is scored with statistics of the others."""
 VARIANCE_INTERVAL = 0.02
 """Time between the samples from which variances are fitted, s; the filters remember little for longer."""
-UNPREDICTED = np.array([np.inf, 0.0, 0.0, 0.0])
-"""Factors of the variance, see `Step.sources`, of a joint whose torque the model does not predict."""
-COHERENCE_SECONDS = 1.0
+INFINITE_VARIANCE = np.array([np.inf, 0.0, 0.0, 0.0])
+"""Factors of the variance, see `ObserverOutput.sources`, of a joint whose torque the model does not predict."""
+ERROR_CORRELATION_SECONDS = 1.0
 """Assumed correlation time of the error of a model without calibration, s."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sound:
+class FaultFreeStatistics:
     """Statistics of a sound robot.
 
     Attributes:
         bandwidth: K of the observer, 1/s.
-        contrast: (nj, 4) factors of the contrast's variance, see `Step.sources`.
+        contrast: (nj, 4) factors of the contrast's variance, see `ObserverOutput.sources`.
         residual: (nj, 4) factors of the residual's variance.
         touch: by joint, distribution of the largest contrast, in standard deviations.
         onset: estimator of a torque that began a moment ago; None without recordings.
@@ -62,12 +77,12 @@ class Sound:
     bandwidth: float
     contrast: FloatArray
     residual: FloatArray
-    touch: tuple[Law, ...]
-    onset: Onset | None
-    sudden: tuple[Law, ...]
-    baselines: Mapping[int, Baseline]
-    load: Law | None
-    own: tuple[tuple[Law, ...], ...] | None
+    touch: tuple[StatisticDistribution, ...]
+    onset: OnsetEstimator | None
+    sudden: tuple[StatisticDistribution, ...]
+    baselines: Mapping[int, FaultFreeBaseline]
+    load: StatisticDistribution | None
+    own: tuple[tuple[StatisticDistribution, ...], ...] | None
     seconds: float | None
 
     @property
@@ -76,13 +91,13 @@ class Sound:
         if self.seconds is None:
             return (
                 "The rate of false alarms rests on the model's own band, which is taken to be Gaussian and new every "
-                f"{COHERENCE_SECONDS:g} s; --calibrate RUN measures it on your own sound recordings."
+                f"{ERROR_CORRELATION_SECONDS:g} s; --calibrate RUN measures it on your own sound recordings."
             )
         basis = f"The rate of false alarms is that of {self.seconds:.0f} s of sound recordings, extrapolated."
         return basis if self.load is not None else f"{basis} They are too short to tell slow changes: record more."
 
 
-def samples_of(run: Run, model: ArmModel) -> Iterator[Sample]:
+def samples_of(run: Run, model: ArmModel) -> Iterator[JointSample]:
     """The samples of a recording, at the times of its first torque channel.
 
     Raises:
@@ -112,10 +127,12 @@ def _at(time: FloatArray, channel: Channel) -> FloatArray:
     """A channel interpolated at n times, s; nan beyond its ends and in its gaps."""
     value = np.interp(time, channel.time, channel.value, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(channel.time, time), 1, len(channel) - 1)
-    return np.where(channel.time[after] - channel.time[after - 1] > GAP, np.nan, value)
+    return np.where(channel.time[after] - channel.time[after - 1] > MAX_SAMPLE_GAP, np.nan, value)
 
 
-def measured_sound(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> Sound:
+def statistics_of_recordings(
+    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]
+) -> FaultFreeStatistics:
     """Statistics from recordings of a sound robot.
 
     Args:
@@ -123,53 +140,65 @@ def measured_sound(model: ArmModel, recordings: Sequence[Callable[[], Iterable[S
         recordings: functions that return the samples; each is called several times.
 
     Raises:
-        InputError: the recordings are shorter than `MIN_SECONDS`.
+        InputError: the recordings are shorter than `MIN_FAULT_FREE_SECONDS`.
     """
     bandwidth = _quickest(model, recordings)
     seen = _Seen.of(_settled(model, recordings, bandwidth))
-    if seen.length < MIN_SECONDS:
+    if seen.length < MIN_FAULT_FREE_SECONDS:
         raise InputError(
-            f"the sound recordings last {seen.length:.1f} s together: record {MIN_SECONDS:g} s or more of usual motion"
+            f"the sound recordings last {seen.length:.1f} s together: record {MIN_FAULT_FREE_SECONDS:g} s or more of "
+            "usual motion"
         )
     asked = np.array([joint in model.joints for joint in model.arm.joints])[:, None]
     contrast, residual = (
-        np.where(asked, variances(values, seen.sources), UNPREDICTED) for values in (seen.contrast, seen.residual)
+        np.where(asked, fitted_variance_factors(values, seen.sources), INFINITE_VARIANCE)
+        for values in (seen.contrast, seen.residual)
     )
-    parts = [seen.onset(asked, (seen.time * FOLDS // seen.length) != k) for k in range(FOLDS)]
-    lasting, early = Level(contrast), [Level(part.variance) for part in parts]
-    blocks = Blocks(compiled(model)[1], residual, kept=None)
+    parts = [
+        seen.onset(asked, (seen.time * CROSS_VALIDATION_FOLDS // seen.length) != k)
+        for k in range(CROSS_VALIDATION_FOLDS)
+    ]
+    lasting, early = ErrorLevel(contrast), [ErrorLevel(part.variance) for part in parts]
+    blocks = MotionBlocks(compiled_functions(model)[1], residual, kept=None)
     largest: list[list[FloatArray]] = []
     before = 0.0
     for elapsed, step in _settled(model, recordings, bandwidth):
-        k, interval, before = min(int(elapsed * FOLDS / seen.length), FOLDS - 1), elapsed - before, elapsed
+        k, interval, before = (
+            min(int(elapsed * CROSS_VALIDATION_FOLDS / seen.length), CROSS_VALIDATION_FOLDS - 1),
+            elapsed - before,
+            elapsed,
+        )
         began = parts[k].estimate(step.stages)
         ratios = []
         for level, error in ((lasting, step.contrast), (early[k], began)):
             ratios.append(np.abs(error) / level.std(step.sources))
-            level.take(error, step.sources, interval)
+            level.update(error, step.sources, interval)
         if elapsed >= STRETCH_SECONDS * len(largest):
             largest.append([np.zeros(len(asked))] * 2)
         largest[-1] = [np.fmax(*pair) for pair in zip(largest[-1], ratios, strict=True)]
-        if blocks.due(step.time):
-            blocks.take(step, bandwidth)
+        if blocks.is_due(step.time):
+            blocks.add_sample(step, bandwidth)
     touch, sudden = (
-        tuple(Tail.of(values, STRETCH_SECONDS, 1) for values in np.array(each)[: int(seen.length // STRETCH_SECONDS)].T)
+        tuple(
+            ExponentialTail.of(values, STRETCH_SECONDS, 1)
+            for values in np.array(each)[: int(seen.length // STRETCH_SECONDS)].T
+        )
         for each in zip(*largest, strict=True)
     )
-    baselines, load, own = _baselines(Sums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
+    baselines, load, own = _baselines(BlockSums.stacked(list(blocks.sums))) if blocks.sums else ({}, None, None)
     onset = seen.onset(asked, np.ones(len(seen.time), dtype=bool))
-    return Sound(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
+    return FaultFreeStatistics(bandwidth, contrast, residual, touch, onset, sudden, baselines, load, own, seen.length)
 
 
 def _settled(
-    model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]], bandwidth: float
-) -> Iterator[tuple[float, Step]]:
+    model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]], bandwidth: float
+) -> Iterator[tuple[float, ObserverOutput]]:
     """Outputs of the settled observer, each after the settled time that came before it, s."""
     elapsed = 0.0
     for recording in recordings:
         observer, before = Observer(model, bandwidth), np.inf
         for sample in recording():
-            step = observer.take(*sample)
+            step = observer.process_sample(*sample)
             if step is not None and step.settled:
                 elapsed += max(step.time - before, 0.0)
                 before = step.time
@@ -188,8 +217,8 @@ class _Seen:
     length: float
 
     @classmethod
-    def of(cls, steps: Iterable[tuple[float, Step]]) -> "_Seen":
-        kept: list[tuple[float, Step]] = []
+    def of(cls, steps: Iterable[tuple[float, ObserverOutput]]) -> "_Seen":
+        kept: list[tuple[float, ObserverOutput]] = []
         elapsed = 0.0
         for elapsed, step in steps:
             if not kept or elapsed - kept[-1][0] >= VARIANCE_INTERVAL:
@@ -200,52 +229,56 @@ class _Seen:
         )
         return cls(np.array([time for time, _ in kept]), contrast, residual, stages, sources, elapsed)
 
-    def onset(self, asked: np.ndarray, chosen: np.ndarray) -> Onset:
+    def onset(self, asked: np.ndarray, chosen: np.ndarray) -> OnsetEstimator:
         """Onset estimator from the samples with mask `chosen` (n,)."""
-        found = Onset.of(self.stages[chosen], self.sources[chosen])
-        return Onset(found.weights, np.where(asked, found.variance, UNPREDICTED))
+        found = OnsetEstimator.of(self.stages[chosen], self.sources[chosen])
+        return OnsetEstimator(found.weights, np.where(asked, found.variance, INFINITE_VARIANCE))
 
 
-def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[Sample]]]) -> float:
+def _quickest(model: ArmModel, recordings: Sequence[Callable[[], Iterable[JointSample]]]) -> float:
     """The bandwidth, 1/s, with the least error over the share of a torque that arrives in time (mean log of joints)."""
     hidden = {}
-    for bandwidth in BANDWIDTHS:
-        steps = takewhile(lambda each: each[0] < MIN_SECONDS, _settled(model, recordings[:1], bandwidth))
+    for bandwidth in CANDIDATE_BANDWIDTHS:
+        steps = takewhile(lambda each: each[0] < MIN_FAULT_FREE_SECONDS, _settled(model, recordings[:1], bandwidth))
         contrast = np.array([step.contrast for _, step in steps])
         if len(contrast):
             size = np.maximum(np.mean(contrast**2, axis=0), MIN_VARIANCE)
-            hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(arrived_share(bandwidth))
-    return min(hidden, key=hidden.__getitem__) if hidden else USUAL
+            hidden[bandwidth] = float(np.mean(np.log(size))) - 2.0 * np.log(visible_share_of_step(bandwidth))
+    return min(hidden, key=hidden.__getitem__) if hidden else USUAL_BANDWIDTH
 
 
-def _baselines(blocks: Sums) -> tuple[dict[int, Baseline], Law | None, tuple[tuple[Law, ...], ...] | None]:
+def _baselines(
+    blocks: BlockSums,
+) -> tuple[
+    dict[int, FaultFreeBaseline], StatisticDistribution | None, tuple[tuple[StatisticDistribution, ...], ...] | None
+]:
     """Baselines by window size, and distributions of the largest scores of the load and of each joint's changes."""
     count = len(blocks.load)
-    sizes = [size for size in WINDOW_SIZES if count >= (FOLDS - 1) * size]
-    scores = np.zeros((count, 1 + blocks.own_error[0].size))
+    sizes = [size for size in WINDOW_SIZES if count >= (CROSS_VALIDATION_FOLDS - 1) * size]
+    scores = np.zeros((count, 1 + blocks.joints_error[0].size))
     baselines = {}
     for size in sizes:
         windows = blocks.windows(size)
-        baselines[size] = Baseline.of(windows, size)
+        baselines[size] = FaultFreeBaseline.of(windows, size)
         ends = np.arange(size - 1, count)
-        fold = ends * FOLDS // count
+        fold = ends * CROSS_VALIDATION_FOLDS // count
         for k in np.unique(fold):
             mine = fold == k
             begin, end = ends[mine][0] - size + 1, ends[mine][-1] + size - 1
             others = (ends < begin) | (ends > end)
             if others.any():
-                load, own = Baseline.of(windows.select(others), size).scores(windows.select(mine))
+                load, own = FaultFreeBaseline.of(windows.select(others), size).scores(windows.select(mine))
                 scores[ends[mine]] = np.maximum(scores[ends[mine]], np.column_stack([load, own.reshape(len(own), -1)]))
     # Neighbouring windows share blocks for at least the length of the shortest window.
-    largest = largest_of(scores, WINDOW_SIZES[0])
+    largest = largest_of_stretches(scores, WINDOW_SIZES[0])
     if not sizes or len(largest) < MIN_STRETCHES:
         return {}, None, None
-    first, *laws = (Tail.of(values, WINDOW_SIZES[0] * BLOCK_SECONDS, 2) for values in largest.T)
+    first, *laws = (ExponentialTail.of(values, WINDOW_SIZES[0] * BLOCK_SECONDS, 2) for values in largest.T)
     kinds = len(JOINT_CHANGES)
     return baselines, first, tuple(tuple(laws[i : i + kinds]) for i in range(0, len(laws), kinds))
 
 
-def sound_from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> Sound:
+def statistics_of_model_error(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> FaultFreeStatistics:
     """Statistics from the errors that the last repair wrote to the model file (`history`), taken as Gaussian.
 
     Raises:
@@ -260,13 +293,13 @@ def sound_from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> So
             "recordings, --calibrate RUN"
         )
     size = np.array([[errors.get(f"tau.{joint}", np.inf) ** 2, 0.0, 0.0, 1.0] for joint in model.arm.joints])
-    n, alike = len(size), COHERENCE_SECONDS / SAMPLE_SECONDS
+    n, alike = len(size), ERROR_CORRELATION_SECONDS / SAMPLE_SECONDS
     # Upcrossings of white noise behind F: its bandwidth K over 2 pi sqrt(3) (Rice 1944).
-    crossings = 3600.0 * USUAL / (2.0 * np.pi * np.sqrt(ORDER))
+    crossings = 3600.0 * USUAL_BANDWIDTH / (2.0 * np.pi * np.sqrt(FILTER_ORDER))
     per_sample = np.full((n, len(JOINT_CHANGES)), np.inf)
     baselines = {
-        w: Baseline(
-            np.zeros(len(TYPICAL_LOAD)),
+        w: FaultFreeBaseline(
+            np.zeros(len(LOAD_PRIOR_STD)),
             np.zeros((n, len(JOINT_CHANGES))),
             np.zeros((n, len(JOINT_CHANGES), len(JOINT_CHANGES))),
             np.full(n, alike),
@@ -277,7 +310,8 @@ def sound_from_band(model: ArmModel, history: Sequence[Mapping[str, Any]]) -> So
         for w in WINDOW_SIZES
     }
     values = 3600.0 / BLOCK_SECONDS
-    return Sound(
-        USUAL, size, size, (Gaussian(crossings),) * n, None, (), baselines, Gaussian(values, len(TYPICAL_LOAD)),
-        ((Gaussian(values),) * len(JOINT_CHANGES),) * n, None,
+    return FaultFreeStatistics(
+        USUAL_BANDWIDTH, size, size, (GaussianDistribution(crossings),) * n, None, (), baselines,
+        GaussianDistribution(values, len(LOAD_PRIOR_STD)),
+        ((GaussianDistribution(values),) * len(JOINT_CHANGES),) * n, None,
     )  # fmt: skip
