@@ -198,13 +198,13 @@ def picture(recorded: Recorded, found: Repair, folder: Path) -> Path:
     from PIL import Image
 
     from pipeline.report.missing_force import missing_force_charts
-    from pipeline.report.theme import TEMPLATE
+    from pipeline.report.theme import PLOTLY_TEMPLATE
 
     effects = ", ".join(name for step in found.path[1:] for name in step.added)
     curves = [curve for curve in found.missing_force if curve.against in SHOWN]
     (drawn,) = missing_force_charts(curves, f"with {effects}")
     figure = go.Figure(drawn.figure)
-    figure.update_layout(template=TEMPLATE, width=PICTURE[0], height=PICTURE[1])
+    figure.update_layout(template=PLOTLY_TEMPLATE, width=PICTURE[0], height=PICTURE[1])
     target = folder / f"real_{recorded.name}.png"
     with tempfile.TemporaryDirectory() as work:
         page = Path(work) / "page.html"

@@ -183,12 +183,12 @@ def _sound(path: Path, key: str, effects: Path | None, calibrate: tuple[Path, ..
         InputError: the model is no arm's, or the recordings are too short.
     """
     from armdyn.watch.sound import measured_sound
-    from pipeline.watch.sources import runs_of, sample_sources
+    from pipeline.watch.sources import read_arm_runs, sample_sources
 
     model = _known(path, key, effects).file.model.as_arm()
     if model is None:
         raise InputError(f"{path}: `calibrate` is for a watch, which is for arms: leave it out")
-    return model, measured_sound(model, sample_sources(model, runs_of(model, calibrate)))
+    return model, measured_sound(model, sample_sources(model, read_arm_runs(model, calibrate)))
 
 
 @lru_cache(maxsize=64)

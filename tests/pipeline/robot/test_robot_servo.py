@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from simulated_truth import gripper_truth, load_truth
 
 import urdf
-from pipeline.robot.devices import Reference, SimulatedCell
+from pipeline.robot.devices import CommandedMotion, SimulatedCell
 from pipeline.robot.hidden import resolve_hidden
 from pipeline.robot.protocol import RobotInterface
 from pipeline.robot.settings import CellSettings, PlantSettings
@@ -90,7 +90,7 @@ LIMITS = urdf.Limits(
 
 @pytest.fixture
 def moving():
-    reference = Reference(np.zeros(2), LIMITS, 0.1)
+    reference = CommandedMotion(np.zeros(2), LIMITS, 0.1)
     reference.command(1.0, np.array([0.1, 0.2]), np.array([1.0, -2.0]), np.array([3.0, 0.0]))
     return reference
 
@@ -111,7 +111,7 @@ def test_reference_brakes_within_the_limits_and_its_velocity_is_the_derivative_o
 
 
 def test_reference_holds_the_start_before_the_first_command_and_a_second_stop_changes_nothing(moving):
-    q, v, a = Reference(np.array([0.3, 0.4]), LIMITS, 0.1).at(100.0)
+    q, v, a = CommandedMotion(np.array([0.3, 0.4]), LIMITS, 0.1).at(100.0)
     np.testing.assert_array_equal([q, v, a], [[0.3, 0.4], [0.0, 0.0], [0.0, 0.0]])
     moving.stop(1.02)
     once = moving.at(1.3)

@@ -13,7 +13,7 @@ import pipeline.ros.states as states_module
 from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import PERIOD
 from pipeline.robot.drivers.ros import RosRobot
-from pipeline.robot.link import Spread
+from pipeline.robot.link import Percentiles
 from pipeline.ros.topics import CommandKind, RosTopics
 
 POSTURE = np.array([0.1, -0.5, 0.7, 1.9, -1.2, 0.6, 0.8])
@@ -71,7 +71,7 @@ class SteppedRobot(RosRobot):
 
 @pytest.fixture
 def arm(loopback, baxter, monkeypatch):
-    monkeypatch.setattr(ros_module, "round_trip", lambda _bridge: Spread(50, 0.001, 0.002, 0.003, 0.004))
+    monkeypatch.setattr(ros_module, "round_trip", lambda _bridge: Percentiles(50, 0.001, 0.002, 0.003, 0.004))
     monkeypatch.setattr(states_module, "FIRST_STATE", 10.0)
     obedient = ObedientArm(loopback, baxter.joint_names)
 

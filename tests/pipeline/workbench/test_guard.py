@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.workbench.guard import Guard
+from pipeline.workbench.guard import AccessGuard
 from urdf.bounds import LARGEST_UPLOAD
 
 from .conftest import workbench
@@ -34,7 +34,7 @@ async def reached(scope, receive, send):
 
 @pytest.fixture
 def guard():
-    return Guard(reached, 8080, ["localhost"])
+    return AccessGuard(reached, 8080, ["localhost"])
 
 
 def asked(guard, headers, query="", kind="http", bodies=(b"",)):
@@ -92,7 +92,7 @@ def test_nobody_else_gets_in(guard, kind, wrong):
 
 
 def test_every_workbench_has_a_long_token_of_its_own():
-    tokens = {Guard(reached, 8080, []).token for _ in range(20)}
+    tokens = {AccessGuard(reached, 8080, []).token for _ in range(20)}
     assert (len(tokens), min(map(len, tokens)) >= 32) == (20, True)
 
 
