@@ -1,6 +1,6 @@
 """Files of the workbench's page: files that the user drops onto it, and files that the user saves from it.
 
-Dropped files are read like files on the command line. Saved files are the model, a report, and the model for other tools.
+Dropped files are read like files on the command line. Saved are the model, a report, and the model for other tools.
 """
 
 import hashlib

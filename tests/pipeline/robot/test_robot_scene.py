@@ -106,7 +106,7 @@ def test_animation_shows_the_load_swinging_from_left_to_right(baxter, swing, tmp
         assert _red(image).max() > first + 20
 
 
-def test_sheet_holds_six_moments(baxter, swing, tmp_path):
+def test_a_grid_holds_six_still_pictures(baxter, swing, tmp_path):
     path = tmp_path / "swing.png"
     _render(baxter, SETTINGS, swing, path, size=SMALL)
     with Image.open(path) as image:
