@@ -62,8 +62,8 @@ def test_a_killed_trial_leaves_the_old_files_and_its_recording(tmp_path):
     (tmp_path / "trial.mcap").write_text("old")
     (tmp_path / "report.html").write_text("old")
     code = (
-        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import gather_files\n"
-        "with gather_files(Path(sys.argv[1])) as folder:\n"
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import temporary_output_folder\n"
+        "with temporary_output_folder(Path(sys.argv[1])) as folder:\n"
         "    (folder / 'trial.mcap').write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
@@ -85,10 +85,11 @@ def test_a_second_trial_takes_a_folder_of_its_own(tmp_path, complains):
 
 def test_the_folder_of_a_killed_trial_is_free_again(tmp_path):
     code = (
-        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import own_folder\n"
-        "with own_folder(Path(sys.argv[1]), Path('x')): os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal, sys; from pathlib import Path; from pipeline.trial.folder import locked_folder\n"
+        "with locked_folder(Path(sys.argv[1]), Path('x')): os.kill(os.getpid(), signal.SIGKILL)"
     )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert done.returncode == -signal.SIGKILL
     with locked_folder(tmp_path, tmp_path) as folder:
         assert folder == tmp_path
 

@@ -145,7 +145,7 @@ def test_what_cannot_be_used_is_one_line_and_status_2(refused, arguments, says):
 
 
 def test_a_file_is_a_driver(refused, monkeypatch, tmp_path):
-    from pipeline.robot import known_drivers
+    from pipeline.robot import drivers
 
     (tmp_path / "mine.py").write_text(
         "from armdyn.errors import InputError\nfrom pipeline.robot.drivers import Driver\n\n\n"
@@ -153,11 +153,11 @@ def test_a_file_is_a_driver(refused, monkeypatch, tmp_path):
         "    raise InputError(f'{address}: {arm} with {len(description.joint_names)} joints is not there')\n\n\n"
         "DRIVER = Driver('mine', 'its host', reach)\n"
     )
-    monkeypatch.setattr(known_drivers, "__path__", [*known_drivers.__path__, str(tmp_path)])
-    known_drivers.drivers.cache_clear()
+    monkeypatch.setattr(drivers, "__path__", [*drivers.__path__, str(tmp_path)])
+    drivers.known_drivers.cache_clear()
     try:
         said = refused("trial", "--robot", "mine:10.0.0.2", "--rehearse")
         assert said == "armdyn: 10.0.0.2: baxter with 7 joints is not there\n"
         assert "--robot mine:ADDRESS, its host" in refused("trial", "--robot", "mine")
     finally:
-        known_drivers.drivers.cache_clear()
+        drivers.known_drivers.cache_clear()

@@ -57,7 +57,7 @@ def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
 
 
 def test_states_without_torques_are_refused(loopback, arm, monkeypatch, complains):
-    monkeypatch.setattr(sources, "FIRST_STATE", 0.2)
+    monkeypatch.setattr(sources, "FIRST_STATE_TIMEOUT_SECONDS", 0.2)
     threading.Thread(target=speak, args=(loopback, arm, 400, False), daemon=True).start()
     with complains(InputError):
         list(RosSampleSource(loopback.uri, TOPIC, arm.joints).samples())
