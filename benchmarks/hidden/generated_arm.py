@@ -42,7 +42,7 @@ from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD, WHY
+from pipeline.exports.parts import EXPRESSIBLE_EFFECTS, INEXPRESSIBLE_REASONS
 
 generated = hidden_table.generator("generated_arm")
 
@@ -56,7 +56,8 @@ SAME_TORQUE = {"joint_asymmetric_friction": ("joint_coulomb_friction", "torque_o
 EXPORTED = tuple(
     effect
     for effect in generated.EFFECTS
-    if effect in HELD["mujoco"] | set(WHY) and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
+    if effect in EXPRESSIBLE_EFFECTS["mujoco"] | set(INEXPRESSIBLE_REASONS)
+    and effect != "joint_asymmetric_friction"  # MuJoCo holds its mean
 )
 LENGTHS, COUNTS = (12.0, 30.0, 60.0, 120.0), (1, 6)
 """s; runs."""
@@ -188,11 +189,11 @@ def exported_error(seed: int) -> tuple[float, float]:
     """Rms error of the exported and of the repaired model on new motions against the true torque, N m."""
     robot = generated.generate(seed, effects=EXPORTED)
     mended = repair(study_of(model_of(robot), robot.runs(), robot.held_out)).model
-    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in WHY])
+    arm = mended.with_only([effect.name for effect in mended.effects if effect.name not in INEXPRESSIBLE_REASONS])
     dynamics, compiled = inverse_dynamics_function(arm), mujoco.MjModel.from_xml_string(mujoco_text(mended)[0])
     data, squares = mujoco.MjData(compiled), []
     for world in robot.fresh():
-        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in WHY])[1]
+        true = world.measured([hidden for hidden in robot.truth if hidden.effect not in INEXPRESSIBLE_REASONS])[1]
         for q, v, a, torque in zip(*world.motion.at(world.stamps), true, strict=True):
             data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
             mujoco.mj_inverse(compiled, data)

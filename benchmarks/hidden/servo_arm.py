@@ -40,7 +40,7 @@ from armdyn.errors import InputError
 from armdyn.inspection.check import WrongRecordingError
 from armdyn.run import Run
 from pipeline.exports.mujoco_file import mujoco_text
-from pipeline.exports.parts import HELD
+from pipeline.exports.parts import EXPRESSIBLE_EFFECTS
 
 generated = hidden_table.generator("servo_arm")
 TARGETS = {"named": 0.95, "nothing false": 0.90, "values": 0.93, "roll-out": 1.0}
@@ -101,10 +101,14 @@ def examine(seed: int) -> hidden_table.Row:
 
 def exported_errors(seed: int) -> list[float]:
     """Rms error of the positions, rad, in the held-out run: by short steps in MuJoCo, by its usual ones, the model."""
-    arm = generated.generate(seed, tuple(effect for effect in generated.EFFECTS if effect in HELD["mujoco"]))
+    arm = generated.generate(
+        seed, tuple(effect for effect in generated.EFFECTS if effect in EXPRESSIBLE_EFFECTS["mujoco"])
+    )
     *training, held_out = arm.runs
     mended = CheckedStudy.of(arm.known, training, [held_out], trusted=True).repair().model
-    mended = mended.with_only([effect.name for effect in mended.effects if effect.name in HELD["mujoco"]])
+    mended = mended.with_only(
+        [effect.name for effect in mended.effects if effect.name in EXPRESSIBLE_EFFECTS["mujoco"]]
+    )
     text = mujoco_text(mended)[0]
     there = [in_mujoco.errors_in_mujoco(text, mended, held_out, step) for step in (SHORT, None)]
     own = [rolled(mended, mended.theta(), w) - w.q for w in in_mujoco.stretches(mended, held_out)]

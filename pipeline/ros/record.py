@@ -14,8 +14,8 @@ import urdf
 from armdyn.errors import TaskFailedError
 from armdyn.recording.channels import MIN_SAMPLES, Channel
 from armdyn.run import Run, write_run_csv
-from pipeline.imports.foreign import Account, ForeignColumn
-from pipeline.imports.publishers import FIELDS, UNITS, UNREADABLE, Publishers
+from pipeline.imports.foreign import ForeignColumn, SampleAccount
+from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
 from pipeline.interrupts import noted_signals
 from pipeline.loadcell.calibration import Calibration, default_path
 from pipeline.loadcell.cell import LoadCell
@@ -123,7 +123,7 @@ class _ReceivedStates:
                 return
             try:
                 stamp = header_stamp(message)
-                values = {part: _numbers(message.get(part)) for part, _ in FIELDS}
+                values = {part: _numbers(message.get(part)) for part, _ in JOINT_STATE_QUANTITIES}
                 self._publishers.take_joints(
                     self._topic, "", list(message["name"]), values, stamp if stamp > 0.0 else np.nan, now
                 )
@@ -148,12 +148,16 @@ class _ReceivedStates:
             others = f"; what came is of {', '.join(self._names)}" if self._names else ""
         raise missing_state_error(self._topic, missing, others)
 
-    def columns(self) -> tuple[dict[str, ForeignColumn], Account, list[str]]:
+    def columns(self) -> tuple[dict[str, ForeignColumn], SampleAccount, list[str]]:
         """Kept joint states as columns, with times on our clock."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
         unread = self._unread[self._topic]
-        return columns, accounts.get(self._topic, Account(self._topic, unread, 0, {UNREADABLE: unread})), notes
+        return (
+            columns,
+            accounts.get(self._topic, SampleAccount(self._topic, unread, 0, {UNREADABLE_REASON: unread})),
+            notes,
+        )
 
 
 def _numbers(values: object) -> list[float] | None:
@@ -183,7 +187,7 @@ def _run(
                 missing.append(joint)
             else:
                 channels[f"{quantity}.{joint}"] = Channel(
-                    column.time[present] - start, column.value[present], UNITS[quantity]
+                    column.time[present] - start, column.value[present], REVOLUTE_UNITS[quantity]
                 )
         if missing:
             said.append(f"no {quantity} of {', '.join(missing)} was sent")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armdyn.errors import InputError
-from pipeline.imports.stamps import DRIFT
+from pipeline.imports.stamps import MAX_CLOCK_DRIFT
 from pipeline.robot.protocol import JointState, Vector
 from pipeline.ros.bridge import Bridge
 
@@ -41,7 +41,7 @@ class StampClock:
             stamp: time stamp of the message [s].
             received: time of its reception on this program's clock [s].
         """
-        shortest, given = self._offset + DRIFT * max(received - self._at, 0.0), received - stamp
+        shortest, given = self._offset + MAX_CLOCK_DRIFT * max(received - self._at, 0.0), received - stamp
         doubted = shortest < inf and given < shortest - MAX_BURST_DELAY_SECONDS
         self._offset = min(shortest, max(given, self._doubted) if doubted else given)
         self._doubted = given if doubted else inf

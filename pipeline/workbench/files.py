@@ -200,17 +200,17 @@ def _recording(path: Path, joints: Sequence[str]) -> DroppedFile:
     except InputError as error:
         own = error
     from pipeline.imports import read_foreign
-    from pipeline.imports.conversion import imported
+    from pipeline.imports.conversion import run_from_recording
     from pipeline.imports.guess import guess_map, known_columns
-    from pipeline.imports.joints import Joints
+    from pipeline.imports.joints import RobotJoints
 
     try:
         foreign = read_foreign(path)[0]
         try:
             mapping = known_columns(foreign)
         except InputError:
-            mapping = guess_map([foreign], Joints(tuple(joints)))
-        run = imported(foreign, mapping).run
+            mapping = guess_map([foreign], RobotJoints(tuple(joints)))
+        run = run_from_recording(foreign, mapping).run
     except InputError as error:
         # For a run of our own the message says what is wrong; for another format it says what is missing.
         raise (own if path.suffix.lower() == ".csv" and "[" in str(own) else error) from error

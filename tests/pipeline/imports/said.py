@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.imports import read_foreign
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import known_columns
-from pipeline.imports.joints import Joints, Range
+from pipeline.imports.joints import JointRange, RobotJoints
 
 from .bags import START, write_mcap
 
@@ -100,16 +100,16 @@ def written(path, messages):
     return write_mcap(path, found)
 
 
-ARM = Joints(NAMES, ("lift",), ("finger",), {n: Range(False, 3.0, 50.0) for n in NAMES})
+ARM = RobotJoints(NAMES, ("lift",), ("finger",), {n: JointRange(False, 3.0, 50.0) for n in NAMES})
 ALONE = replace(ARM, others=(), grippers=())
-SEVEN = Joints(tuple(f"panda_joint{i}" for i in range(1, 8)),
-               ranges={f"panda_joint{i}": Range(False, 3.0, 50.0) for i in range(1, 8)})  # fmt: skip
+SEVEN = RobotJoints(tuple(f"panda_joint{i}" for i in range(1, 8)),
+               ranges={f"panda_joint{i}": JointRange(False, 3.0, 50.0) for i in range(1, 8)})  # fmt: skip
 RIGHT, ASK = "right", "asks"
 
 
 def run_of(tmp_path, messages):
     (foreign,) = read_foreign(written(tmp_path / "a.mcap", messages))
-    return imported(foreign, known_columns(foreign))
+    return run_from_recording(foreign, known_columns(foreign))
 
 
 def check_against_truth(run, dated=1e-4):

@@ -8,9 +8,9 @@ from rosbags.typesys import get_types_from_msg
 from armdyn.errors import InputError
 from pipeline.imports import read_foreign
 from pipeline.imports.bag import read_bag
-from pipeline.imports.conversion import imported
+from pipeline.imports.conversion import run_from_recording
 from pipeline.imports.guess import known_columns
-from pipeline.imports.mapping import ColumnMap, Entry
+from pipeline.imports.mapping import ColumnEntry, ColumnMap
 from pipeline.record import Recorder
 
 from .bags import START, header, joint_state, store_of, write_bag, write_mcap
@@ -57,7 +57,7 @@ def bag(request, tmp_path):
 
 def test_joint_states_become_a_run(bag, joints):
     (foreign,) = read_foreign(bag)
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     assert run.joints == JOINTS
     for quantity, values, unit in zip(("q", "v", "tau"), joints, ("rad", "rad/s", "N m"), strict=True):
         for i, joint in enumerate(JOINTS):
@@ -75,18 +75,18 @@ def test_a_directory_without_its_metadata_is_a_bag_all_the_same(tmp_path, joints
     (file,) = bag.iterdir()
     file.rename(file.with_stem(f"walk{number}"))
     (foreign,) = read_foreign(bag)
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
 
 
 def test_a_message_of_ones_own_and_a_wrench_are_mapped(bag):
     (foreign,) = read_foreign(bag)
     entries = {
-        "/wrench/wrench/force/z": Entry("load_force", "N", sign=-1.0, offset="10 N"),
-        "/cell/grams": Entry("gripper_z", "mm"),
-        "/length/data": Entry("gripper_x", "m"),
+        "/wrench/wrench/force/z": ColumnEntry("load_force", "N", sign=-1.0, offset="10 N"),
+        "/cell/grams": ColumnEntry("gripper_z", "mm"),
+        "/length/data": ColumnEntry("gripper_x", "m"),
     }
-    run = imported(foreign, ColumnMap(entries)).run
+    run = run_from_recording(foreign, ColumnMap(entries)).run
     np.testing.assert_allclose(run.channels["load_force"].value, 1.0 - motion()[0][:, 0])
     np.testing.assert_allclose(run.channels["gripper_z"].value, TIME, rtol=1e-6)
     np.testing.assert_allclose(run.channels["gripper_x"].value, TIME)
@@ -99,7 +99,7 @@ def test_of_a_bag_that_was_cut_off_all_that_came_before_is_read(bag, share, join
     data = files[0].read_bytes()
     files[0].write_bytes(data[: int(share * len(data))])
     (foreign,) = read_foreign(bag)
-    found = imported(foreign, known_columns(foreign))
+    found = run_from_recording(foreign, known_columns(foreign))
     q = found.run.channels["q.elbow"]
     assert len(q) > 0.5 * share * len(TIME)
     rows = np.round(q.time / 0.01).astype(int)  # a database loses pages in between
@@ -111,7 +111,7 @@ def test_of_a_bag_that_was_cut_off_all_that_came_before_is_read(bag, share, join
 def test_a_definition_that_is_wrong_leaves_out_its_messages_alone(definition, tmp_path):
     path = write_plain_mcap(tmp_path / "a.mcap", {OWN: definition})
     (foreign,) = read_foreign(path)
-    assert len(imported(foreign, known_columns(foreign)).run.channels["q.elbow"]) == len(TIME)
+    assert len(run_from_recording(foreign, known_columns(foreign)).run.channels["q.elbow"]) == len(TIME)
     assert "/wrench/wrench/force/z" in foreign.columns
     if definition != "float32 grams":
         assert "/cell/grams" not in foreign.columns
@@ -142,7 +142,7 @@ def write_plain_mcap(path, instead=()):
 
 def test_an_mcap_without_a_profile_of_ros_is_read_too(tmp_path, joints):
     (foreign,) = read_foreign(write_plain_mcap(tmp_path / "a.mcap"))
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     np.testing.assert_allclose(run.channels["q.elbow"].value, joints[0][:, 1], atol=1e-12)
     np.testing.assert_allclose(foreign.columns["/plain/cell/force"].value, 2 * TIME)
     np.testing.assert_allclose(foreign.columns["/cell/grams"].value, 1e3 * TIME, rtol=1e-6)
@@ -178,7 +178,7 @@ def test_of_two_topics_with_the_same_joints_the_longer_is_used_and_zeros_are_no_
     used = {column.channel: name for name, column in foreign.columns.items() if column.channel}
     every = (("position", "q"), ("velocity", "v"), ("effort", "tau"))
     assert used == {f"{q}.{n}": f"/long/{field}/{n}" for field, q in every for n in names}
-    run = imported(foreign, known_columns(foreign)).run
+    run = run_from_recording(foreign, known_columns(foreign)).run
     assert set(run.channels) == {f"{q}.{n}" for q in ("q", "tau") for n in names}
     assert sum("holds nothing but zeros: no v." in note for note in run.warnings) == 3
     np.testing.assert_allclose(foreign.columns[f"/long/position/{names[0]}"].time, START + 0.1 * np.arange(15))

@@ -141,9 +141,9 @@ def test_what_is_kept_is_what_add_writes(files, tmp_path, monkeypatch, complains
         save_model(inputs, given, bench, FRICTION, target, writable=writable)
 
     # A format without the friction that was found: `armdyn export` refuses it, and so does the page.
-    known, exported = exports.format_of(tmp_path / "poor.json"), tmp_path / "poor.json"
+    known, exported = exports.format_of_file(tmp_path / "poor.json"), tmp_path / "poor.json"
     poor = known._replace(export=lambda *given: known.export(*given)._replace(held=frozenset()))
-    monkeypatch.setattr(exports, "format_of", lambda _: poor)
+    monkeypatch.setattr(exports, "format_of_file", lambda _: poor)
     kept = save_model(inputs, given, bench, FRICTION, target, exported=exported, writable=writable, over=True)
     assert kept.files == (target,)
     assert not exported.exists()
