@@ -36,7 +36,6 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.pendulum.physics import STANDARD_GRAVITY
 from armdyn.run import read_run
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LENGTH, MASS = 0.35, 0.1
 """m, kg: of every model as given."""
 CLOSE = 1.1
@@ -285,7 +284,7 @@ def main() -> int:
     parser = bench.argparse.ArgumentParser(
         description=__doc__, formatter_class=bench.argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, default=DATA, metavar="DIR", help="the folder that holds the sets")
+    parser.add_argument("--data", type=Path, default=bench.DATA, metavar="DIR", help="the folder that holds the sets")
     parser.add_argument("--only", default="", help="names of sets, with commas")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture of what each model lacks")
     parser.add_argument("--quick", action="store_true", help=f"'{QUICK}' only, in a few seconds")

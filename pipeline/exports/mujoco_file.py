@@ -30,8 +30,8 @@ from urdf.validate import link_of
 from urdf.write import numbers_text
 
 DRY_FRICTION_SOLVER = {"solimpfriction": "0.9999 0.9999 0.001 0.5 2", "solreffriction": "0.004 1"}
-"""Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With MuJoCo's own values a
-light link without armature slides at 2 rad/s, and below 0.03 rad/s the friction follows the sign of the acceleration."""
+"""Solver parameters of the hardest dry friction that is stable at MuJoCo's default step of 2 ms. With default values a
+light link without armature slides at 2 rad/s, and below 0.03 rad/s friction follows the sign of the acceleration."""
 SPRING_LEVER = 0.1
 """Distance from the joint's axis to either end of an exported gravity spring [m]; its stiffness follows from it."""
 MIN_INERTIA = 1e-12

@@ -2,8 +2,8 @@
 
 A clock may be set while it runs, a stamp may be 0 or of another day, messages may arrive twice or in another order. The
 largest set of samples with increasing stamps is kept. Where the clock was set, a new piece begins, which counts like a
-loss of `MIN_PIECE_SAMPLES` samples. So a wrong stamp costs one sample, and a clock that was set only the samples that are
-removed for a visible gap.
+loss of `MIN_PIECE_SAMPLES` samples. So a wrong stamp costs one sample, and a clock that was set costs only the samples
+that are removed for a visible gap.
 """
 
 from collections import Counter
